@@ -1,0 +1,29 @@
+"""Small signal formulas used on both sides of the simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def rmse(a: np.ndarray, b: np.ndarray, axis: int | tuple[int, ...] | None = None) -> np.ndarray:
+    """Root mean square of ``a - b`` over ``axis`` (all axes by default)."""
+    return np.sqrt(np.mean(np.square(np.asarray(a) - np.asarray(b)), axis=axis))
+
+
+def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:
+    """RMS of what a signal holds above ``cutoff`` [Hz], by Parseval's theorem.
+
+    Args:
+        signal: shape (time, ...), any unit.
+        period: sample period [s].
+        cutoff: frequency above which the spectrum counts [Hz].
+
+    Returns:
+        Shape (...), the unit of ``signal``.
+    """
+    count = signal.shape[0]
+    spectrum = np.fft.rfft(signal - signal.mean(axis=0), axis=0)
+    power = np.abs(spectrum) ** 2
+    power[1 : (count + 1) // 2] *= 2.0
+    above = np.fft.rfftfreq(count, period) > cutoff
+    return np.sqrt(power[above].sum(axis=0)) / count
