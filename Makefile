@@ -1,0 +1,44 @@
+# make demo    the whole story, small           make demo ARGS="--seed 1" passes options on
+# make test    ruff, types, tests               make test ARGS="-k layers" passes options on to pytest
+# make lock    requirements.lock from pyproject.toml (needs uv); ARGS=--upgrade renews every pin
+# make clean   removes what the others made, but not runs/
+# Needs Python 3.11, 3.12 or 3.13 and nothing else; another one than `python3`: make PYTHON=python3.12 ...
+
+PYTHON ?= python3
+UV ?= uv
+ARGS ?=
+BIN := .venv/bin
+
+.PHONY: demo test lock clean
+.DELETE_ON_ERROR:
+
+test demo: export OMP_NUM_THREADS = 1
+test demo: export OPENBLAS_NUM_THREADS = 1
+
+demo: .venv/.installed
+	$(BIN)/motorprior demo --out runs/demo $(ARGS)
+
+test: .venv/.installed
+	$(BIN)/ruff check
+	$(BIN)/basedpyright
+	$(BIN)/pytest $(ARGS)
+
+# The stamp goes first and comes back last: after an interrupted install the next run starts from nothing.
+.venv/.installed: requirements.lock pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "No $(PYTHON) here: install Python 3.11, 3.12 or 3.13." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; (3, 11) <= sys.version_info[:2] <= (3, 13) or sys.exit("motorprior needs Python 3.11, 3.12 or 3.13, but $(PYTHON) is " + sys.version.split()[0] + ": try make PYTHON=python3.11")'
+	@if [ ! -e $@ ]; then rm -rf .venv && echo "Setting up .venv (a few minutes, once)" && $(PYTHON) -m venv .venv; fi
+	@rm -f $@
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+lock:
+	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pip install uv" >&2; exit 1; }
+	$(UV) pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --extra dev --generate-hashes \
+		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \
+		$(ARGS) --output-file requirements.lock pyproject.toml
+
+clean:
+	rm -rf .venv build dist .pytest_cache .ruff_cache
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

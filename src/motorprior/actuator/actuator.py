@@ -1,0 +1,85 @@
+"""The first waist: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
+
+Every actuator model is data for one compiled torque law. `Actuator.arrays` gives that data;
+`torque_law.step_actuator` runs it. Shared conventions: error = position_target - joint_pos [rad];
+a positive torque [N·m] accelerates the joint in its positive direction; ``armature`` [kg·m²] and
+``damping`` [N·m·s/rad] belong to the physics engine, which integrates them implicitly, so that
+
+    (joint_inertia + armature)·ddq = torque - damping·dq + everything else.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+IDEAL_PD, LATENT, PHYSICAL = 0, 1, 2
+
+
+class ActuatorArrays(NamedTuple):
+    """What compiled code sees of n motors (in blocks of 16 lanes where a network is evaluated).
+
+    Fields unused by a kind are empty. ``parameters`` and ``memory`` rows are named in that kind's module.
+    """
+
+    kind: int
+    parameters: np.ndarray
+    """(rows, n) float64."""
+    memory: np.ndarray
+    """(rows, n) float64, state."""
+    clock: np.ndarray
+    """(2,) int64: steps since reset; steps per renewal (latent) or substeps per step (physical)."""
+    weights: np.ndarray
+    """flat float32: the layers' matrices, row-major."""
+    taps: np.ndarray
+    """(taps,) int64: ages of the history inputs, in renewals."""
+    biases: np.ndarray
+    """(blocks, neurons of both layers, 16) float32; z is folded into the first layer's."""
+    history: np.ndarray
+    """(blocks, 2·ring, 16) float32: scaled error and velocity, state."""
+    scratch: np.ndarray
+    """(blocks, inputs + neurons, 16) float32."""
+
+
+def empty_arrays(kind: int, parameters: np.ndarray, memory_rows: int, renewal: int) -> ActuatorArrays:
+    """Arrays of a kind that needs no network."""
+    nothing = np.zeros((0, 0, 16), np.float32)
+    return ActuatorArrays(
+        kind=kind,
+        parameters=np.ascontiguousarray(parameters, dtype=np.float64),
+        memory=np.zeros((memory_rows, parameters.shape[1])),
+        clock=np.array([0, renewal], dtype=np.int64),
+        weights=np.zeros(0, np.float32),
+        taps=np.zeros(0, np.int64),
+        biases=nothing,
+        history=nothing.copy(),
+        scratch=nothing.copy(),
+    )
+
+
+class Actuator(Protocol):
+    """A model of ``num_motors`` motors. It holds parameters, never state."""
+
+    @property
+    def num_motors(self) -> int:
+        """Number of motors."""
+        ...
+
+    @property
+    def armature(self) -> np.ndarray:
+        """(n,) reflected inertia [kg·m²] for the engine."""
+        ...
+
+    @property
+    def damping(self) -> np.ndarray:
+        """(n,) viscous damping [N·m·s/rad] for the engine to integrate implicitly."""
+        ...
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """Fresh arrays for a simulation with step ``physics_dt`` [s].
+
+        Raises:
+            ConfigError: the model cannot run at that step.
+        """
+        ...

@@ -1,0 +1,97 @@
+"""The ideal PD, optionally with armature and a delayed target.
+
+    motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
+
+kd acts on the absolute velocity, as in the Pupper's firmware. The engine gets damping = kd, which it
+integrates implicitly, and torque = motor torque + kd·joint_vel, so that their sum is the law above: an
+explicit kd of this size on a light joint chatters, and the baseline would be a straw man.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import IDEAL_PD, ActuatorArrays, empty_arrays
+
+_KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
+
+
+@dataclass(frozen=True)
+class IdealPd:
+    """n motors with a proportional-derivative law.
+
+    Attributes:
+        kp: (n,) [N·m/rad].
+        kd: (n,) [N·m·s/rad].
+        torque_limit: (n,) bound of the motor torque [N·m].
+        armature: (n,) [kg·m²].
+        delay: (n,) age of the target acted on [s].
+    """
+
+    kp: np.ndarray
+    kd: np.ndarray
+    torque_limit: np.ndarray
+    armature: np.ndarray
+    delay: np.ndarray
+
+    @classmethod
+    def uniform(
+        cls,
+        num_motors: int,
+        kp: float,
+        kd: float,
+        torque_limit: float,
+        armature: float = 0.0,
+        delay: float = 0.0,
+    ) -> IdealPd:
+        """The same constants for every motor."""
+        return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay)))
+
+    @property
+    def num_motors(self) -> int:
+        """Number of motors."""
+        return len(self.kp)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """kd, integrated implicitly by the engine [N·m·s/rad]."""
+        return self.kd
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`."""
+        ring = int(np.ceil(self.delay.max() / physics_dt)) + 2
+        parameters = np.stack([self.kp, self.kd, self.delay / physics_dt, self.torque_limit])
+        return empty_arrays(IDEAL_PD, parameters, ring, 1)
+
+
+@njit(cache=True, nogil=True)
+def reset_ideal_pd(arrays: ActuatorArrays, position_target: np.ndarray) -> None:
+    """Fill the delay line with the present target."""
+    for row in range(arrays.memory.shape[0]):
+        arrays.memory[row, :] = position_target
+
+
+@njit(cache=True, nogil=True)
+def step_ideal_pd(
+    arrays: ActuatorArrays,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write (n,) torque for the engine [N·m]; a delay between two steps interpolates linearly between their targets."""
+    ring, now = arrays.memory.shape[0], arrays.clock[0]
+    for motor in range(torque.shape[0]):
+        arrays.memory[now % ring, motor] = position_target[motor]
+        lag = arrays.parameters[_DELAY, motor]
+        whole = int(lag)
+        newer = arrays.memory[(now - whole) % ring, motor]
+        older = arrays.memory[(now - whole - 1) % ring, motor]
+        target = newer + (lag - whole) * (older - newer)
+        limit = arrays.parameters[_TORQUE_LIMIT, motor]
+        damping = arrays.parameters[_KD, motor] * joint_vel[motor]
+        raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping
+        torque[motor] = min(limit, max(-limit, raw)) + damping

@@ -1,0 +1,106 @@
+"""Sixteen motors side by side: one network layer as 16-wide float32 arithmetic.
+
+LLVM does not find this layout from plain loops, so an intrinsic spells it out: the 16 lanes of a
+vector register are 16 motors, and each weight is broadcast. One call makes four neurons of a layer,
+
+    y[k] = softsign(b[k] + Σ_i w[i, k]·x[i]),   softsign(a) = a / (1 + |a|),   k = 0..3,
+
+which keeps four accumulators in registers. Arrays are C-contiguous float32 of shape (rows, 16).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+LANES = 16
+_FLOAT = ir.FloatType()
+_VECTOR = ir.VectorType(_FLOAT, LANES)
+_INT = ir.IntType(64)
+_BLOCK = 4
+
+
+def _address(builder, base, index, width):
+    """Pointer to float32 vector number ``index`` (of ``width`` floats each) from an integer address."""
+    offset = builder.mul(index, ir.Constant(_INT, 4 * width))
+    return builder.inttoptr(builder.add(base, offset), _VECTOR.as_pointer())
+
+
+def _load_vector(builder, base, index):
+    return builder.load(_address(builder, base, index, LANES), align=4)
+
+
+def _broadcast(builder, scalar):
+    single = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(single, ir.Constant(_VECTOR, ir.Undefined), zeros)
+
+
+def _load_weight(builder, base, index):
+    pointer = builder.add(base, builder.mul(index, ir.Constant(_INT, 4)))
+    return builder.load(builder.inttoptr(pointer, _FLOAT.as_pointer()), align=4)
+
+
+def _softsign(builder, value):
+    zero, one = ir.Constant(_VECTOR, [0.0] * LANES), ir.Constant(_VECTOR, [1.0] * LANES)
+    negative = builder.fcmp_ordered("<", value, zero)
+    magnitude = builder.select(negative, builder.fsub(zero, value), value)
+    return builder.fdiv(value, builder.fadd(one, magnitude))
+
+
+@intrinsic
+def _four_neurons(typingctx, weights, stride, inputs, count, biases, outputs):
+    """Integer addresses of w (row stride ``stride`` floats), x, b, y; ``count`` inputs, at least one."""
+    signature = types.void(*([types.intp] * 6))
+
+    def codegen(context, builder, signature, arguments):
+        weights, stride, inputs, count, biases, outputs = arguments
+        start = builder.block
+        loop, done = builder.append_basic_block("inputs"), builder.append_basic_block("store")
+        initial = [_load_vector(builder, biases, ir.Constant(_INT, k)) for k in range(_BLOCK)]
+        builder.branch(loop)
+        builder.position_at_end(loop)
+        index = builder.phi(_INT)
+        sums = [builder.phi(_VECTOR) for _ in range(_BLOCK)]
+        x = _load_vector(builder, inputs, index)
+        row = builder.mul(index, stride)
+        following = builder.add(index, ir.Constant(_INT, 1))
+        index.add_incoming(ir.Constant(_INT, 0), start)
+        index.add_incoming(following, loop)
+        for k in range(_BLOCK):
+            weight = _load_weight(builder, weights, builder.add(row, ir.Constant(_INT, k)))
+            product = builder.fmul(_broadcast(builder, weight), x, flags=("contract",))
+            sums[k].add_incoming(initial[k], start)
+            sums[k].add_incoming(builder.fadd(sums[k], product, flags=("contract",)), loop)
+        totals = [total.incomings[1][0] for total in sums]
+        builder.cbranch(builder.icmp_signed("<", following, count), loop, done)
+        builder.position_at_end(done)
+        for k in range(_BLOCK):
+            pointer = _address(builder, outputs, ir.Constant(_INT, k), LANES)
+            builder.store(_softsign(builder, totals[k]), pointer, align=4)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@njit(cache=True, nogil=True)
+def softsign_layer(
+    weights: np.ndarray, offset: int, inputs: np.ndarray, count: int, biases: np.ndarray, outputs: np.ndarray
+) -> None:
+    """One softsign layer for 16 motors.
+
+    Args:
+        weights: flat float32; the layer's matrix (count, neurons) starts at ``offset``, row-major.
+        offset: index of its first element.
+        inputs: (>= count, 16) float32.
+        count: number of inputs.
+        biases: (neurons, 16) float32, one bias per neuron and motor (z is folded into the first layer's).
+        outputs: (neurons, 16) float32, overwritten. ``neurons`` must be a multiple of 4.
+    """
+    neurons = outputs.shape[0]
+    matrix = weights.ctypes.data + 4 * offset
+    x, b, y = inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
+    for first in range(0, neurons, 4):
+        _four_neurons(matrix + 4 * first, neurons, x, count, b + 64 * first, y + 64 * first)

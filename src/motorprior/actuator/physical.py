@@ -1,0 +1,202 @@
+"""The physical actuator: firmware, rotor, friction, gear. The ground truth of every virtual motor.
+
+All quantities at the output shaft. Per substep h (<= 0.25 ms), with the joint moving at constant velocity:
+
+    encoder   θ = rotor_pos + encoder_zero            (on the rotor: backlash is invisible to it)
+    filter    v += (1 - exp(-h / velocity_filter))·(rotor_vel - v)
+    law       τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
+    speed     |τ_law| <= stall_torque·(1 - rotor_vel / no_load_speed) in the driving direction
+    gear      p = deadzone(rotor_pos - joint_pos, backlash / 2)
+              τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact, never pulling
+    friction  F = coulomb + stribeck_torque·exp(-(rotor_vel / stribeck_velocity)²) + load_friction·|τ_gear|
+    rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
+
+Dry friction is applied as an impulse that can stop the rotor but never reverse it (exact stiction). The joint
+gets the mean of τ_gear over the substeps. Structure after the identified Pupper v2 motors and
+puppersim's motor model (jietan/puppersim); rotor, gear play and delay are added.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import PHYSICAL, ActuatorArrays, empty_arrays
+
+SUBSTEP = 0.00025
+"""Longest substep [s]: a tenth of the fastest gear oscillation."""
+
+(
+    _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
+    _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS, _GEAR_DAMPING, _ZERO,
+) = range(17)  # fmt: skip
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _RING = range(4)
+"""Rows of the memory; the delay line follows."""
+
+
+@dataclass(frozen=True)
+class MotorParameters:
+    """n physical motors; every field has shape (n,)."""
+
+    kp: np.ndarray
+    """[N·m/rad]"""
+    kd: np.ndarray
+    """[N·m·s/rad]"""
+    delay: np.ndarray
+    """command latency [s]"""
+    velocity_filter: np.ndarray
+    """time constant [s]"""
+    torque_limit: np.ndarray
+    """current limit times torque constant [N·m]"""
+    stall_torque: np.ndarray
+    """voltage-limited torque at rest [N·m]"""
+    no_load_speed: np.ndarray
+    """[rad/s]"""
+    armature: np.ndarray
+    """rotor inertia reflected to the output [kg·m²]"""
+    coulomb: np.ndarray
+    """[N·m]"""
+    stribeck_torque: np.ndarray
+    """static friction above Coulomb's [N·m]"""
+    stribeck_velocity: np.ndarray
+    """[rad/s]"""
+    viscous_damping: np.ndarray
+    """[N·m·s/rad]"""
+    load_friction: np.ndarray
+    """friction per transmitted torque [-]"""
+    backlash: np.ndarray
+    """full play [rad]"""
+    gear_stiffness: np.ndarray
+    """[N·m/rad]"""
+    gear_damping: np.ndarray
+    """[N·m·s/rad]"""
+    encoder_zero: np.ndarray
+    """encoder reading at true zero [rad]"""
+
+    def __len__(self) -> int:
+        """Number of motors."""
+        return len(self.kp)
+
+    def take(self, index: np.ndarray) -> MotorParameters:
+        """The motors at ``index``."""
+        return MotorParameters(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
+
+    def table(self) -> np.ndarray:
+        """(17, n) in the order of the fields."""
+        return np.stack([getattr(self, field.name) for field in fields(self)])
+
+
+@dataclass(frozen=True)
+class PhysicalActuator:
+    """n physical motors as an `Actuator`. Rotor inertia is inside the model, so the engine gets none."""
+
+    motors: MotorParameters
+
+    @property
+    def num_motors(self) -> int:
+        """Number of motors."""
+        return len(self.motors)
+
+    @property
+    def armature(self) -> np.ndarray:
+        """Zero: the rotor is simulated here."""
+        return np.zeros(self.num_motors)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """Zero: damping is simulated here."""
+        return np.zeros(self.num_motors)
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`."""
+        table = self.motors.table()
+        ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
+        table[_DELAY] /= physics_dt
+        substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
+        table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
+        return empty_arrays(PHYSICAL, table, _RING + ring, substeps)
+
+
+@njit(cache=True, nogil=True)
+def reset_physical(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    """Rotor at rest above the joint, in the middle of the play."""
+    arrays.memory[ROTOR_POS, :] = joint_pos
+    arrays.memory[ROTOR_VEL, :] = 0.0
+    arrays.memory[FILTERED_VEL, :] = 0.0
+    for row in range(_RING, arrays.memory.shape[0]):
+        arrays.memory[row, :] = position_target
+
+
+@njit(cache=True, nogil=True)
+def _law(p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: float) -> float:
+    limit = p[_TORQUE_LIMIT, motor]
+    torque = min(limit, max(-limit, p[_KP, motor] * error - p[_KD, motor] * filtered))
+    slope = p[_STALL_TORQUE, motor] / p[_NO_LOAD_SPEED, motor]
+    upper = max(0.0, p[_STALL_TORQUE, motor] - slope * rotor_vel)
+    lower = min(0.0, -p[_STALL_TORQUE, motor] - slope * rotor_vel)
+    return min(upper, max(lower, torque))
+
+
+@njit(cache=True, nogil=True)
+def _gear(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
+    half = 0.5 * p[_BACKLASH, motor]
+    if twist > half:
+        pressed = twist - half
+        return max(0.0, p[_STIFFNESS, motor] * pressed + p[_GEAR_DAMPING, motor] * twist_vel)
+    if twist < -half:
+        pressed = twist + half
+        return min(0.0, p[_STIFFNESS, motor] * pressed + p[_GEAR_DAMPING, motor] * twist_vel)
+    return 0.0
+
+
+@njit(cache=True, nogil=True)
+def _rub(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
+    """Rotor velocity after dry friction."""
+    ratio = rotor_vel / p[_STRIBECK_VELOCITY, motor]
+    friction = p[_COULOMB, motor] + p[_LOAD_FRICTION, motor] * abs(gear)
+    friction += p[_STRIBECK_TORQUE, motor] * math.exp(-ratio * ratio)
+    remaining = max(0.0, abs(free_vel) - h / p[_ARMATURE, motor] * friction)
+    return math.copysign(remaining, free_vel)
+
+
+@njit(cache=True, nogil=True)
+def step_physical(
+    arrays: ActuatorArrays,
+    physics_dt: float,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write (n,) mean gear torque [N·m] over the coming step; the target holds between steps."""
+    p, memory = arrays.parameters, arrays.memory
+    now, substeps = arrays.clock[0], arrays.clock[1]
+    ring, h = memory.shape[0] - _RING, physics_dt / substeps
+    for motor in range(torque.shape[0]):
+        memory[_RING + now % ring, motor] = position_target[motor]
+        rotor_pos, rotor_vel = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor]
+        filtered, q, dq, total = memory[FILTERED_VEL, motor], joint_pos[motor], joint_vel[motor], 0.0
+        for k in range(substeps):
+            age = max(0, math.ceil(p[_DELAY, motor] - k / substeps - 1e-9))
+            target = memory[_RING + (now - age) % ring, motor]
+            filtered += p[_FILTER, motor] * (rotor_vel - filtered)
+            law = _law(p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel)
+            gear = _gear(p, motor, rotor_pos - q, rotor_vel - dq)
+            force = law - gear - p[_VISCOUS, motor] * rotor_vel
+            rotor_vel = _rub(p, motor, rotor_vel + h / p[_ARMATURE, motor] * force, rotor_vel, gear, h)
+            rotor_pos += h * rotor_vel
+            q += h * dq
+            total += gear
+        memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor] = rotor_pos, rotor_vel
+        memory[FILTERED_VEL, motor] = filtered
+        torque[motor] = total / substeps
+
+
+@njit(cache=True, nogil=True)
+def read_encoders(arrays: ActuatorArrays, out: np.ndarray) -> None:
+    """(n,) encoder angle [rad]: rotor position plus encoder zero."""
+    for motor in range(out.shape[0]):
+        out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]

@@ -1,0 +1,51 @@
+"""One compiled entry for all torque laws, so that the rollout kernel can inline every actuator."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import IDEAL_PD, LATENT, PHYSICAL, ActuatorArrays
+from motorprior.actuator.ideal_pd import reset_ideal_pd, step_ideal_pd
+from motorprior.actuator.latent import reset_latent, step_latent
+from motorprior.actuator.physical import read_encoders, reset_physical, step_physical
+
+
+@njit(cache=True, nogil=True)
+def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    """Put the memory at rest: target and joint have been where they are for ever."""
+    arrays.clock[0] = 0
+    if arrays.kind == IDEAL_PD:
+        reset_ideal_pd(arrays, position_target)
+    elif arrays.kind == LATENT:
+        reset_latent(arrays, position_target, joint_pos)
+    else:
+        reset_physical(arrays, position_target, joint_pos)
+
+
+@njit(cache=True, nogil=True)
+def step_actuator(
+    arrays: ActuatorArrays,
+    physics_dt: float,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write the (n,) torque [N·m] for the physics step [s] that begins now; advance the memory."""
+    if arrays.kind == IDEAL_PD:
+        step_ideal_pd(arrays, position_target, joint_pos, joint_vel, torque)
+    elif arrays.kind == LATENT:
+        step_latent(arrays, position_target, joint_pos, joint_vel, torque)
+    else:
+        step_physical(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
+    arrays.clock[0] += 1
+
+
+@njit(cache=True, nogil=True)
+def measure_joint_pos(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    """(n,) joint angle [rad] as the motor's own encoder reports it."""
+    if arrays.kind == PHYSICAL:
+        read_encoders(arrays, out)
+    else:
+        out[:] = joint_pos

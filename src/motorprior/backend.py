@@ -1,0 +1,44 @@
+"""The second waist: reset, step, close. MuJoCo, PyBullet, the virtual and the real robot implement it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class BackendState:
+    """What a robot reports once per control step."""
+
+    base_pos: np.ndarray
+    """(3,) [m], world; x is the initial heading, z up"""
+    base_quat: np.ndarray
+    """(4,) rotation_base_to_world (w, x, y, z)"""
+    base_lin_vel: np.ndarray
+    """(3,) [m/s], world"""
+    base_ang_vel: np.ndarray
+    """(3,) [rad/s], base frame"""
+    measured_joint_pos: np.ndarray
+    """(12,) [rad] as the encoders report it"""
+    torque_squared_sum: float
+    """Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]"""
+    fault: int = 0
+    """0, or the number of a fault that ended the episode"""
+
+
+class Backend(Protocol):
+    """A robot that holds position targets."""
+
+    def reset(self, seed: int) -> BackendState:
+        """Begin an episode; everything random about it follows from ``seed``."""
+        ...
+
+    def step(self, position_target: np.ndarray) -> BackendState:
+        """Hold the (12,) targets [rad] for one control period."""
+        ...
+
+    def close(self) -> None:
+        """Give the robot back."""
+        ...

@@ -1,0 +1,93 @@
+"""One joint with a known load: the virtual dynamometer, for physical and for learned motors alike.
+
+Semi-implicit Euler with the engine's share (armature a, damping d) handled as MuJoCo's Euler does:
+
+    dq' = (dq + dt·(τ + τ_external)/(J + a)) / (1 + dt·d/(J + a)),   q' = q + dt·dq'
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.physical import SUBSTEP, PhysicalActuator
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Commands and loads for n joints.
+
+    Attributes:
+        position_target: (steps, n) [rad].
+        external_torque: (steps, n) [N·m] on the joint.
+        load_inertia: (n,) [kg·m²], without the motor's own.
+        dt: sample period of the trial [s].
+    """
+
+    position_target: np.ndarray
+    external_torque: np.ndarray
+    load_inertia: np.ndarray
+    dt: float
+
+
+@dataclass(frozen=True)
+class Response:
+    """(steps, n) joint_pos [rad], joint_vel [rad/s] and mean joint_torque [N·m] of the step that follows."""
+
+    joint_pos: np.ndarray
+    joint_vel: np.ndarray
+    joint_torque: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _simulate(
+    arrays: ActuatorArrays,
+    inertia: np.ndarray,
+    damping: np.ndarray,
+    targets: np.ndarray,
+    external: np.ndarray,
+    dt: float,
+    fine: int,
+    out: np.ndarray,
+) -> None:
+    """Fill out (3, steps, n); ``fine`` integration steps per sample."""
+    steps, n = targets.shape
+    h = dt / fine
+    q, dq, torque = targets[0].copy(), np.zeros(n), np.zeros(n)
+    reset_actuator(arrays, targets[0], q)
+    for step in range(steps):
+        out[0, step], out[1, step], out[2, step] = q, dq, 0.0
+        for _ in range(fine):
+            step_actuator(arrays, h, targets[step], q, dq, torque)
+            for j in range(n):
+                out[2, step, j] += (torque[j] - damping[j] * dq[j]) / fine
+                free = dq[j] + h * (torque[j] + external[step, j]) / inertia[j]
+                dq[j] = free / (1.0 + h * damping[j] / inertia[j])
+                q[j] += h * dq[j]
+
+
+def run(actuator: Actuator, trial: Trial) -> Response:
+    """Simulate ``trial`` from rest at its first target.
+
+    Physical motors run with the joint at their own substep; a model runs at the trial's period or, where
+    that is longer than 2 ms, at 2 ms: the clock it would have in a robot's simulation.
+    """
+    finest = SUBSTEP if isinstance(actuator, PhysicalActuator) else 0.002
+    fine = max(1, int(np.ceil(trial.dt / finest - 1e-9)))
+    steps, n = trial.position_target.shape
+    out = np.zeros((3, steps, n))
+    _simulate(
+        actuator.arrays(trial.dt / fine),
+        trial.load_inertia + actuator.armature,
+        np.ascontiguousarray(actuator.damping, dtype=np.float64),
+        np.ascontiguousarray(trial.position_target, dtype=np.float64),
+        np.ascontiguousarray(trial.external_torque, dtype=np.float64),
+        trial.dt,
+        fine,
+        out,
+    )
+    return Response(*out)

@@ -1,0 +1,65 @@
+"""Position targets that make a motor show itself. Each function returns (steps,) targets [rad]."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+Excitation = Callable[[np.random.Generator, int, float], np.ndarray]
+
+
+def _wandering(rng: np.random.Generator, steps: int, dt: float, low: float, high: float) -> np.ndarray:
+    """A positive signal that moves smoothly (log-linearly) between random levels every 0.5-1.5 s."""
+    knots = [0.0]
+    while knots[-1] < steps * dt:
+        knots.append(knots[-1] + rng.uniform(0.5, 1.5))
+    levels = rng.uniform(np.log(low), np.log(high), len(knots))
+    return np.exp(np.interp(np.arange(steps) * dt, knots, levels))
+
+
+def sine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """The paper's excitation: center + amplitude(t)·sin(2π∫frequency dt), 0.3-6 Hz, 0.05-0.6 rad."""
+    frequency = _wandering(rng, steps, dt, 0.3, 6.0)
+    amplitude = np.minimum(_wandering(rng, steps, dt, 0.05, 0.6), 1.2 / frequency)
+    phase = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.cumsum(frequency) * dt
+    return rng.uniform(-0.3, 0.3) + amplitude * np.sin(phase)
+
+
+def held_steps(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """Levels within ±0.6 rad, each held for 0.08-0.5 s."""
+    targets, filled = np.empty(steps), 0
+    while filled < steps:
+        length = int(rng.uniform(0.08, 0.5) / dt)
+        targets[filled : filled + length] = rng.uniform(-0.6, 0.6)
+        filled += length
+    return targets
+
+
+def gait(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """A leg joint's periodic motion: 0.8-2.5 Hz, three harmonics, a share of the cycle nearly at rest."""
+    frequency, warp = rng.uniform(0.8, 2.5), rng.uniform(-0.8, 0.8)
+    angle = 2 * np.pi * frequency * np.arange(steps) * dt + rng.uniform(0, 2 * np.pi)
+    angle = angle + warp * np.sin(angle)
+    targets = np.zeros(steps)
+    for harmonic in (1, 2, 3):
+        amplitude = rng.uniform(0.1, 0.5) / harmonic**2
+        targets += amplitude * np.sin(harmonic * angle + rng.uniform(0, 2 * np.pi))
+    return rng.uniform(-0.3, 0.3) + targets
+
+
+def held(targets: np.ndarray, every: int) -> np.ndarray:
+    """Zero-order hold: each target is kept for ``every`` steps, as a 100 Hz policy does."""
+    return targets[(np.arange(len(targets)) // every) * every]
+
+
+def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine blows of 8-60 ms."""
+    torque = np.full(steps, rng.uniform(-0.4, 0.4))
+    time, now = np.arange(steps) * dt, rng.uniform(0.0, 0.2)
+    while now < steps * dt:
+        length, peak = rng.uniform(0.008, 0.06), rng.uniform(-1.2, 1.2)
+        inside = (time >= now) & (time < now + length)
+        torque[inside] += peak * np.sin(np.pi * (time[inside] - now) / length)
+        now += rng.uniform(0.08, 0.35)
+    return torque

@@ -1,0 +1,152 @@
+"""A fleet: the population that physical motors are drawn from, as a TOML file with units and sources."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.physical import MotorParameters
+from motorprior.artifacts import require_keys
+from motorprior.exceptions import ArtifactError
+
+SHIPPED = Path(__file__).parent / "fleets"
+_TEXT_KEYS = ("name", "motor", "robot")
+_UNITS = {
+    "kp": "N·m/rad",
+    "kd_over_kp": "s",
+    "delay": "s",
+    "velocity_filter": "s",
+    "torque_limit": "N·m",
+    "stall_torque": "N·m",
+    "no_load_speed": "rad/s",
+    "armature": "kg·m²",
+    "coulomb": "N·m",
+    "stribeck_torque": "N·m",
+    "stribeck_velocity": "rad/s",
+    "viscous_damping": "N·m·s/rad",
+    "load_friction": "1",
+    "backlash": "rad",
+    "gear_stiffness": "N·m/rad",
+    "gear_damping": "N·m·s/rad",
+    "encoder_zero": "rad",
+}
+_STRICTLY_POSITIVE = {
+    "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
+    "stribeck_velocity", "gear_stiffness",
+}  # fmt: skip
+_KEYS = {
+    "constant": ({"center"}, set()),
+    "uniform": ({"low", "high"}, set()),
+    "normal": ({"center", "spread", "center_uncertainty"}, {"minimum"}),
+    "lognormal": ({"center", "spread", "center_uncertainty"}, set()),
+}
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """One parameter over the fleet.
+
+    constant: center. uniform: [low, high]. normal: center + s·ε, not below ``minimum``.
+    lognormal: center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit).
+    """
+
+    kind: str
+    values: dict[str, float]
+
+    @property
+    def center(self) -> float:
+        """The value of the fleet's central motor."""
+        if self.kind == "uniform":
+            return 0.5 * (self.values["low"] + self.values["high"])
+        return self.values["center"]
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """(count,) draws."""
+        if self.kind == "constant":
+            return np.full(count, self.center)
+        if self.kind == "uniform":
+            return rng.uniform(self.values["low"], self.values["high"], count)
+        noise = np.hypot(self.values["spread"], self.values["center_uncertainty"]) * rng.standard_normal(count)
+        if self.kind == "lognormal":
+            return self.center * np.exp(noise)
+        return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """A population of physical motors."""
+
+    name: str
+    motor: str
+    robot: str
+    parameters: dict[str, Distribution]
+
+    def sample(self, rng: np.random.Generator, count: int) -> MotorParameters:
+        """Draw ``count`` motors."""
+        return _assemble({name: self.parameters[name].sample(rng, count) for name in _UNITS})
+
+    def center(self, count: int) -> MotorParameters:
+        """``count`` copies of the central motor."""
+        return _assemble({name: np.full(count, self.parameters[name].center) for name in _UNITS})
+
+    def summary(self) -> dict[str, dict[str, float | str]]:
+        """Kind and values of every parameter, for provenance."""
+        return {name: {"kind": d.kind, **d.values} for name, d in self.parameters.items()}
+
+
+def _assemble(values: dict[str, np.ndarray]) -> MotorParameters:
+    values = {**values, "kd": values["kp"] * values["kd_over_kp"]}
+    return MotorParameters(**{field.name: values[field.name] for field in fields(MotorParameters)})
+
+
+def load_fleet(name_or_path: str) -> Fleet:
+    """Load a shipped fleet by name (``pupper_v2``, ``mixed``) or any fleet TOML by path.
+
+    Raises:
+        ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        path = SHIPPED / f"{name_or_path}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
+        raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy="compare with a shipped fleet") from error
+    require_keys(data, (*_TEXT_KEYS, *_UNITS), path)
+    texts = {key: str(data[key]) for key in _TEXT_KEYS}
+    return Fleet(**texts, parameters={name: _distribution(data[name], name, path) for name in _UNITS})
+
+
+def _distribution(table: dict, name: str, path: Path) -> Distribution:
+    where = f"{path}[{name}]"
+    kind = table.get("distribution") if isinstance(table, dict) else None
+    if kind not in _KEYS:
+        raise ArtifactError(
+            f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}"
+        )
+    required, optional = _KEYS[kind]
+    numbers = {key: value for key, value in table.items() if key not in ("unit", "source", "distribution")}
+    require_keys(table, {"unit", "source", "distribution", *required, *(optional & numbers.keys())}, where)
+    if table["unit"] != _UNITS[name]:
+        raise ArtifactError(f"unit {table['unit']!r}", where=where, remedy=f"give it in {_UNITS[name]!r}")
+    for key, value in numbers.items():
+        _check_number(key, value, name, where)
+    if kind == "uniform" and numbers["low"] > numbers["high"]:
+        raise ArtifactError(f"low {numbers['low']} exceeds high {numbers['high']}", where=where, remedy="swap them")
+    return Distribution(kind, {key: float(value) for key, value in numbers.items()})
+
+
+def _check_number(key: str, value: object, name: str, where: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ArtifactError(f"{key} = {value!r} is not a finite number", where=where, remedy="give a number")
+    central = key in ("center", "low", "high")
+    if name in _STRICTLY_POSITIVE and central and value <= 0:
+        raise ArtifactError(f"{key} = {value} must be above 0", where=where, remedy="give a positive value")
+    if name != "encoder_zero" and value < 0:
+        raise ArtifactError(f"{key} = {value} must not be below 0", where=where, remedy="give 0 or more")

@@ -1,0 +1,119 @@
+"""Bench recordings: a fleet of physical motors on the virtual dynamometer, written as one motor log.
+
+Two presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one load, sampled every
+0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, on loads from a bare shank to a standing
+robot, sampled every 2 ms, half of the commands held at 100 Hz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.bench import excitation
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.fleet import Fleet
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import MotorLog
+
+
+@dataclass(frozen=True)
+class BenchPreset:
+    """How a bench excites its motors.
+
+    Attributes:
+        period: sample period of the log [s].
+        segment_steps: samples per contiguous recording.
+        load_inertia: (low, high) of the log-uniform load inertia [kg·m²].
+        kinds: excitations by name, one per segment in turn; ``impacts`` is a gait with external torque.
+        hold_steps: every second excitation is held for so many samples.
+    """
+
+    period: float
+    segment_steps: int
+    load_inertia: tuple[float, float]
+    kinds: tuple[str, ...]
+    hold_steps: int
+
+
+PRESETS = {
+    "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
+    "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "impacts"), 5),
+}
+_EXCITATIONS: dict[str, excitation.Excitation] = {
+    "sine": excitation.sine,
+    "held_steps": excitation.held_steps,
+    "gait": excitation.gait,
+    "impacts": excitation.gait,
+}
+
+
+def bench_preset(name: str) -> BenchPreset:
+    """The preset of that name.
+
+    Raises:
+        ConfigError: unknown name.
+    """
+    if name not in PRESETS:
+        raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def trial(
+    rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool
+) -> Trial:
+    """One excitation for ``motors`` motors, each with its own signal and load."""
+    targets = [_EXCITATIONS[kind](rng, steps, preset.period) for _ in range(motors)]
+    if hold:
+        targets = [excitation.held(target, preset.hold_steps) for target in targets]
+    external = np.zeros((steps, motors))
+    if kind == "impacts":
+        external = np.stack([excitation.impacts(rng, steps, preset.period) for _ in range(motors)], axis=1)
+    low, high = np.log(preset.load_inertia)
+    inertia = np.exp(rng.uniform(low, high, motors))
+    return Trial(np.stack(targets, axis=1), external, inertia, preset.period)
+
+
+def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
+    """Record ``steps`` samples of every motor.
+
+    Same seed, same bytes. Segments of ``preset.segment_steps`` samples start from rest.
+
+    Raises:
+        ConfigError: fewer than 2 steps.
+    """
+    if steps < 2:
+        raise ConfigError(f"{steps} steps is below 2", remedy="record at least 2 steps")
+    actuator, parts, count = PhysicalActuator(motors), [], len(motors)
+    bounds = [*range(0, steps - 1, preset.segment_steps), steps]
+    for segment, (first, last) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+        rng = np.random.default_rng([seed, segment])
+        kind = preset.kinds[segment % len(preset.kinds)]
+        hold = preset.hold_steps > 1 and (segment // len(preset.kinds) + segment) % 2 == 0
+        part = trial(rng, kind, last - first, count, preset, hold)
+        parts.append((part, run(actuator, part)))
+    return _as_log(parts, preset, fleet, seed)
+
+
+def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorLog:
+    lengths = [len(part.position_target) for part, _ in parts]
+    count = parts[0][0].position_target.shape[1]
+    segment = np.repeat(np.arange(len(parts)), lengths)
+    return MotorLog(
+        time=np.arange(sum(lengths)) * preset.period,
+        position_target=np.concatenate([part.position_target for part, _ in parts]),
+        joint_pos=np.concatenate([response.joint_pos for _, response in parts]),
+        joint_vel=np.concatenate([response.joint_vel for _, response in parts]),
+        joint_torque=np.concatenate([response.joint_torque for _, response in parts]),
+        load_inertia=np.concatenate(
+            [np.broadcast_to(part.load_inertia, part.position_target.shape) for part, _ in parts]
+        ),
+        external_torque=np.concatenate([part.external_torque for part, _ in parts]),
+        segment=segment,
+        joint_names=tuple(f"motor_{index:03d}" for index in range(count)),
+        robot="bench",
+        motor=fleet.motor,
+        source=f"virtual dynamometer, fleet {fleet.name}, seed {seed}",
+    )

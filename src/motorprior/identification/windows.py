@@ -1,0 +1,100 @@
+"""Training data: motor logs as stacked arrays, and random windows of them that never cross a segment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.identification.presets import Preset
+from motorprior.logs.motor_log import MotorLog
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """M motors, R rows each.
+
+    Attributes:
+        series: (M, R, 6) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
+            has none), external_torque, load_inertia.
+        starts: (S,) first rows of the windows that lie inside one segment.
+        has_torque: whether the torque channel was recorded.
+        scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
+    """
+
+    series: np.ndarray
+    starts: np.ndarray
+    has_torque: bool
+    scales: dict[str, float]
+
+
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)
+
+
+def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
+    """Stack a bench log for training.
+
+    Raises:
+        LogError: wrong sample period, a missing channel, or segments shorter than a window.
+    """
+    _require(log, preset, where)
+    nothing = np.zeros_like(log.joint_pos)
+    channels = (
+        log.position_target,
+        log.joint_pos,
+        log.joint_vel,
+        log.joint_torque,
+        log.external_torque,
+        log.load_inertia,
+    )
+    series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
+    return TrainingData(
+        series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
+        starts=_window_starts(log, preset, where),
+        has_torque=log.joint_torque is not None,
+        scales=_scales(log),
+    )
+
+
+def _require(log: MotorLog, preset: Preset, where: str) -> None:
+    wanted = {"rollout": ("joint_vel", "load_inertia", "external_torque"), "torque": ("joint_vel", "joint_torque")}
+    for channel in wanted[preset.objective]:
+        if getattr(log, channel) is None:
+            raise LogError(f"no {channel}", where=where, remedy=f"the {preset.objective} objective needs it")
+    first = next(log.segments())
+    period = float(np.median(np.diff(first.time)))
+    if abs(period - preset.period) > 0.01 * preset.period:
+        raise LogError(
+            f"sample period {period:g} s, the preset's is {preset.period:g} s",
+            where=where,
+            remedy="record with the bench preset of the same name, or resample the log",
+        )
+
+
+def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
+    length = preset.taps[-1] + preset.window
+    starts = [np.arange(part.start, part.stop - length + 1) for part in log.segment_slices()]
+    every = np.concatenate(starts)
+    if len(every) == 0:
+        raise LogError(
+            f"no segment is as long as a window of {length} rows", where=where, remedy="record longer segments"
+        )
+    return every
+
+
+def _scales(log: MotorLog) -> dict[str, float]:
+    error = log.position_target - log.joint_pos
+    assert log.joint_vel is not None
+    scales = {"error_scale": float(np.std(error)), "velocity_scale": float(np.std(log.joint_vel))}
+    if log.joint_torque is None:
+        return scales | {"torque_scale": 1.0, "torque_limit": 3.0}
+    limit = 1.2 * float(np.quantile(np.abs(log.joint_torque), 0.9995))
+    return scales | {"torque_scale": float(np.std(log.joint_torque)), "torque_limit": limit}
+
+
+def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
+    motors = rng.integers(len(data.series), size=(count, preset.batch))
+    starts = data.starts[rng.integers(len(data.starts), size=(count, preset.batch))]
+    return motors.astype(np.int32), starts.astype(np.int32)

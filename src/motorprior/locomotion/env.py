@@ -1,0 +1,146 @@
+"""The walking task as a Gymnasium environment on any backend, simulated, virtual or real."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.control_step import command_step, evaluate_step
+from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
+from motorprior.locomotion.task import TaskWeights, observe
+from motorprior.robots.pupper_v2.spec import CONTROL_DT, NUM_JOINTS
+
+if TYPE_CHECKING:
+    from motorprior.backend import Backend, BackendState
+
+
+class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Walk towards world +x, the initial heading.
+
+    Order, which the compiled rollout mirrors:
+        reset: backend.reset; phase = 0; filter state = 0; observation of state and phase.
+        step: filtered = low_pass(action); command = scale(filtered); targets = trot(phase) + residuals,
+        clipped to the joint limits; backend.step(targets); phase advances by the commanded frequency; reward
+        and end from the new state; observation of the new state and the new phase.
+
+    Args:
+        backend: what moves; must hold each target for ``control_dt``.
+        weights: coefficients of the reward.
+        episode_steps: control steps until truncation.
+        control_dt: control period [s].
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
+
+    def __init__(
+        self,
+        backend: Backend,
+        weights: TaskWeights | None = None,
+        episode_steps: int = 500,
+        control_dt: float = CONTROL_DT,
+    ):
+        if episode_steps < 1 or not control_dt > 0.0:
+            raise ConfigError(f"episode_steps {episode_steps} and control_dt {control_dt} s must be > 0")
+        self.observation_space = Box(-np.inf, np.inf, (OBSERVATION_SIZE,), np.float64)
+        self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
+        self._backend = backend
+        self._weights = (weights or TaskWeights()).array()
+        self._episode_steps = episode_steps
+        self._control_dt = float(control_dt)
+        self._filter_state = np.zeros(ACTION_SIZE)
+        self._command = np.zeros(ACTION_SIZE)
+        self._target = np.zeros(NUM_JOINTS)
+        self._observation = np.zeros(OBSERVATION_SIZE)
+        self._phase = 0.0
+        self._previous_x = 0.0
+        self._steps = 0
+        self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: goes to the backend as it is; without one the env's own generator draws the backend's seed.
+            options: none are known.
+
+        Returns:
+            Observation, shape (18,), and an empty info.
+
+        Raises:
+            SimulationFault: the backend failed already.
+        """
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31)) if seed is None else int(seed)
+        state = self._backend.reset(drawn)
+        if state.fault != 0:
+            raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
+        self._phase, self._steps, self._running = 0.0, 0, True
+        self._filter_state[:] = 0.0
+        self._previous_x = float(state.base_pos[0])
+        observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, self._phase, self._observation)
+        return self._observation.copy(), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Advance by one control step.
+
+        Args:
+            action: shape (16,), clipped to [-1, 1].
+
+        Returns:
+            Observation (18,), reward [m], terminated (fell or fault), truncated (time is up), and an info
+            with fault, phase, position_target (12,) [rad] and base_pos (3,) [m].
+        """
+        if not self._running:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
+        raw = np.asarray(action, dtype=np.float64)
+        if raw.shape != (ACTION_SIZE,):
+            raise ConfigError(f"action has shape {raw.shape}, wanted ({ACTION_SIZE},)")
+        if not np.all(np.isfinite(raw)):
+            raise ConfigError(f"action{np.argwhere(~np.isfinite(raw))[0].tolist()} is not finite")
+        self._phase = command_step(
+            raw, self._filter_state, self._phase, self._control_dt, self._command, self._target
+        )
+        state = self._backend.step(self._target.copy())
+        earned, terminated = self._evaluate(state)
+        self._steps += 1
+        truncated = not terminated and self._steps >= self._episode_steps
+        self._running = not (terminated or truncated)
+        return self._observation.copy(), earned, terminated, truncated, self._info(state)
+
+    def close(self) -> None:
+        """Close the backend."""
+        self._backend.close()
+
+    def _evaluate(self, state: BackendState) -> tuple[float, bool]:
+        """Reward [m] and end of the episode; fills the observation and remembers where the base is."""
+        earned, terminated = evaluate_step(
+            state.base_pos,
+            state.base_quat,
+            state.base_lin_vel,
+            state.base_ang_vel,
+            state.measured_joint_pos,
+            float(state.torque_squared_sum),
+            int(state.fault),
+            self._previous_x,
+            self._phase,
+            self._control_dt,
+            self._weights,
+            self._observation,
+        )
+        self._previous_x = float(state.base_pos[0])
+        return float(earned), bool(terminated)
+
+    def _info(self, state: BackendState) -> dict[str, Any]:
+        """What a recorder or a study wants to know about the step."""
+        return {
+            "fault": int(state.fault),
+            "phase": float(self._phase),
+            "position_target": self._target.copy(),
+            "base_pos": np.array(state.base_pos),
+        }

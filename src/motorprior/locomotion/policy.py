@@ -1,0 +1,209 @@
+"""The linear walking policy: its formulas, compiled, and its file.
+
+An action is 16 numbers in [-1, 1]: 12 residuals on the trot's joint targets, then frequency, intensity,
+height and swing/stance ratio of the trot. Layout and ranges: jietan/puppersim (Apache-2.0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from motorprior.artifacts import read_tensors, require_keys, write_tensors
+from motorprior.exceptions import ArtifactError
+from motorprior.robots.pupper_v2.spec import JOINT_NAMES, NUM_JOINTS, ROBOT_NAME
+
+OBSERVATION_SIZE = 18
+ACTION_SIZE = 16
+NUM_PARAMETERS = ACTION_SIZE * (OBSERVATION_SIZE + 1)  # 304: weights and bias, row by row
+NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
+ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
+RESIDUAL_RANGE = 0.5  # [rad]
+FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO = 12, 13, 14, 15  # places in a command, after 12 residuals
+FREQUENCY_LOW, FREQUENCY_HIGH = 0.5, 2.0  # [Hz]
+INTENSITY_LOW, INTENSITY_HIGH = 0.0, 1.0
+HEIGHT_LOW, HEIGHT_HIGH = -0.5, 1.0  # [rad] of knee extension
+RATIO_HIGH = 5.0  # time in swing over time in stance; the lowest is 1/5
+
+SCHEMA_VERSION = 1
+_TENSOR_SHAPES = {
+    "weights": (ACTION_SIZE, OBSERVATION_SIZE + 1),
+    "observation_mean": (OBSERVATION_SIZE,),
+    "observation_std": (OBSERVATION_SIZE,),
+    "kp": (NUM_JOINTS,),
+    "kd": (NUM_JOINTS,),
+}
+_HEADER_KEYS = ("kind", "schema_version", "control_dt", "robot", "joint_names", "provenance")
+
+
+@njit(cache=True)
+def act(
+    weights: np.ndarray, mean: np.ndarray, std: np.ndarray, observation: np.ndarray, out: np.ndarray
+) -> None:
+    """Action of the linear policy: clip(W · [n; 1], -1, 1), n = clip((observation - mean) / std, -10, 10).
+
+    Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
+
+    Args:
+        weights: shape (16, 19); the last column is the bias.
+        mean: shape (18,), running mean of observations.
+        std: shape (18,), running standard deviation, > 0.
+        observation: shape (18,), see `motorprior.locomotion.task.observe`.
+        out: shape (16,), in [-1, 1], overwritten.
+    """
+    for i in range(ACTION_SIZE):
+        out[i] = weights[i, OBSERVATION_SIZE]
+    for j in range(OBSERVATION_SIZE):
+        normalised = (observation[j] - mean[j]) / std[j]
+        normalised = min(NORMALISED_LIMIT, max(-NORMALISED_LIMIT, normalised))
+        for i in range(ACTION_SIZE):
+            out[i] += weights[i, j] * normalised
+    for i in range(ACTION_SIZE):
+        out[i] = min(1.0, max(-1.0, out[i]))
+
+
+@njit(cache=True)
+def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
+    """First-order low-pass at 3 Hz: s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt).
+
+    Args:
+        action: shape (16,), clipped to [-1, 1] first.
+        control_dt: control period [s].
+        state: s, shape (16,), the filtered action, updated in place; zeros at the start of an episode.
+    """
+    alpha = 1.0 - math.exp(-2.0 * math.pi * ACTION_CUTOFF * control_dt)
+    for i in range(ACTION_SIZE):
+        state[i] += alpha * (min(1.0, max(-1.0, action[i])) - state[i])
+
+
+@njit(cache=True)
+def action_to_command(action: np.ndarray, out: np.ndarray) -> None:
+    """Scale an action to the trot's units. Zero trots: 1.25 Hz, half intensity, height 0.25, ratio 1.
+
+    Linear in each range but the ratio's, which is 5^action: longer in swing as easily as shorter. Height 0.25
+    stands 12 mm taller than the nominal pose; that is no tiptoe, so zero means the middle of this range too.
+
+    Args:
+        action: shape (16,), in [-1, 1], already filtered.
+        out: shape (16,), overwritten: 12 residuals [rad], frequency [Hz], intensity, height [rad], ratio.
+    """
+    for joint in range(12):
+        out[joint] = RESIDUAL_RANGE * action[joint]
+    out[FREQUENCY] = FREQUENCY_LOW + 0.5 * (action[FREQUENCY] + 1.0) * (FREQUENCY_HIGH - FREQUENCY_LOW)
+    out[INTENSITY] = INTENSITY_LOW + 0.5 * (action[INTENSITY] + 1.0) * (INTENSITY_HIGH - INTENSITY_LOW)
+    out[HEIGHT] = HEIGHT_LOW + 0.5 * (action[HEIGHT] + 1.0) * (HEIGHT_HIGH - HEIGHT_LOW)
+    out[SWING_STANCE_RATIO] = math.exp(action[SWING_STANCE_RATIO] * math.log(RATIO_HIGH))
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A trained walking policy and what it was trained for.
+
+    Attributes:
+        weights: shape (16, 19), the last column is the bias.
+        observation_mean: shape (18,), units of the observation.
+        observation_std: shape (18,), > 0.
+        kp: shape (12,) [N·m/rad], position gains of the motors in training.
+        kd: shape (12,) [N·m·s/rad], velocity gains.
+        control_dt: control period [s] in training.
+        robot: name of the robot.
+        joint_names: the 12 joints in the order of residuals and observed angles.
+        provenance: whatever tells how it was trained; JSON values only.
+    """
+
+    weights: np.ndarray
+    observation_mean: np.ndarray
+    observation_std: np.ndarray
+    kp: np.ndarray
+    kd: np.ndarray
+    control_dt: float
+    robot: str = ROBOT_NAME
+    joint_names: tuple[str, ...] = tuple(JOINT_NAMES)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def check(self, where: str | Path | None = None) -> None:
+        """Refuse a policy that this robot cannot run.
+
+        Raises:
+            ArtifactError: a wrong shape, a value that is not finite, or another robot.
+        """
+        problem = _shape_problem(self) or _meaning_problem(self)
+        if problem:
+            raise ArtifactError(problem, where=where, remedy=f"use a policy trained for {ROBOT_NAME}")
+
+    def save(self, path: Path) -> None:
+        """Write the policy as one file, atomically."""
+        self.check(path)
+        header = {
+            "kind": "policy",
+            "schema_version": SCHEMA_VERSION,
+            "control_dt": float(self.control_dt),
+            "robot": self.robot,
+            "joint_names": list(self.joint_names),
+            "provenance": dict(self.provenance),
+        }
+        tensors = {name: np.asarray(getattr(self, name)) for name in _TENSOR_SHAPES}
+        write_tensors(path, tensors, header)
+
+    @classmethod
+    def load(cls, path: Path) -> Policy:
+        """Read what `save` wrote.
+
+        Raises:
+            ArtifactError: not a policy of this version for this robot, or damaged.
+        """
+        tensors, header = read_tensors(path)
+        kind, version = header.get("kind"), header.get("schema_version")
+        if (kind, version) != ("policy", SCHEMA_VERSION):
+            raise ArtifactError(
+                f"holds {kind!r} of version {version!r}, wanted 'policy' of version {SCHEMA_VERSION}",
+                where=path,
+                remedy="use a policy written by this version of motorprior",
+            )
+        require_keys(header, _HEADER_KEYS, path)
+        require_keys(tensors, _TENSOR_SHAPES, path)
+        policy = cls(
+            **tensors,
+            control_dt=header["control_dt"],
+            robot=header["robot"],
+            joint_names=tuple(header["joint_names"] or ()),
+            provenance=header["provenance"],
+        )
+        policy.check(path)
+        return policy
+
+
+def _shape_problem(policy: Policy) -> str | None:
+    """Name the first array of the wrong shape or with a value that is not finite."""
+    for name, shape in _TENSOR_SHAPES.items():
+        value = np.asarray(getattr(policy, name))
+        if value.dtype != np.float64:
+            return f"{name} is {value.dtype}, wanted float64"
+        if value.shape != shape:
+            return f"{name} has shape {value.shape}, wanted {shape}"
+        if not np.all(np.isfinite(value)):
+            return f"{name}{np.argwhere(~np.isfinite(value))[0].tolist()} is not finite"
+    return None
+
+
+def _meaning_problem(policy: Policy) -> str | None:
+    """Name the first value that has the right shape and makes no sense."""
+    if policy.robot != ROBOT_NAME:
+        return f"policy of robot {policy.robot!r}, wanted {ROBOT_NAME!r}"
+    if tuple(policy.joint_names) != tuple(JOINT_NAMES):
+        return f"joint_names {list(policy.joint_names)}, wanted {list(JOINT_NAMES)}"
+    if not np.all(policy.observation_std > 0.0):
+        return f"observation_std reaches {np.min(policy.observation_std)}, must be > 0"
+    if not (
+        isinstance(policy.control_dt, float) and math.isfinite(policy.control_dt) and policy.control_dt > 0
+    ):
+        return f"control_dt {policy.control_dt!r} s, must be a number > 0"
+    if not isinstance(policy.provenance, Mapping):
+        return f"provenance {policy.provenance!r}, must be a mapping"
+    return None

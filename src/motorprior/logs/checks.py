@@ -1,0 +1,52 @@
+"""The log doctor: is this log fit to identify motors from, and what should be done to it first?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.logs import clock_checks, joint_checks, response_checks
+from motorprior.logs.findings import Finding, LogReport
+from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.resampling import drop_repeats
+
+__all__ = ["Finding", "LogReport", "check_log", "drop_repeats"]
+
+_ORDER = {"error": 0, "warning": 1, "info": 2}
+
+
+def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogReport:
+    """Run every check.
+
+    Args:
+        log: the log to look at; it must pass `checked`.
+        joint_limits: (J, 2) lowest and highest angle of each joint [rad]; None skips the check of range.
+
+    Raises:
+        LogError: the log breaks a rule of `checked`, or the limits have another shape or order.
+    """
+    log = checked(log, where=log.source)
+    findings = [
+        *clock_checks.rate(log),
+        *clock_checks.gaps(log),
+        *clock_checks.repeats(log),
+        *joint_checks.units(log),
+        *joint_checks.constant_channels(log),
+        *joint_checks.excitation(log),
+        *response_checks.tracking(log),
+        *response_checks.velocity(log),
+    ]
+    if joint_limits is not None:
+        findings += joint_checks.limits(log, _checked_limits(log, joint_limits))
+    findings.sort(key=lambda finding: _ORDER[finding.severity])
+    return LogReport(log.source, log.num_rows, log.num_joints, log.duration, tuple(findings))
+
+
+def _checked_limits(log: MotorLog, joint_limits: np.ndarray) -> np.ndarray:
+    limits = np.asarray(joint_limits, dtype=np.float64)
+    if limits.shape != (log.num_joints, 2) or not np.all(limits[:, 0] < limits[:, 1]):
+        raise LogError(
+            f"joint limits of shape {limits.shape}, expected ({log.num_joints}, 2) with lowest < highest",
+            remedy="give one row (lowest, highest) [rad] per joint of the log",
+        )
+    return limits

@@ -1,0 +1,96 @@
+"""Checks of each joint's channels: units, range, and whether it was moved at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.logs.findings import Finding
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
+
+MAX_ANGLE = 2.0 * np.pi
+EXCITED_STD = 1e-3
+STUCK_RATIO = 0.1
+ANGLES = ("position_target", "joint_pos")
+_CHANGING = ("joint_pos", "joint_vel", "joint_torque")
+
+
+def units(log: MotorLog) -> list[Finding]:
+    """Angles beyond one turn: degrees, or an encoder that wrapped."""
+    found = []
+    for channel in ANGLES:
+        size = np.abs(getattr(log, channel))
+        for column, joint in enumerate(log.joint_names):
+            row = int(np.argmax(size[:, column]))
+            if size[row, column] > MAX_ANGLE:
+                found.append(
+                    Finding(
+                        "warning",
+                        "units",
+                        float(size[row, column]),
+                        MAX_ANGLE,
+                        f"{channel}/{joint} is {size[row, column]:.4g} rad in row {row}, beyond one turn",
+                        "convert degrees to rad, or unwrap the angle",
+                        joint,
+                        row,
+                    )
+                )
+    return found
+
+
+def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
+    """Angles outside the limits; ``joint_limits`` (J, 2) [rad]."""
+    found = []
+    for channel in ANGLES:
+        angle = getattr(log, channel)
+        excess = np.maximum(joint_limits[:, 0] - angle, angle - joint_limits[:, 1])
+        for column, joint in enumerate(log.joint_names):
+            row = int(np.argmax(excess[:, column]))
+            if excess[row, column] > 0.0:
+                value = float(angle[row, column])
+                bound = float(joint_limits[column, int(value > joint_limits[column, 1])])
+                message = f"{channel}/{joint} is {value:.4g} rad in row {row}, its limit is {bound:.4g} rad"
+                remedy = "check the encoder zero, the sign and the joint order"
+                found.append(Finding("warning", "limits", value, bound, message, remedy, joint, row))
+    return found
+
+
+def constant_channels(log: MotorLog) -> list[Finding]:
+    """Measured channels that never change."""
+    found = []
+    for channel in _CHANGING:
+        values = getattr(log, channel)
+        if values is None:
+            continue
+        for column in np.flatnonzero(np.ptp(values, axis=0) == 0.0):
+            joint, value = log.joint_names[column], float(values[0, column])
+            message = f"{channel}/{joint} is {value:.6g} {JOINT_SERIES[channel]} in every row"
+            remedy = "check the sensor, or leave the joint out"
+            found.append(Finding("warning", "constant", value, None, message, remedy, joint))
+    return found
+
+
+def excited_joints(log: MotorLog) -> np.ndarray:
+    """Indices of the joints whose command has a standard deviation above 1 mrad."""
+    return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
+
+
+def excitation(log: MotorLog) -> list[Finding]:
+    """Joints that were not commanded to move, and joints that were and did not."""
+    command, motion = np.std(log.position_target, axis=0), np.std(log.joint_pos, axis=0)
+    excited = excited_joints(log)
+    found = []
+    for column, joint in enumerate(log.joint_names):
+        if column not in excited:
+            message = f"{joint} is not excited: its command varies by {1e3 * command[column]:.3f} mrad"
+            found.append(
+                Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint)
+            )
+        elif motion[column] < STUCK_RATIO * command[column]:
+            ratio = float(motion[column] / command[column])
+            message = f"{joint} moves {100 * ratio:.1f} % of its command, less than {100 * STUCK_RATIO:g} %"
+            remedy = "check power, homing and the joint order"
+            found.append(Finding("warning", "excitation", ratio, STUCK_RATIO, message, remedy, joint))
+    if not excited.size:
+        remedy = "record commands that move the joints"
+        found.append(Finding("error", "excitation", 0.0, 1.0, "no joint is excited", remedy))
+    return found

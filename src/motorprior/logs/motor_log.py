@@ -1,0 +1,251 @@
+"""`MotorLog`: what a motor was told and what it did, in SI units, checked before anyone computes with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+
+JOINT_SERIES = {
+    "position_target": "rad",
+    "joint_pos": "rad",
+    "joint_vel": "rad_per_s",
+    "joint_torque": "N_m",
+    "load_inertia": "kg_m2",
+    "external_torque": "N_m",
+}
+"""Channels of shape (T, J) and their unit, as it is spelled in column names."""
+
+BASE_AXES = ("roll", "pitch")
+SIGN_CONVENTION = (
+    "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
+    "load_inertia * joint_acc = joint_torque + external_torque"
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotorLog:
+    """One or more contiguous recordings of T rows and J joints.
+
+    Construction checks nothing; `checked` does. A row holds the command in force and the measurements
+    made at its time. With a known load (bench): load_inertia·q̈ = joint_torque + external_torque.
+
+    Attributes:
+        time: (T,) [s], strictly increasing within a segment.
+        position_target: (T, J) commanded angle [rad].
+        joint_pos: (T, J) measured angle [rad].
+        joint_names: J names, in column order.
+        robot: robot or bench the joints belong to.
+        motor: motor model.
+        source: where the log comes from.
+        joint_vel: (T, J) [rad/s], or None.
+        joint_torque: (T, J) torque of the motor on the joint [N·m], or None.
+        load_inertia: (T, J) inertia of the known load, at the joint [kg·m²], or None.
+        external_torque: (T, J) torque of everything but the motor on the joint [N·m], or None.
+        segment: (T,) index of the contiguous recording a row belongs to, or None for a single one.
+        base_orientation: (T, 2) roll and pitch of the robot's base [rad], or None.
+    """
+
+    time: np.ndarray
+    position_target: np.ndarray
+    joint_pos: np.ndarray
+    joint_names: tuple[str, ...]
+    robot: str
+    motor: str
+    source: str
+    joint_vel: np.ndarray | None = None
+    joint_torque: np.ndarray | None = None
+    load_inertia: np.ndarray | None = None
+    external_torque: np.ndarray | None = None
+    segment: np.ndarray | None = None
+    base_orientation: np.ndarray | None = None
+
+    @property
+    def num_joints(self) -> int:
+        """J."""
+        return len(self.joint_names)
+
+    @property
+    def num_rows(self) -> int:
+        """T."""
+        return len(self.time)
+
+    @property
+    def duration(self) -> float:
+        """Recorded time [s]: the sum over segments, without the pauses between them."""
+        return float(sum(self.time[part][-1] - self.time[part][0] for part in self.segment_slices()))
+
+    def segment_slices(self) -> list[slice]:
+        """Rows of each segment, in order."""
+        if self.segment is None:
+            return [slice(0, self.num_rows)]
+        starts = np.flatnonzero(np.diff(self.segment)) + 1
+        bounds = [0, *starts.tolist(), self.num_rows]
+        return [slice(first, last) for first, last in pairwise(bounds)]
+
+    def segments(self) -> Iterator[MotorLog]:
+        """One log per contiguous recording; each keeps its `segment` index."""
+        for part in self.segment_slices():
+            yield self.rows(part)
+
+    def rows(self, selection: slice | np.ndarray) -> MotorLog:
+        """The rows a slice, a mask (T,) or an index array selects."""
+        picked = {name: value[selection] for name, value in channels(self).items()}
+        return replace(self, **picked)
+
+    def joint(self, index: int) -> MotorLog:
+        """The same log with one joint, J = 1."""
+        series = {name: value[:, [index]] for name, value in channels(self).items() if name in JOINT_SERIES}
+        return replace(self, joint_names=(self.joint_names[index],), **series)
+
+
+def channels(log: MotorLog) -> dict[str, np.ndarray]:
+    """Every array that the log holds, by field name."""
+    values = {field.name: getattr(log, field.name) for field in fields(log)}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
+def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
+    """Row and length [s] of every step from the previous row of the same segment.
+
+    Returns:
+        ``rows`` (S,), the later row of each pair, and ``steps`` (S,) [s].
+    """
+    rows = [np.arange(part.start + 1, part.stop) for part in log.segment_slices()]
+    index = np.concatenate(rows)
+    return index, log.time[index] - log.time[index - 1]
+
+
+def column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
+    """The name a user reads for one column of a channel, e.g. ``joint_pos/FR_hip``."""
+    if channel in JOINT_SERIES:
+        return f"{channel}/{joint_names[column]}"
+    return f"{channel}/{BASE_AXES[column]}" if channel == "base_orientation" else channel
+
+
+def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
+    """Return the log with float64 arrays, or say what is wrong with it.
+
+    Args:
+        log: any channel may be any array-like; rows count from 0.
+        where: file to name in the error.
+
+    Raises:
+        LogError: wrong shape or joint count, a value that is not finite (row, column, value), time that
+            does not increase within a segment (row, both values), a load inertia that is not positive, or
+            fewer than 2 rows in a segment.
+    """
+    log = _as_arrays(log, where)
+    _check_shapes(log, where)
+    _check_finite(log, where)
+    _check_segments(log, where)
+    _check_time(log, where)
+    _check_load(log, where)
+    return log
+
+
+def _as_arrays(log: MotorLog, where: str | Path | None) -> MotorLog:
+    """Convert every channel: segment to int64, the others to float64."""
+    arrays: dict[str, Any] = {}
+    for name in ("time", *JOINT_SERIES, "segment", "base_orientation"):
+        value = getattr(log, name)
+        if value is None:
+            continue
+        try:
+            arrays[name] = _integers(value) if name == "segment" else np.asarray(value, dtype=np.float64)
+        except (ValueError, TypeError) as error:
+            raise LogError(
+                f"{name} is not an array of numbers ({error})",
+                where=where,
+                remedy="give every row as numbers",
+            ) from error
+    return replace(log, joint_names=tuple(log.joint_names), **arrays)
+
+
+def _integers(value: Any) -> np.ndarray:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"its type is {array.dtype}, not integer")
+    return array.astype(np.int64)
+
+
+def _check_shapes(log: MotorLog, where: str | Path | None) -> None:
+    if log.num_joints < 1 or len(set(log.joint_names)) != log.num_joints:
+        raise LogError(
+            f"joint names {list(log.joint_names)} are empty or repeat",
+            where=where,
+            remedy="give every joint its own name",
+        )
+    rows, joints = log.time.size, log.num_joints
+    wanted = {"time": (rows,), "segment": (rows,), "base_orientation": (rows, len(BASE_AXES))}
+    for name, value in channels(log).items():
+        shape = wanted.get(name, (rows, joints))
+        if value.shape != shape:
+            raise LogError(
+                f"{name} has shape {value.shape}, expected {shape} ({rows} rows, {joints} joints)",
+                where=where,
+                remedy="give one row per time and one column per joint name",
+            )
+
+
+def _check_finite(log: MotorLog, where: str | Path | None) -> None:
+    for name, value in channels(log).items():
+        finite = np.isfinite(value)
+        if not finite.all():
+            row, *column = np.argwhere(~finite)[0].tolist()
+            label = column_name(name, column[0] if column else 0, log.joint_names)
+            bad = value[(row, *column)]
+            raise LogError(
+                f"row {row}, {label} is {bad}, not a finite number",
+                where=where,
+                remedy="remove the row, or split the recording into two segments there",
+            )
+
+
+def _check_segments(log: MotorLog, where: str | Path | None) -> None:
+    seen: set[int] = set()
+    for part in log.segment_slices():
+        index = 0 if log.segment is None or not log.num_rows else int(log.segment[part.start])
+        if part.stop - part.start < 2:
+            raise LogError(
+                f"segment {index} has {part.stop - part.start} rows, at least 2 are needed",
+                where=where,
+                remedy="record longer, or drop the segment",
+            )
+        if index in seen:
+            raise LogError(
+                f"row {part.start}: segment {index} starts again after it ended",
+                where=where,
+                remedy="give each contiguous recording its own index",
+            )
+        seen.add(index)
+
+
+def _check_time(log: MotorLog, where: str | Path | None) -> None:
+    rows, steps = time_steps(log)
+    if np.any(steps <= 0.0):
+        row = int(rows[np.argmax(steps <= 0.0)])
+        before, now = float(log.time[row - 1]), float(log.time[row])
+        kind = "repeats" if before == now else "runs backwards"
+        raise LogError(
+            f"row {row}, time {kind}: {now!r} s after {before!r} s, it must increase",
+            where=where,
+            remedy="sort the rows and drop duplicates, or start a new segment where the clock restarted",
+        )
+
+
+def _check_load(log: MotorLog, where: str | Path | None) -> None:
+    if log.load_inertia is not None and np.any(log.load_inertia <= 0.0):
+        row, column = np.argwhere(log.load_inertia <= 0.0)[0].tolist()
+        raise LogError(
+            f"row {row}, {column_name('load_inertia', column, log.joint_names)} is "
+            f"{log.load_inertia[row, column]} kg·m², it must be positive",
+            where=where,
+            remedy="give the load's inertia about the joint, or leave the channel out",
+        )

@@ -1,0 +1,182 @@
+"""Motor logs on disk: one Parquet file per log, float64, with a strict JSON header and no pickle.
+
+Columns are ``time_s``, ``<channel>_<unit>/<joint>`` such as ``joint_pos_rad/FR_hip``, optionally
+``segment`` and ``base_roll_rad``, ``base_pitch_rad``. The header stands in the schema metadata under
+``b"motorprior"``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.artifacts import atomic_path, require_keys
+from motorprior.exceptions import ArtifactError, LogError
+from motorprior.logs.motor_log import BASE_AXES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
+
+SCHEMA_VERSION = 1
+METADATA_KEY = b"motorprior"
+REWRITE = "write the log anew with this version of motorprior"
+_OPTIONAL = ("segment", "base_orientation")
+_HEADER_KEYS = (
+    *("schema_version", "units", "sign_convention", "robot", "motor"),
+    *("source", "joint_names", "channels"),
+)
+
+
+def write_log(path: str | Path, log: MotorLog) -> None:
+    """Check the log and write it; the file appears complete or not at all.
+
+    Raises:
+        LogError: the log breaks a rule of `checked`.
+        ArtifactError: the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = Path(path)
+    log = checked(log, where=path)
+    columns = _columns(log)
+    metadata = {METADATA_KEY: json.dumps(_header(log), sort_keys=True).encode()}
+    table = pa.table({name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()})
+    with atomic_path(path) as temporary:
+        pq.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
+
+
+def read_log(path: str | Path) -> MotorLog:
+    """Read what `write_log` wrote; every float64 comes back bit for bit.
+
+    Raises:
+        LogError: missing or truncated file, another schema version, an unknown or missing column, another
+            unit or sign convention, or values that `checked` refuses.
+    """
+    path = Path(path)
+    table = _read_table(path)
+    header = _read_header(table.schema.metadata, path)
+    wanted = _column_names(header["channels"], tuple(header["joint_names"]))
+    _require_columns(table, [name for names in wanted.values() for name in names], path)
+    values: dict[str, Any] = {channel: _stack(table, channel, names) for channel, names in wanted.items()}
+    values |= {key: header[key] for key in ("robot", "motor", "source")}
+    return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
+
+
+def _columns(log: MotorLog) -> dict[str, np.ndarray]:
+    columns: dict[str, np.ndarray] = {}
+    for channel, names in _column_names(_present(log), log.joint_names).items():
+        values = np.reshape(getattr(log, channel), (log.num_rows, len(names)))
+        columns |= {name: values[:, index] for index, name in enumerate(names)}
+    return columns
+
+
+def _present(log: MotorLog) -> list[str]:
+    return [name for name in (*JOINT_SERIES, *_OPTIONAL) if getattr(log, name) is not None]
+
+
+def _column_names(present: list[str], joint_names: tuple[str, ...]) -> dict[str, list[str]]:
+    """Column names of ``time`` and of each channel present, in file order."""
+    names = {"time": ["time_s"]}
+    for channel in present:
+        if channel == "segment":
+            names[channel] = ["segment"]
+        elif channel == "base_orientation":
+            names[channel] = [f"base_{axis}_rad" for axis in BASE_AXES]
+        else:
+            names[channel] = [f"{channel}_{JOINT_SERIES[channel]}/{joint}" for joint in joint_names]
+    return names
+
+
+def _units() -> dict[str, str]:
+    return {"time": "s", **JOINT_SERIES, "base_orientation": "rad"}
+
+
+def _header(log: MotorLog) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "units": _units(),
+        "sign_convention": SIGN_CONVENTION,
+        "robot": log.robot,
+        "motor": log.motor,
+        "source": log.source,
+        "joint_names": list(log.joint_names),
+        "channels": _present(log),
+    }
+
+
+def _read_table(path: Path) -> Any:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.is_file():
+        raise LogError("no such file", where=path, remedy="check the path")
+    try:
+        with open(path, "rb") as file:
+            return pq.ParquetFile(file).read()
+    except (pa.ArrowException, OSError) as error:
+        raise LogError(
+            f"not a complete Parquet file ({str(error).splitlines()[0]})",
+            where=path,
+            remedy="copy or record it again; import raw logs with `motorprior logs import`",
+        ) from error
+
+
+def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, Any]:
+    text = (metadata or {}).get(METADATA_KEY)
+    if text is None:
+        raise LogError("no motorprior header", where=path, remedy="import it with `motorprior logs import`")
+    try:
+        header = json.loads(text)
+    except ValueError as error:
+        raise LogError(f"its header is not JSON ({error})", where=path, remedy=REWRITE) from error
+    version = header.get("schema_version") if isinstance(header, dict) else None
+    if version != SCHEMA_VERSION:
+        raise LogError(
+            f"log schema version {version!r}, this motorprior reads {SCHEMA_VERSION}",
+            where=path,
+            remedy="use the motorprior that wrote it, or " + REWRITE,
+        )
+    try:
+        require_keys(header, _HEADER_KEYS, path)
+    except ArtifactError as error:
+        raise LogError(f"header: {error.problem}", where=path, remedy=REWRITE) from error
+    _check_header(header, path)
+    return header
+
+
+def _check_header(header: dict[str, Any], path: Path) -> None:
+    for key, wanted in (("units", _units()), ("sign_convention", SIGN_CONVENTION)):
+        if header[key] != wanted:
+            raise LogError(f"{key} {header[key]!r}, expected {wanted!r}", where=path, remedy=REWRITE)
+    for key in ("robot", "motor", "source"):
+        if not isinstance(header[key], str):
+            raise LogError(f"header: {key} {header[key]!r} is not text", where=path, remedy=REWRITE)
+    for key, allowed in (("joint_names", None), ("channels", (*JOINT_SERIES, *_OPTIONAL))):
+        values = header[key]
+        known = isinstance(values, list) and all(isinstance(value, str) for value in values)
+        if not known or len(set(values)) != len(values) or (allowed and not set(values) <= set(allowed)):
+            raise LogError(f"header: {key} {values!r} is not understood", where=path, remedy=REWRITE)
+    if missing := {"position_target", "joint_pos"} - set(header["channels"]):
+        raise LogError(f"header: channels lack {sorted(missing)}", where=path, remedy=REWRITE)
+
+
+def _require_columns(table: Any, wanted: list[str], path: Path) -> None:
+    try:
+        require_keys(table.column_names, wanted, path)
+    except ArtifactError as error:
+        raise LogError(error.problem.replace("keys", "columns"), where=path, remedy=REWRITE) from error
+    for name in table.column_names:
+        column, expected = table.column(name), "int64" if name == "segment" else "double"
+        if str(column.type) != expected or column.null_count:
+            raise LogError(
+                f"column {name} is {column.type} with {column.null_count} empty cells, expected {expected} "
+                "without any",
+                where=path,
+                remedy=REWRITE,
+            )
+
+
+def _stack(table: Any, channel: str, names: list[str]) -> np.ndarray:
+    columns = [table.column(name).to_numpy() for name in names]
+    return columns[0] if channel in ("time", "segment") else np.stack(columns, axis=1)

@@ -1,0 +1,152 @@
+"""Logs of a real Stanford Pupper v2, as published in jietan/puppersim (Apache-2.0), become `MotorLog`s.
+
+Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``, ``IMU``,
+``MotorAngle``, ``action``) and CSV, plain or gzip (``.csv``, ``.csv.gz``). Angles are in rad, time in s.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.number_table import read_number_table
+from motorprior.logs.restricted_unpickler import load_plain
+from motorprior.robots.pupper_v2.spec import JOINT_NAMES
+
+ROBOT = "pupper_v2"
+MOTOR = "DJI M2006 P36 + C610"
+ORIGIN = "jietan/puppersim, folder puppersim/data/system_id"
+GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
+CSV_SUFFIXES = (".csv.gz", ".csv")
+PICKLE_SUFFIXES = (".txt",)
+
+_J = len(JOINT_NAMES)
+_IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
+CSV_COLUMNS = ("t_s", *(f"q_des_{i}" for i in range(_J)), *(f"q_{i}" for i in range(_J)), *_IMU)
+PICKLE_WIDTHS = {"t": 1, "action": _J, "MotorAngle": _J, "IMU": len(_IMU)}
+
+
+def read_pupper_log(path: str | Path) -> MotorLog:
+    """Read one recording, ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
+
+    The first two IMU columns are taken as roll and pitch; their order is an assumption about the source.
+    The rates of the IMU are dropped. There is no velocity and no torque in these logs.
+
+    Raises:
+        LogError: wrong name or columns, truncated, not numbers, not finite, or time that does not increase;
+            names file, row, column and value.
+    """
+    path = Path(path)
+    if path.name.endswith(CSV_SUFFIXES):
+        table = read_number_table(path, CSV_COLUMNS)
+    elif path.name.endswith(PICKLE_SUFFIXES):
+        table = _pickle_table(path)
+    else:
+        raise LogError(
+            f"unknown kind of file, expected one of {(*CSV_SUFFIXES, *PICKLE_SUFFIXES)}",
+            where=path,
+            remedy=GET_LOGS,
+        )
+    time, position_target, joint_pos, imu = np.split(table, [1, 1 + _J, 1 + 2 * _J], axis=1)
+    log = MotorLog(
+        time=time[:, 0],
+        position_target=position_target,
+        joint_pos=joint_pos,
+        base_orientation=imu[:, :2],
+        joint_names=JOINT_NAMES,
+        robot=ROBOT,
+        motor=MOTOR,
+        source=f"{ORIGIN}, {path.name}",
+    )
+    return checked(log, where=path)
+
+
+def read_pupper_logs(directory: str | Path) -> dict[str, MotorLog]:
+    """Read every recording of the robot in a folder, by short name: ``0116``, ``bf``, ``lr``, ``1_joint``.
+
+    Replays in simulation (``*_sim_*``) and other files are left out.
+
+    Raises:
+        LogError: no such folder, no log in it, two files of one name, or a log that cannot be read.
+    """
+    directory = Path(directory)
+    if not directory.is_dir():
+        raise LogError("no such folder", where=directory, remedy=GET_LOGS)
+    paths: dict[str, Path] = {}
+    for path in sorted(directory.iterdir()):
+        name = short_name(path)
+        if name is None:
+            continue
+        if name in paths:
+            raise LogError(
+                f"{paths[name].name} and {path.name} are both log {name!r}",
+                where=directory,
+                remedy="keep one",
+            )
+        paths[name] = path
+    if not paths:
+        raise LogError(
+            "no log of a real Pupper (env_*real_*) in this folder", where=directory, remedy=GET_LOGS
+        )
+    return {name: read_pupper_log(path) for name, path in paths.items()}
+
+
+def short_name(path: Path) -> str | None:
+    """``env_log_real_0116.csv.gz`` -> ``0116``; None where the file is no log of the real robot."""
+    suffixes = [end for end in (*CSV_SUFFIXES, *PICKLE_SUFFIXES) if path.name.endswith(end)]
+    if not suffixes or not path.is_file():
+        return None
+    words = path.name.removesuffix(suffixes[0]).split("_")
+    if words[0] != "env" or "real" not in words:
+        return None
+    return "_".join(word for word in words[1:] if word not in ("log", "real")) or None
+
+
+def _pickle_table(path: Path) -> np.ndarray:
+    """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
+    content = load_plain(path)
+    if not isinstance(content, dict) or not set(PICKLE_WIDTHS) <= set(content):
+        found = sorted(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        raise LogError(
+            f"expected a dict of {list(PICKLE_WIDTHS)}, found {found}", where=path, remedy=GET_LOGS
+        )
+    columns = {key: _column_block(content[key], key, width, path) for key, width in PICKLE_WIDTHS.items()}
+    lengths = {key: len(block) for key, block in columns.items()}
+    if len(set(lengths.values())) != 1:
+        raise LogError(f"lists of unequal length {lengths}", where=path, remedy=GET_LOGS)
+    return np.concatenate(list(columns.values()), axis=1)
+
+
+def _column_block(rows: object, key: str, width: int, path: Path) -> np.ndarray:
+    """A list of T rows, or an array, as (T, width)."""
+    if not isinstance(rows, list | tuple | np.ndarray):
+        raise LogError(f"{key} is {type(rows).__name__}, not a list", where=path, remedy=GET_LOGS)
+    if isinstance(rows, np.ndarray) and rows.ndim == 1 and width == 1:
+        return rows.astype(np.float64)[:, None]
+    return np.array([_row(row, index, key, width, path) for index, row in enumerate(rows)]).reshape(-1, width)
+
+
+def _row(row: object, index: int, key: str, width: int, path: Path) -> list[float]:
+    cells = row.ravel().tolist() if isinstance(row, np.ndarray) else row
+    cells = cells if isinstance(cells, list | tuple) else [cells]
+    values: list[Any] = [_unwrapped(cell) for cell in cells]
+    if len(values) != width:
+        raise LogError(
+            f"row {index}, {key} has {len(values)} values, expected {width}", where=path, remedy=GET_LOGS
+        )
+    for column, value in enumerate(values):
+        if type(value) not in (int, float):
+            raise LogError(
+                f"row {index}, {key}[{column}] is {str(value)[:40]!r}, not a number",
+                where=path,
+                remedy=GET_LOGS,
+            )
+    return values
+
+
+def _unwrapped(cell: object) -> object:
+    return cell.item() if isinstance(cell, np.ndarray) and cell.size == 1 else cell

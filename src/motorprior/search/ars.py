@@ -1,0 +1,207 @@
+"""Augmented Random Search, version V2-t, as ask and tell over a flat vector of parameters.
+
+Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for reinforcement
+learning", algorithm 2. Noise travels as seeds: any worker can draw direction k of iteration i for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.artifacts import require_keys
+from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
+
+CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
+_STATE_KEYS = ("parameters", "iteration", "observation_count", "observation_mean", "observation_m2")
+
+
+@dataclass(frozen=True)
+class ArsConfig:
+    """Settings of the search.
+
+    Attributes:
+        num_directions: N, directions tried per iteration, each with both signs.
+        num_top_directions: b, best directions that the update uses.
+        step_size: α.
+        delta_std: ν, standard deviation of the perturbation of each parameter.
+        seed: of all noise, not negative.
+    """
+
+    num_directions: int = 16
+    num_top_directions: int = 8
+    step_size: float = 0.05
+    delta_std: float = 0.05
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse settings that do not fit together."""
+        if not 1 <= self.num_top_directions <= self.num_directions:
+            raise ConfigError(
+                f"num_top_directions {self.num_top_directions} not in 1..num_directions {self.num_directions}"
+            )
+        if not (self.step_size > 0.0 and self.delta_std > 0.0 and self.seed >= 0):
+            raise ConfigError(
+                f"step_size {self.step_size}, delta_std {self.delta_std} must be > 0, seed {self.seed} >= 0"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Count, mean and summed squared deviation of observations; merging is exact up to rounding.
+
+    Attributes:
+        count: number of observations.
+        mean: shape (observation,).
+        m2: Σ (x - mean)², shape (observation,).
+    """
+
+    count: int
+    mean: np.ndarray
+    m2: np.ndarray
+
+    @classmethod
+    def empty(cls, size: int) -> Moments:
+        """Of no observation at all."""
+        return cls(0, np.zeros(size), np.zeros(size))
+
+    @classmethod
+    def of(cls, observations: np.ndarray) -> Moments:
+        """Of observations of shape (count, observation)."""
+        if len(observations) == 0:
+            return cls.empty(observations.shape[1])
+        mean = observations.mean(axis=0)
+        return cls(len(observations), mean, np.square(observations - mean).sum(axis=0))
+
+    def merge(self, other: Moments) -> Moments:
+        """Of both together (Chan, Golub, LeVeque 1983).
+
+        d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.
+        """
+        if other.count == 0:
+            return self
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        mean = self.mean + shift * (other.count / count)
+        m2 = self.m2 + other.m2 + np.square(shift) * (self.count * other.count / count)
+        return Moments(count, mean, m2)
+
+    def std(self) -> np.ndarray:
+        """Population standard deviation; 1 where the observation is constant or there is none."""
+        std = np.sqrt(self.m2 / max(self.count, 1))
+        return np.where(std > CONSTANT_STD, std, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One perturbed parameter vector to try: parameters = M + sign · ν · δ(direction), sign +1 or -1."""
+
+    direction: int
+    sign: int
+    parameters: np.ndarray
+
+
+class Ars:
+    """State of a search: call `ask`, run an episode per candidate, `tell` the returns.
+
+    Attributes:
+        config: the settings.
+        parameters: M, shape (num_parameters,), zeros at the start.
+        iteration: number of updates so far.
+        observations: running statistics; normalise with these during an iteration.
+
+    Args:
+        config: the settings.
+        num_parameters: length of the parameter vector.
+        observation_size: length of an observation.
+    """
+
+    def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
+        self.config = config
+        self.parameters = np.zeros(num_parameters)
+        self.iteration = 0
+        self.observations = Moments.empty(observation_size)
+
+    def direction(self, index: int) -> np.ndarray:
+        """δ of direction ``index`` in this iteration: standard normal, shape (num_parameters,)."""
+        rng = np.random.default_rng([self.config.seed, self.iteration, index])
+        return rng.standard_normal(self.parameters.size)
+
+    def ask(self) -> list[Candidate]:
+        """Candidates of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
+        candidates = []
+        for index in range(self.config.num_directions):
+            step = self.config.delta_std * self.direction(index)
+            candidates.append(Candidate(index, 1, self.parameters + step))
+            candidates.append(Candidate(index, -1, self.parameters - step))
+        return candidates
+
+    def tell(self, returns: np.ndarray, observation_moments: Sequence[Moments]) -> None:
+        """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
+
+        σ_R is the standard deviation of those 2b returns. All returns alike teach nothing: M stays.
+
+        Args:
+            returns: shape (num_directions, 2), r⁺ and r⁻ of each direction.
+            observation_moments: of the episodes, merged in the order given: the same order, the same bytes.
+
+        Raises:
+            ConfigError: a wrong shape.
+            SimulationFault: a return that is not finite.
+        """
+        returns = self._checked(returns)
+        b = self.config.num_top_directions
+        top = np.argsort(-returns.max(axis=1), kind="stable")[:b]
+        sigma = returns[top].std()
+        if sigma > 0.0:
+            scale = self.config.step_size / (b * sigma)
+            total = np.zeros_like(self.parameters)
+            for index in top:
+                total += (returns[index, 0] - returns[index, 1]) * self.direction(int(index))
+            self.parameters = self.parameters + scale * total
+        for moments in observation_moments:
+            self.observations = self.observations.merge(moments)
+        self.iteration += 1
+
+    def _checked(self, returns: np.ndarray) -> np.ndarray:
+        """Returns as float64, refused where they would spoil the parameters."""
+        returns = np.asarray(returns, dtype=np.float64)
+        if returns.shape != (self.config.num_directions, 2):
+            raise ConfigError(f"returns have shape {returns.shape}, wanted ({self.config.num_directions}, 2)")
+        if not np.all(np.isfinite(returns)):
+            direction, side = np.argwhere(~np.isfinite(returns))[0]
+            raise SimulationFault(
+                f"return of direction {direction}{'+-'[side]} in iteration {self.iteration} is not finite"
+            )
+        return returns
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that `restore` needs but the config; plain arrays for `artifacts.write_tensors`."""
+        return {
+            "parameters": self.parameters.copy(),
+            "iteration": np.array(self.iteration, dtype=np.int64),
+            "observation_count": np.array(self.observations.count, dtype=np.int64),
+            "observation_mean": self.observations.mean.copy(),
+            "observation_m2": self.observations.m2.copy(),
+        }
+
+    @classmethod
+    def restore(cls, config: ArsConfig, state: Mapping[str, np.ndarray]) -> Ars:
+        """Continue a search; with the config it had, the bytes are those of a search never stopped.
+
+        Raises:
+            ArtifactError: unknown or missing keys, or arrays that do not fit each other.
+        """
+        require_keys(state, _STATE_KEYS, "search state")
+        parameters = np.array(state["parameters"], dtype=np.float64)
+        mean = np.array(state["observation_mean"], dtype=np.float64)
+        m2 = np.array(state["observation_m2"], dtype=np.float64)
+        if parameters.ndim != 1 or mean.ndim != 1 or m2.shape != mean.shape:
+            raise ArtifactError(f"shapes {parameters.shape}, {mean.shape}, {m2.shape}", where="search state")
+        search = cls(config, parameters.size, mean.size)
+        search.parameters = parameters
+        search.iteration = int(state["iteration"])
+        search.observations = Moments(int(state["observation_count"]), mean, m2)
+        return search

@@ -1,0 +1,37 @@
+"""mj_step by address, callable from compiled code that holds no interpreter lock.
+
+The address travels as an argument, so compiled kernels stay cacheable across processes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+import mujoco
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+
+def mj_step_address() -> int:
+    """Address of libmujoco's ``mj_step`` in this process."""
+    library = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+    address = ctypes.cast(library.mj_step, ctypes.c_void_p).value
+    assert address is not None
+    return address
+
+
+@intrinsic
+def mj_step(typingctx, function, model, data):  # pyright: ignore  # compiled signature below
+    """Call ``void mj_step(const mjModel*, mjData*)``; all three arguments are integer addresses."""
+    signature = types.void(types.intp, types.intp, types.intp)
+
+    def codegen(context, builder, signature, arguments):
+        address, *pointers = arguments
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer, pointer])
+        call = builder.inttoptr(address, kind.as_pointer())
+        builder.call(call, [builder.inttoptr(value, pointer) for value in pointers])
+        return context.get_dummy_value()
+
+    return signature, codegen

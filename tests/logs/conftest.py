@@ -1,0 +1,58 @@
+"""Small logs made from a seed, and the real ones."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.logs.motor_log import MotorLog
+
+
+@pytest.fixture
+def make_log() -> Callable[..., MotorLog]:
+    """A bench log of 2 joints that follow a sine 50 ms late; fields can be replaced."""
+
+    def make(rows: int = 200, period: float = 0.01, **changes: Any) -> MotorLog:
+        time = period * np.arange(rows) + 0.25
+        angle = 0.3 * np.sin(2 * np.pi * 1.0 * time[:, None] + np.array([0.0, 1.0]))
+        late = 0.3 * np.sin(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
+        speed = 0.3 * 2 * np.pi * np.cos(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
+        values: dict[str, Any] = {
+            "time": time,
+            "position_target": angle,
+            "joint_pos": late,
+            "joint_vel": speed,
+            "joint_names": ("left", "right"),
+            "robot": "bench",
+            "motor": "M2006",
+            "source": "made in a test",
+        }
+        return MotorLog(**(values | changes))
+
+    return make
+
+
+@pytest.fixture
+def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
+    """Every optional channel, two segments, values that decimal text would not keep."""
+    rng = np.random.default_rng(3)
+    time = np.concatenate([np.cumsum(rng.uniform(1e-3, 2e-3, 100)), np.cumsum(rng.uniform(1e-3, 2e-3, 100))])
+    return make_log(
+        time=time,
+        joint_torque=rng.normal(size=(200, 2)) * 1e-300,
+        load_inertia=rng.uniform(1e-4, 1e-2, (200, 2)),
+        external_torque=rng.normal(size=(200, 2)) / 3.0,
+        segment=np.repeat([0, 1], 100),
+        base_orientation=rng.normal(size=(200, 2)),
+    )
+
+
+@pytest.fixture(scope="session")
+def pupper_folder(shared_data: Path) -> Path:
+    """The published recordings of a real Pupper v2."""
+    folder = shared_data / "pupper_v2"
+    if not folder.is_dir():
+        pytest.skip(f"no Pupper logs in {shared_data}")
+    return folder

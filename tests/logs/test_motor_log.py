@@ -1,0 +1,91 @@
+"""A log that breaks a rule is refused with its row, column and value."""
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import channels, checked
+
+
+def test_a_good_log_passes_unchanged(full_log):
+    log = checked(full_log)
+    for name, value in channels(full_log).items():
+        np.testing.assert_array_equal(getattr(log, name), value)
+
+
+def test_array_likes_become_float64(make_log):
+    log = checked(make_log(time=list(range(200)), joint_names=["a", "b"]))
+    assert log.time.dtype == np.float64
+    assert log.joint_names == ("a", "b")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_value_that_is_not_finite_is_named(make_log, bad):
+    log = make_log()
+    log.joint_vel[17, 1] = bad
+    with pytest.raises(LogError, match=rf"some\.csv: row 17, joint_vel/right is {bad}"):
+        checked(log, where="some.csv")
+
+
+def test_repeated_time_names_row_and_both_values(make_log):
+    log = make_log()
+    log.time[5] = log.time[4] = 0.5
+    log.time[:4] = [0.1, 0.2, 0.3, 0.4]
+    with pytest.raises(LogError, match=r"row 5, time repeats: 0\.5 s after 0\.5 s"):
+        checked(log)
+
+
+def test_unsorted_time_names_row_and_both_values(make_log):
+    log = make_log(rows=4, time=np.array([0.0, 2.0, 1.5, 3.0]))
+    with pytest.raises(LogError, match=r"row 2, time runs backwards: 1\.5 s after 2\.0 s"):
+        checked(log)
+
+
+def test_time_may_restart_with_a_segment(make_log):
+    time = np.array([0.0, 1.0, 0.0, 1.0])
+    assert checked(make_log(rows=4, time=time, segment=np.array([0, 0, 1, 1]))).duration == 2.0
+    with pytest.raises(LogError, match="row 2, time runs backwards"):
+        checked(make_log(rows=4, time=time))
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"joint_names": ("one",)}, r"position_target has shape \(200, 2\), expected \(200, 1\)"),
+        ({"joint_names": ("a", "a")}, "repeat"),
+        ({"joint_names": ()}, "empty"),
+        ({"joint_pos": np.zeros((199, 2))}, r"joint_pos has shape \(199, 2\), expected \(200, 2\)"),
+        ({"joint_torque": np.zeros(200)}, r"joint_torque has shape \(200,\)"),
+        ({"base_orientation": np.zeros((200, 3))}, r"base_orientation has shape \(200, 3\)"),
+        ({"time": np.zeros((100, 2))}, "time has shape"),
+        ({"segment": np.zeros(200)}, "segment is not an array of numbers"),
+        ({"segment": np.repeat([0, 1, 0], [80, 80, 40])}, "row 160: segment 0 starts again"),
+        ({"segment": np.repeat([0, 7], [199, 1])}, "segment 7 has 1 rows"),
+        ({"joint_pos": [["x", "y"]] * 200}, "joint_pos is not an array of numbers"),
+        ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0.0"),
+    ],
+)
+def test_what_does_not_fit_is_refused(make_log, changes, problem):
+    with pytest.raises(LogError, match=problem):
+        checked(make_log(**changes))
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_fewer_than_two_rows_are_refused(make_log, rows):
+    with pytest.raises(LogError, match=f"has {rows} rows, at least 2"):
+        checked(make_log(rows=rows))
+
+
+def test_segments_partition_the_rows(full_log):
+    parts = list(full_log.segments())
+    assert [part.num_rows for part in parts] == [100, 100]
+    for name, value in channels(full_log).items():
+        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), value)
+
+
+def test_one_joint_keeps_its_columns(full_log):
+    log = checked(full_log.joint(1))
+    assert log.joint_names == ("right",)
+    assert log.num_joints == 1
+    np.testing.assert_array_equal(log.external_torque, full_log.external_torque[:, [1]])
+    np.testing.assert_array_equal(log.base_orientation, full_log.base_orientation)

@@ -1,0 +1,69 @@
+"""A held command stays held, a straight line stays straight, and repeats go."""
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import channels
+from motorprior.logs.resampling import drop_repeats, repeated_rows, resample
+
+
+def test_a_uniform_log_is_its_own_resampling(make_log):
+    log = make_log()
+    again = resample(log, 0.01)
+    for name, value in channels(log).items():
+        np.testing.assert_allclose(getattr(again, name), value, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005, 1 / 3000])
+def test_the_command_is_held_and_the_angle_is_linear(make_log, period):
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(2e-3, 2e-2, 100))
+    line = 2.0 * time[:, None] + np.array([0.0, 1.0])
+    step = np.repeat(np.arange(100.0)[:, None], 2, axis=1)
+    log = resample(make_log(rows=100, time=time, joint_pos=line, position_target=step), period)
+    np.testing.assert_allclose(np.diff(log.time), period, rtol=1e-9)
+    np.testing.assert_allclose(log.joint_pos[:, 0], 2.0 * log.time, atol=1e-12)
+    held = log.position_target[:, 0].astype(int)
+    assert np.all(time[held] <= log.time + 1e-6 * period)
+    assert np.all(log.time[held < 99] < time[held[held < 99] + 1])
+
+
+def test_segments_do_not_mix(full_log):
+    log = resample(full_log, 0.001)
+    for old, new in zip(full_log.segments(), log.segments(), strict=True):
+        assert new.time[0] == old.time[0]
+        assert old.time[-1] - 0.001 <= new.time[-1] <= old.time[-1]
+        assert new.segment is not None and old.segment is not None
+        assert new.segment[0] == old.segment[0]
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, np.nan, np.inf, 1e-12, 100.0])
+def test_an_impossible_period_is_refused(make_log, period):
+    with pytest.raises(LogError, match="period"):
+        resample(make_log(), period)
+
+
+def test_dropping_repeats_restores_the_log_that_was_polled(make_log):
+    log = make_log()
+    polled = np.sort(np.concatenate([np.arange(200), np.arange(0, 200, 3)]))
+    time = log.time[polled] + 1e-3 * np.concatenate([[0], np.diff(polled) == 0])
+    faster = make_log(
+        rows=len(polled),
+        time=time,
+        **{name: getattr(log, name)[polled] for name in ("position_target", "joint_pos", "joint_vel")},
+    )
+    assert repeated_rows(faster).sum() == 67
+    np.testing.assert_array_equal(drop_repeats(faster).joint_pos, log.joint_pos)
+    np.testing.assert_array_equal(drop_repeats(faster).time, log.time)
+
+
+def test_a_segment_boundary_is_no_repeat(make_log):
+    angle = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    log = make_log(rows=4, time=np.arange(4.0), joint_pos=angle, segment=np.array([0, 0, 1, 1]))
+    assert not repeated_rows(log).any()
+
+
+def test_a_log_that_never_moves_cannot_lose_its_repeats(make_log):
+    with pytest.raises(LogError, match="all measured angles"):
+        drop_repeats(make_log(joint_pos=np.ones((200, 2))))

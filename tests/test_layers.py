@@ -1,0 +1,123 @@
+"""Imports go one way, heavy libraries have one home, files stay small and have names that say something."""
+
+import ast
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
+WORDS = {"", "exceptions", "rotations", "signals", "artifacts", "backend"}  # "" is motorprior/__init__.py
+ORDER = [
+    *("words", "robots", "logs", "actuator", "bench", "identification"),
+    *("locomotion", "simulation", "search", "transfer", "hardware", "cli"),
+]
+FORBIDDEN = {
+    "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
+    "locomotion": {"simulation"},  # gets a backend handed in
+    "search": {"simulation"},  # gets a rollout handed in
+}
+HOMES = {
+    **dict.fromkeys(["jax", "optax"], "identification/"),
+    **dict.fromkeys(["mujoco", "pybullet"], "simulation/"),
+    "ray": "search/executor.py",
+    "serial": "hardware/",
+    "pyarrow": "logs/",
+    **dict.fromkeys(["matplotlib", "jinja2"], "transfer/"),
+    **dict.fromkeys(["tyro", "rich"], "cli/"),
+}
+EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
+
+
+def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
+    """Line and absolute dotted name of everything imported, at any depth, relative imports resolved."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*start, *([node.module] if node.module else [])])
+            yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+            names = [a.value for a in node.args[:1] if isinstance(a, ast.Constant)]
+            yield from ((node.lineno, str(name)) for name in names)
+
+
+def layer(name: str, source: Path) -> str:
+    """Layer of `motorprior.<name>…`; a name that is no module (`__version__`) is a word of the package."""
+    if name in WORDS or not ((source / name).is_dir() or (source / f"{name}.py").is_file()):
+        return "words"
+    return "cli" if name == "__main__" else name
+
+
+def violations(source: Path) -> list[str]:
+    """Every breach of the import rules below `source`, as "file:line: what is wrong"."""
+    found = []
+    for file in sorted(source.rglob("*.py")):
+        inside = file.relative_to(source)
+        place = inside.as_posix()
+        here = layer(inside.parts[0].removesuffix(".py").replace("__init__", ""), source)
+        if here not in ORDER:
+            found.append(f"{place}:1: {here} has no place in the order")
+            continue
+        allowed = set(ORDER[: ORDER.index(here) + 1]) - FORBIDDEN.get(here, set())
+        for line, name in imported(ast.parse(file.read_text("utf-8")), ["motorprior", *inside.parent.parts]):
+            top, _, rest = name.partition(".")
+            if top == "motorprior" and (target := layer(rest.partition(".")[0], source)) not in allowed:
+                found.append(f"{place}:{line}: {here} imports {target}")
+            if not place.startswith(HOMES.get(top, "")):
+                found.append(f"{place}:{line}: {top} is at home in {HOMES[top]} only")
+    return found
+
+
+def test_imports_go_one_way_and_heavy_libraries_have_one_home():
+    assert SOURCE.is_dir()
+    assert violations(SOURCE) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "code", "breach"),
+    [
+        ("robots/spec.py", "from motorprior.cli import main", "robots imports cli"),
+        ("robots/pupper/spec.py", "from ...bench import fleet", "robots imports bench"),
+        ("robots/spec.py", "from .. import bench", "robots imports bench"),
+        ("signals.py", "import motorprior.logs", "words imports logs"),
+        (
+            "identification/train.py",
+            "def f():\n    from motorprior import simulation",
+            "identification imports simulation",
+        ),
+        ("search/train.py", "import motorprior.simulation.rollout", "search imports simulation"),
+        ("locomotion/env.py", "from motorprior.simulation import rollout", "locomotion imports simulation"),
+        ("hardware/safety.py", "from motorprior.actuator import latent", "hardware imports actuator"),
+        ("actuator/latent.py", "import jax.numpy as jnp", "jax is at home in identification/ only"),
+        ("bench/load.py", "importlib.import_module('mujoco')", "mujoco is at home in simulation/ only"),
+        ("search/train.py", "import ray", "ray is at home in search/executor.py only"),
+        ("misc/thing.py", "", "misc has no place in the order"),
+        ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
+        ("search/executor.py", "import ray\nfrom motorprior.locomotion.policy import act", None),
+        ("cli/main.py", "import tyro\nfrom motorprior.simulation import rollout", None),
+    ],
+)
+def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: str | None):
+    for folder in ORDER[1:]:
+        (tmp_path / folder).mkdir()
+    (tmp_path / "signals.py").touch()
+    (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / place).write_text(code)
+    found = [line.split(": ", 1)[1] for line in violations(tmp_path)]
+    assert found == ([breach] if breach else [])
+
+
+@pytest.mark.filterwarnings("default::UserWarning")
+def test_files_are_short():
+    lengths = {file: len(file.read_text("utf-8").splitlines()) for file in SOURCE.rglob("*.py")}
+    for file, lines in lengths.items():
+        if 300 < lines <= 500:
+            warnings.warn(f"{file.relative_to(SOURCE)} has {lines} lines: 300 is long", stacklevel=1)
+    assert {str(file.relative_to(SOURCE)): n for file, n in lengths.items() if n > 500} == {}
+
+
+def test_names_say_what_is_inside():
+    assert [str(f.relative_to(SOURCE)) for f in SOURCE.rglob("*") if f.stem in EMPTY_NAMES] == []

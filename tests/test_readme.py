@@ -1,0 +1,121 @@
+"""Every command in the README, CONTRIBUTING and docs/ is one that exists: checked without running it."""
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+FENCE = re.compile(r"^ *(```+|~~~+) *(\w*)[^\n]*\n(.*?)^ *\1 *$", re.MULTILINE | re.DOTALL)
+UNCHECKED = {"cd", "git", "pre-commit"}  # commands that are not ours; any other unknown one fails
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """Words of every command in the ```sh blocks, less comments, prompts, redirections and variables."""
+    blocks = FENCE.findall(text)
+    opened = len(re.findall(r"^ *(?:```+|~~~+) *sh\b", text, re.MULTILINE))
+    assert opened == sum(language == "sh" for _, language, _ in blocks), "a ```sh block is not closed"
+    for _, language, block in blocks:
+        assert language not in {"bash", "console", "shell", "zsh"}, f"```{language}: only ```sh is checked"
+        for line in block.replace("\\\n", " ").splitlines() if language == "sh" else ():
+            lexer = shlex.shlex(line.strip().removeprefix("$ "), posix=True, punctuation_chars=True)
+            lexer.whitespace_split = True
+            command: list[str] = []
+            for word in [*lexer, ";"]:
+                if word and set(word) <= set(";&|"):
+                    if command:
+                        yield list(takewhile(lambda w: not w or not set(w) <= set("<>"), command))
+                    command = []
+                elif command or not re.match(r"\w+=", word):
+                    command.append(word)
+
+
+def parses(args: list[str]) -> None:
+    from motorprior.cli.main import parse
+
+    try:
+        parse(args)
+    except SystemExit as stop:  # --help leaves with 0
+        assert not stop.code, f"motorprior {shlex.join(args)} does not parse"
+
+
+def make_succeeds(args: list[str]) -> None:
+    targets = set(re.findall(r"^([\w.-]+)\s*:(?!=)", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE))
+    wanted = [word for word in args if "=" not in word and not word.startswith("-")]
+    assert set(wanted) <= targets, f"the Makefile makes {sorted(targets)}"
+    if "demo" in wanted:
+        parses(["demo", *(o for word in args if word.startswith("ARGS=") for o in shlex.split(word[5:]))])
+
+
+def installs(args: list[str]) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = {e for word in args for names in re.findall(r"\[(.*?)\]", word) for e in names.split(",")}
+    assert extras <= set(project["optional-dependencies"]), f"an extra of {args} does not exist"
+
+
+def runs_python(args: list[str]) -> None:
+    if args[:2] == ["-m", "pip"]:
+        return installs(args[2:])
+    assert args[:1] == ["-m"] or (ROOT / args[0]).is_file(), f"no file {args[0]}"
+
+
+CHECKS = {
+    "motorprior": parses,
+    "make": make_succeeds,
+    "pip": installs,
+    "python": runs_python,
+    "python3": runs_python,
+}
+
+
+def check(command: list[str]) -> None:
+    program = command[0].removeprefix(".venv/bin/")
+    assert program in CHECKS or program in UNCHECKED, f"no check for `{shlex.join(command)}`"
+    if program in CHECKS:
+        CHECKS[program](command[1:])
+
+
+def page_commands() -> list[tuple[str, list[str]]]:
+    return [
+        (page.name, words) for page in PAGES if page.is_file() for words in commands(page.read_text("utf-8"))
+    ]
+
+
+def test_the_readme_shows_commands():
+    assert any(page == "README.md" for page, _ in page_commands())
+
+
+@pytest.mark.parametrize(
+    "words", [pytest.param(w, id=f"{page}: {shlex.join(w)}") for page, w in page_commands()]
+)
+def test_every_command_exists(words: list[str]):
+    check(words)
+
+
+def test_commands_are_read_out_of_the_text():
+    text = "```sh\n$ A=1 make demo ARGS='--seed 1'  # all\n"
+    text += "motorprior bench \\\n  --out x > log && make test\n```\n"
+    text += "```json\nno\n```\n"
+    assert list(commands(text)) == [
+        ["make", "demo", "ARGS=--seed 1"],
+        ["motorprior", "bench", "--out", "x"],
+        ["make", "test"],
+    ]
+
+
+@pytest.mark.parametrize(
+    "text", ["make nothing", "pip install 'motorprior[nothing]'", "nothing", "python no.py"]
+)
+def test_a_command_that_does_not_exist_is_caught(text: str):
+    with pytest.raises(AssertionError):
+        check(shlex.split(text))
+
+
+def test_an_option_that_does_not_exist_is_caught():
+    with pytest.raises(AssertionError):
+        check(["motorprior", "demo", "--no-such-option"])
