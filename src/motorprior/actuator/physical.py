@@ -25,9 +25,12 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import PHYSICAL, ActuatorArrays, empty_arrays
+from motorprior.exceptions import ConfigError
 
 SUBSTEP = 0.00025
 """Longest substep [s]: a tenth of the fastest gear oscillation."""
+LONGEST_STEP = 0.001
+"""Longest physics step [s] at which gear and a bare shank, coupled once per step, stay stable."""
 
 (
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
@@ -112,6 +115,11 @@ class PhysicalActuator:
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
+        if physics_dt > LONGEST_STEP * (1 + 1e-9):
+            raise ConfigError(
+                f"physics step {physics_dt:g} s exceeds {LONGEST_STEP:g} s, the longest for physical motors",
+                remedy=f"simulate with physics_dt = {LONGEST_STEP:g} s",
+            )
         table = self.motors.table()
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
         table[_DELAY] /= physics_dt

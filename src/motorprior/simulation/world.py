@@ -115,18 +115,29 @@ class World:
 
 
 @njit(cache=True, nogil=True)
-def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
-    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²]."""
+def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
+    """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
+
+    Leaves the motors' torque on the joints (the engine's damping included) in ``world.torque``.
+    """
     total, n = 0.0, target.shape[0]
     q, dq = world.qpos[world.qpos.shape[0] - n :], world.qvel[world.qvel.shape[0] - n :]
     applied = world.applied[world.applied.shape[0] - n :]
+    step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
+    for joint in range(n):
+        applied[joint] = world.torque[joint]
+        world.torque[joint] -= world.damping[joint] * dq[joint]
+        total += world.torque[joint] * world.torque[joint]
+    mj_step(world.step, world.model, world.data)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
+    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²]."""
+    total = 0.0
     for _ in range(world.substeps):
-        step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
-        for joint in range(n):
-            applied[joint] = world.torque[joint]
-            motor = world.torque[joint] - world.damping[joint] * dq[joint]
-            total += motor * motor
-        mj_step(world.step, world.model, world.data)
+        total += physics_step(world, motors, target)
     return total / world.substeps
 
 

@@ -1,0 +1,93 @@
+"""Play given position targets on a simulated robot and record what every joint does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.exceptions import SimulationFault
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recording of C control steps with P physics steps in all.
+
+    Attributes:
+        joint_pos: (P, 12) [rad] after each physics step.
+        joint_torque: (P, 12) [N·m] during each physics step.
+        measured_joint_pos: (C, 12) [rad] as the encoders report it, before each control step.
+        base: (C, 7) position [m] and quaternion of the chassis before each control step; empty when hung.
+    """
+
+    joint_pos: np.ndarray
+    joint_torque: np.ndarray
+    measured_joint_pos: np.ndarray
+    base: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _play(
+    world: WorldArrays,
+    motors: ActuatorArrays,
+    targets: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_torque: np.ndarray,
+    measured: np.ndarray,
+    base: np.ndarray,
+) -> None:
+    n = targets.shape[1]
+    row = 0
+    for step in range(targets.shape[0]):
+        read_joints(world, motors, measured[step])
+        if base.shape[0] > 0:
+            base[step] = world.qpos[:7]
+        for _ in range(world.substeps):
+            physics_step(world, motors, targets[step])
+            joint_torque[row] = world.torque
+            joint_pos[row] = world.qpos[world.qpos.shape[0] - n :]
+            row += 1
+
+
+def replay(
+    world: World,
+    actuator: Actuator,
+    targets: np.ndarray,
+    start: np.ndarray = spec.NOMINAL_POSE,
+    settle: float = 0.0,
+) -> Replay:
+    """Hold each row of ``targets`` (C, 12) [rad] for one control step, from rest at ``start``.
+
+    Args:
+        world: the robot; it is reset first.
+        actuator: 12 motors.
+        targets: position targets.
+        start: joint angles at the beginning.
+        settle: time [s] to hold the first target before recording.
+
+    Raises:
+        SimulationFault: the state became NaN or the engine's memory was full.
+    """
+    motors = world.reset(actuator, start)
+    targets = np.ascontiguousarray(targets, dtype=np.float64)
+    waiting = np.repeat(targets[:1], round(settle / world.config.control_dt), axis=0)
+    if len(waiting):
+        _run(world, motors, waiting)
+    recorded = _run(world, motors, targets)
+    fault = world.fault()
+    if fault:
+        raise SimulationFault(FAULTS[fault], remedy="shorten physics_dt or check the motors' gains")
+    return recorded
+
+
+def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Replay:
+    steps, n = targets.shape
+    physics = steps * world.config.substeps
+    base = np.zeros((0 if world.config.hung else steps, 7))
+    out = Replay(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
+    _play(world.arrays, motors, targets, out.joint_pos, out.joint_torque, out.measured_joint_pos, out.base)
+    return out

@@ -1,0 +1,168 @@
+"""A whole walking episode in one compiled call: policy, generator, motors, physics, reward, end.
+
+It calls the same compiled pieces in the same order as `locomotion.env.PupperWalkEnv` on `MujocoBackend`, and
+gives bit for bit what they give; only the interpreter is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
+from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
+from motorprior.locomotion.task import TaskWeights, observe
+from motorprior.robots.pupper_v2.spec import NUM_JOINTS
+from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints
+
+_FIRST_JOINT_OBSERVATION = 4
+
+
+@dataclass(frozen=True)
+class WalkConfig:
+    """An episode.
+
+    Attributes:
+        episode_steps: control steps at most.
+        task: reward coefficients.
+        encoder_noise: standard deviation of white noise on the observed joint angles [rad].
+    """
+
+    episode_steps: int = 250
+    task: TaskWeights = TaskWeights()
+    encoder_noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What happened.
+
+    Attributes:
+        total: sum of rewards [m].
+        steps: control steps until the fall or the end of time.
+        displacement: (2,) forward and left [m].
+        fault: 0 or a key of `world.FAULTS`.
+        count: observations; mean (18,) and m2 (18,) are their Welford statistics.
+        mean: see count.
+        m2: see count.
+        trace: (steps, 19) qpos before every control step, if it was asked for.
+    """
+
+    total: float
+    steps: int
+    displacement: np.ndarray
+    fault: int
+    count: int
+    mean: np.ndarray
+    m2: np.ndarray
+    trace: np.ndarray
+
+
+class _Scratch(NamedTuple):
+    observation: np.ndarray
+    action: np.ndarray
+    filter_state: np.ndarray
+    command: np.ndarray
+    target: np.ndarray
+    measured: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _episode(
+    world: WorldArrays,
+    motors: ActuatorArrays,
+    weights: np.ndarray,
+    obs_mean: np.ndarray,
+    obs_std: np.ndarray,
+    task: np.ndarray,
+    noise: np.ndarray,
+    control_dt: float,
+    max_steps: int,
+    s: _Scratch,
+    mean: np.ndarray,
+    m2: np.ndarray,
+    trace: np.ndarray,
+) -> tuple[float, int, int]:
+    """Return total reward, steps and fault."""
+    qpos, qvel = world.qpos, world.qvel
+    s.filter_state[:] = 0.0
+    phase, total, steps, fault = 0.0, 0.0, 0, 0
+    read_joints(world, motors, s.measured)
+    observe(qpos[3:7], qvel[3:6], s.measured, phase, s.observation)
+    for step in range(max_steps):
+        for i in range(s.measured.shape[0]):
+            s.observation[_FIRST_JOINT_OBSERVATION + i] += noise[step % noise.shape[0], i]
+        if trace.shape[0] > 0:
+            trace[step] = qpos
+        accumulate_moments(s.observation, step, mean, m2)
+        act(weights, obs_mean, obs_std, s.observation, s.action)
+        phase = command_step(s.action, s.filter_state, phase, control_dt, s.command, s.target)
+        previous_x = qpos[0]
+        squared = hold_target(world, motors, s.target)
+        fault = find_fault(world)
+        read_joints(world, motors, s.measured)
+        reward, ended = evaluate_step(
+            qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], s.measured, squared, fault,
+            previous_x, phase, control_dt, task, s.observation,
+        )  # fmt: skip
+        total += reward
+        steps = step + 1
+        if ended:
+            break
+    return total, steps, fault
+
+
+class WalkSimulator:
+    """Runs episodes; one per thread.
+
+    Args:
+        draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
+        world: physics.
+        walk: episode.
+    """
+
+    def __init__(self, draw_motors: DrawMotors, world: WorldConfig | None = None, walk: WalkConfig | None = None):
+        self._world = World(world or WorldConfig())
+        self._draw = draw_motors
+        self._walk = walk or WalkConfig()
+        self._task = self._walk.task.array()
+        self._scratch = _Scratch(
+            np.zeros(OBSERVATION_SIZE),
+            np.zeros(ACTION_SIZE),
+            np.zeros(ACTION_SIZE),
+            np.zeros(ACTION_SIZE),
+            np.zeros(NUM_JOINTS),
+            np.zeros(NUM_JOINTS),
+        )
+
+    def run(
+        self,
+        weights: np.ndarray,
+        observation_mean: np.ndarray,
+        observation_std: np.ndarray,
+        seed: int,
+        trace: bool = False,
+    ) -> Episode:
+        """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws."""
+        rng = np.random.default_rng(seed)
+        motors = self._world.reset(self._draw(rng))
+        mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
+        steps = self._walk.episode_steps
+        qpos = np.zeros((steps if trace else 0, len(self._world.arrays.qpos)))
+        total, done, fault = _episode(
+            self._world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
+            self._task, self._noise(rng), self._world.config.control_dt, steps, self._scratch, mean, m2, qpos,
+        )  # fmt: skip
+        base = self._world.arrays.qpos[:2]
+        where = np.zeros(2) if fault else base.copy()
+        return Episode(total, done, where, fault or self._world.fault(), done, mean, m2, qpos[:done])
+
+    def _noise(self, rng: np.random.Generator) -> np.ndarray:
+        if self._walk.encoder_noise == 0.0:
+            return np.zeros((1, NUM_JOINTS))
+        return self._walk.encoder_noise * rng.standard_normal((self._walk.episode_steps, NUM_JOINTS))
