@@ -52,12 +52,13 @@ def _simulate(
     external: np.ndarray,
     dt: float,
     fine: int,
+    start_offset: float,
     out: np.ndarray,
 ) -> None:
     """Fill out (3, steps, n); ``fine`` integration steps per sample."""
     steps, n = targets.shape
     h = dt / fine
-    q, dq, torque = targets[0].copy(), np.zeros(n), np.zeros(n)
+    q, dq, torque = targets[0] + start_offset, np.zeros(n), np.zeros(n)
     reset_actuator(arrays, targets[0], q)
     for step in range(steps):
         out[0, step], out[1, step], out[2, step] = q, dq, 0.0
@@ -70,8 +71,8 @@ def _simulate(
                 q[j] += h * dq[j]
 
 
-def run(actuator: Actuator, trial: Trial) -> Response:
-    """Simulate ``trial`` from rest at its first target.
+def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:
+    """Simulate ``trial`` from rest at its first target, plus ``start_offset`` [rad].
 
     Physical motors run with the joint at their own substep; a model runs at the trial's period or, where
     that is longer than 2 ms, at 2 ms: the clock it would have in a robot's simulation.
@@ -88,6 +89,7 @@ def run(actuator: Actuator, trial: Trial) -> Response:
         np.ascontiguousarray(trial.external_torque, dtype=np.float64),
         trial.dt,
         fine,
+        start_offset,
         out,
     )
     return Response(*out)

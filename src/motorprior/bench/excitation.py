@@ -54,11 +54,15 @@ def held(targets: np.ndarray, every: int) -> np.ndarray:
 
 
 def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine blows of 8-60 ms."""
-    torque = np.full(steps, rng.uniform(-0.4, 0.4))
+    """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine blows.
+
+    Blows last 4-60 ms and reach up to 3 N·m, as footfalls of a trotting Pupper do.
+    """
+    torque = np.full(steps, rng.uniform(-0.5, 0.5))
     time, now = np.arange(steps) * dt, rng.uniform(0.0, 0.2)
     while now < steps * dt:
-        length, peak = rng.uniform(0.008, 0.06), rng.uniform(-1.2, 1.2)
+        length = np.exp(rng.uniform(np.log(0.004), np.log(0.06)))
+        peak = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
         inside = (time >= now) & (time < now + length)
         torque[inside] += peak * np.sin(np.pi * (time[inside] - now) / length)
         now += rng.uniform(0.08, 0.35)

@@ -58,7 +58,7 @@ def replay(
     actuator: Actuator,
     targets: np.ndarray,
     start: np.ndarray = spec.NOMINAL_POSE,
-    settle: float = 0.0,
+    lead_in: np.ndarray | None = None,
 ) -> Replay:
     """Hold each row of ``targets`` (C, 12) [rad] for one control step, from rest at ``start``.
 
@@ -67,16 +67,15 @@ def replay(
         actuator: 12 motors.
         targets: position targets.
         start: joint angles at the beginning.
-        settle: time [s] to hold the first target before recording.
+        lead_in: (L, 12) targets held before the recording begins.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.
     """
     motors = world.reset(actuator, start)
     targets = np.ascontiguousarray(targets, dtype=np.float64)
-    waiting = np.repeat(targets[:1], round(settle / world.config.control_dt), axis=0)
-    if len(waiting):
-        _run(world, motors, waiting)
+    if lead_in is not None:
+        _run(world, motors, np.ascontiguousarray(lead_in, dtype=np.float64))
     recorded = _run(world, motors, targets)
     fault = world.fault()
     if fault:

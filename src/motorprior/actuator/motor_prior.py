@@ -1,0 +1,150 @@
+"""The motor prior: a distribution of motors as a file. z ~ N(0, I) gives a motor, μ_i gives training motor i."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.artifacts import read_tensors, require_keys, write_tensors
+from motorprior.exceptions import ArtifactError, ConfigError
+
+SCHEMA_VERSION = 1
+UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
+SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
+INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
+_WEIGHTS = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
+_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
+_HEADER = (
+    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", *_SCALES,
+    "preset", "robot", "motor", "provenance", "metrics",
+)  # fmt: skip
+_LARGEST_WEIGHT = 1e4
+
+
+@dataclass(frozen=True)
+class MotorPrior:
+    """A learned distribution of motors.
+
+    Attributes:
+        network: the shared network.
+        mean: (M, Z) posterior means of the training motors.
+        log_var: (M, Z) their log-variances.
+        preset: name of the recipe.
+        robot: robot whose motors these are.
+        motor: motor model.
+        provenance: where the logs come from: fleet summary, gains, seeds, minutes of log.
+        metrics: figures of the training.
+    """
+
+    network: LatentNetwork
+    mean: np.ndarray
+    log_var: np.ndarray
+    preset: str
+    robot: str
+    motor: str
+    provenance: dict[str, Any]
+    metrics: dict[str, float]
+
+    def sample(self, rng: np.random.Generator, count: int) -> LatentActuator:
+        """``count`` new motors, z ~ N(0, I)."""
+        return LatentActuator(self.network, rng.standard_normal((count, self.network.num_latents)))
+
+    def training_motors(self, index: np.ndarray) -> LatentActuator:
+        """The training motors at ``index``, at their posterior means."""
+        return LatentActuator(self.network, self.mean[index])
+
+    def require(self, robot: str, physics_dt: float) -> None:
+        """Refuse a use the prior was not made for.
+
+        Raises:
+            ConfigError: another robot, or a physics step that does not divide its period.
+        """
+        if self.robot != robot:
+            raise ConfigError(
+                f"the prior is of robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
+            )
+        LatentActuator(self.network, self.mean[:1]).arrays(physics_dt)
+
+    def save(self, path: Path) -> None:
+        """Write one safetensors file, atomically."""
+        net = self.network
+        tensors = {name: np.asarray(getattr(net, name), np.float64) for name in _WEIGHTS}
+        header = {
+            "schema_version": SCHEMA_VERSION, "kind": "motor prior", "units": UNITS, "sign": SIGN,
+            "input_order": INPUT_ORDER, "taps": list(net.taps), "period": net.period,
+            "has_armature": net.has_armature, **{name: getattr(net, name) for name in _SCALES},
+            "preset": self.preset, "robot": self.robot, "motor": self.motor,
+            "provenance": self.provenance, "metrics": self.metrics,
+        }  # fmt: skip
+        write_tensors(path, {**tensors, "mean": self.mean, "log_var": self.log_var}, header)
+
+    @classmethod
+    def load(cls, path: Path) -> MotorPrior:
+        """Read a prior.
+
+        Raises:
+            ArtifactError: not a motor prior, another schema, unknown or missing keys, shapes that do not fit,
+                or weights beyond any sensible size.
+        """
+        tensors, header = read_tensors(path)
+        if header.get("kind") != "motor prior":
+            raise ArtifactError(f"kind {header.get('kind')!r} is not a motor prior", where=path)
+        if header.get("schema_version") != SCHEMA_VERSION:
+            raise ArtifactError(
+                f"schema version {header.get('schema_version')!r}, this motorprior reads {SCHEMA_VERSION}",
+                where=path,
+                remedy="identify it anew with this version",
+            )
+        require_keys(header, _HEADER, path)
+        require_keys(tensors, (*_WEIGHTS, "mean", "log_var"), path)
+        _check_meaning(header, path)
+        _check_shapes(tensors, header, path)
+        network = LatentNetwork(
+            **{name: tensors[name] for name in _WEIGHTS},
+            taps=tuple(header["taps"]),
+            has_armature=header["has_armature"],
+            **{name: float(header[name]) for name in ("period", *_SCALES)},
+        )
+        texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
+        return cls(network, tensors["mean"], tensors["log_var"], **texts)
+
+
+def _check_meaning(header: dict[str, Any], path: Path) -> None:
+    """Units, sign, order and numbers are those this code computes with."""
+    for key, wanted in (("units", UNITS), ("sign", SIGN), ("input_order", INPUT_ORDER)):
+        if header[key] != wanted:
+            raise ArtifactError(f"{key} is {header[key]!r}", where=path, remedy=f"this version computes with {wanted!r}")
+    for key in ("period", *_SCALES):
+        value = header[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+            raise ArtifactError(f"{key} = {value!r} is not a positive number", where=path)
+    taps = header["taps"]
+    if not taps or taps[0] != 0 or any(not isinstance(tap, int) for tap in taps) or sorted(set(taps)) != taps:
+        raise ArtifactError(f"taps {taps!r} do not ascend from 0", where=path)
+    if not isinstance(header["has_armature"], bool):
+        raise ArtifactError(f"has_armature = {header['has_armature']!r} is not true or false", where=path)
+
+
+def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
+    inputs, neurons = 2 * len(header["taps"]), tensors["b1"].shape[0] if tensors["b1"].ndim == 1 else 0
+    motors, latents = (*tensors["mean"].shape, 0, 0)[:2]
+    wanted = {
+        "w1": (inputs, neurons), "v1": (latents, neurons), "b1": (neurons,), "w2": (neurons, neurons),
+        "b2": (neurons,), "w3": (neurons,), "b3": (), "log_armature": (), "armature_slope": (latents,),
+        "mean": (motors, latents), "log_var": (motors, latents),
+    }  # fmt: skip
+    for name, shape in wanted.items():
+        value = tensors[name]
+        if value.shape != shape or value.dtype != np.float64:
+            raise ArtifactError(f"{name} is {value.dtype}{value.shape}, wanted float64{shape}", where=path)
+        if value.size and np.abs(value).max() > _LARGEST_WEIGHT:
+            raise ArtifactError(
+                f"{name} holds {np.abs(value).max():.3g}, beyond {_LARGEST_WEIGHT:g}", where=path,
+                remedy="the training diverged: identify it anew",
+            )  # fmt: skip
+    if neurons == 0 or neurons % 4:
+        raise ArtifactError(f"{neurons} neurons per layer is not a multiple of 4", where=path)

@@ -1,0 +1,114 @@
+"""``motorprior bench``: a fleet of physical motors on the virtual dynamometer, as a motor log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.actuator.physical import MotorParameters
+from motorprior.artifacts import read_json, require_keys, write_json
+from motorprior.bench.fleet import Distribution, Fleet, load_fleet
+from motorprior.bench.record import bench_preset, record
+from motorprior.cli.console import bar
+from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_log, write_log
+
+LOG, FACTS = "log.parquet", "bench.json"
+_FACTS = ("fleet", "motor", "robot", "parameters", "preset", "motors", "steps", "seed")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Record motor logs on a virtual dynamometer."""
+
+    out: Path
+    """Folder for log.parquet and bench.json."""
+    fleet: str = "pupper_v2"
+    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
+    preset: str = "rollout"
+    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms) or paper (sinusoid; 10 ms)."""
+    motors: int = 32
+    """Number of motors drawn from the fleet."""
+    steps: int = 10_000
+    """Samples per motor."""
+    seed: int = 0
+    """Draws the motors and their excitation."""
+
+
+@dataclass(frozen=True)
+class BenchFacts:
+    """What a bench folder says about its motors, enough to draw the very same ones again."""
+
+    fleet: Fleet
+    preset: str
+    motors: int
+    steps: int
+    seed: int
+
+    def physical_motors(self) -> MotorParameters:
+        """The motors that stood on the bench."""
+        return training_motors(self.fleet, self.motors, self.seed)
+
+    def as_json(self) -> dict[str, Any]:
+        """For bench.json and for a prior's provenance."""
+        return {
+            "fleet": self.fleet.name,
+            "motor": self.fleet.motor,
+            "robot": self.fleet.robot,
+            "parameters": self.fleet.summary(),
+            "preset": self.preset,
+            "motors": self.motors,
+            "steps": self.steps,
+            "seed": self.seed,
+        }
+
+
+def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
+    """The motors of a bench with this seed. Held-out motors use another stream of random numbers."""
+    return fleet.sample(np.random.default_rng([seed, 0]), motors)
+
+
+def facts_from_json(data: dict[str, Any], where: str) -> BenchFacts:
+    """Read what `BenchFacts.as_json` wrote.
+
+    Raises:
+        ArtifactError: unknown or missing keys.
+    """
+    require_keys(data, _FACTS, where)
+    parameters = {
+        name: Distribution(str(entry["kind"]), {k: float(v) for k, v in entry.items() if k != "kind"})
+        for name, entry in data["parameters"].items()
+    }
+    fleet = Fleet(data["fleet"], data["motor"], data["robot"], parameters)
+    return BenchFacts(fleet, data["preset"], data["motors"], data["steps"], data["seed"])
+
+
+def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
+    """The log and the facts of a bench folder.
+
+    Raises:
+        LogError, ArtifactError: missing, truncated or inconsistent files.
+    """
+    log = read_log(folder / LOG)
+    return log, facts_from_json(read_json(folder / FACTS), str(folder / FACTS))
+
+
+def run_bench(config: Bench) -> None:
+    """Record, unless the folder holds this very recording already."""
+    fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
+    fleet_files = [Path(config.fleet)] if config.fleet.endswith(".toml") else []
+    wanted = description("bench", config, fleet_files)
+    if is_finished(config.out, wanted):
+        return
+    begin(config.out)
+    with bar(f"bench {config.preset}: {config.motors} motors, {config.steps} steps", 1) as progress:
+        motors = training_motors(fleet, config.motors, config.seed)
+        write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
+        facts = BenchFacts(fleet, config.preset, config.motors, config.steps, config.seed)
+        write_json(config.out / FACTS, facts.as_json())
+        progress.advance()
+    finish(config.out, wanted)

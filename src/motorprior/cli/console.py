@@ -1,0 +1,56 @@
+"""Words on the terminal: progress, tables, errors. Machines get JSON on standard output instead."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+CONSOLE = Console(stderr=True, highlight=False)
+
+
+class Bar:
+    """Progress of one stage; on a pipe it prints a line every ten seconds instead of drawing."""
+
+    def __init__(self, progress: Progress | None, name: str, total: int):
+        self._progress, self._name, self._total, self._done = progress, name, total, 0
+        self._task = progress.add_task(name, total=total, note="") if progress else None
+        self._printed = time.monotonic()
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """``count`` more units are done."""
+        self._done += count
+        if self._progress is not None and self._task is not None:
+            self._progress.update(self._task, completed=self._done, note=note)
+        elif time.monotonic() - self._printed > 10.0:
+            self._printed = time.monotonic()
+            CONSOLE.print(f"  {self._name}: {self._done}/{self._total} {note}")
+
+
+@contextmanager
+def bar(name: str, total: int) -> Iterator[Bar]:
+    """Show progress of ``total`` units, and how long it took."""
+    started = time.monotonic()
+    if CONSOLE.is_terminal:
+        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[note]}")
+        with Progress(*columns, console=CONSOLE, transient=True) as progress:
+            yield Bar(progress, name, total)
+    else:
+        CONSOLE.print(f"{name} ...")
+        yield Bar(None, name, total)
+    CONSOLE.print(f"{name}: {time.monotonic() - started:.1f} s")
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table; the first column is text, the others are numbers."""
+    shown = Table(title=title, title_justify="left")
+    for index, column in enumerate(columns):
+        shown.add_column(column, justify="left" if index == 0 else "right")
+    for row in rows:
+        shown.add_row(*row)
+    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(shown)

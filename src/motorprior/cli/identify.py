@@ -1,0 +1,71 @@
+"""``motorprior identify``: motor logs in, motor prior out."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.cli.bench import FACTS, LOG, read_bench
+from motorprior.cli.console import bar
+from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.exceptions import ConfigError
+
+PRIOR = "prior.safetensors"
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Learn a motor prior from the log of a bench."""
+
+    bench: Path
+    """Folder that `motorprior bench` wrote."""
+    out: Path
+    """Folder for prior.safetensors."""
+    preset: str = "rollout"
+    """Recipe: rollout (closed loop), paper (torque regression), one_network (no latent)."""
+    seed: int = 0
+    """Seed of weights, windows and noise."""
+    steps: int | None = None
+    """Adam steps; the preset's own number if not given."""
+
+
+def run_identify(config: Identify) -> None:
+    """Train, unless the folder holds this very prior already.
+
+    Raises:
+        LogError, ConfigError: the log does not fit the recipe.
+    """
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    from motorprior.identification.presets import identification_preset
+    from motorprior.identification.train import CHUNK, identify
+    from motorprior.identification.windows import training_data
+
+    preset = identification_preset(config.preset)
+    if config.steps is not None:
+        if config.steps < 1:
+            raise ConfigError(f"steps {config.steps} is below 1", remedy="give at least 1")
+        preset = replace(preset, steps=config.steps)
+    log, facts = read_bench(config.bench)
+    wanted = description("identify", config, [config.bench / LOG, config.bench / FACTS])
+    if is_finished(config.out, wanted):
+        return
+    data = training_data(log, preset, str(config.bench / LOG))
+    begin(config.out)
+    started = time.monotonic()
+    with bar(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as progress:
+        found = identify(
+            data, preset, config.seed, lambda done, of, loss: progress.advance(CHUNK, f"loss {loss:.4f}")
+        )
+    seconds = time.monotonic() - started
+    metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+    provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": config.seed}
+    prior = MotorPrior(
+        found.network, found.mean, found.log_var, config.preset, facts.fleet.robot, facts.fleet.motor,
+        provenance, metrics,
+    )  # fmt: skip
+    prior.save(config.out / PRIOR)
+    (config.out / "seconds.txt").write_text(f"{seconds:.1f}\n")
+    finish(config.out, wanted)

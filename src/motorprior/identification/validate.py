@@ -1,0 +1,64 @@
+"""Closed-loop fidelity on the bench: how far a model's joint is from the physical motor's, on held-out excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.bench.dynamometer import Response, Trial, run
+from motorprior.bench.record import BenchPreset, trial
+from motorprior.signals import rmse
+
+ModelOfMotors = Callable[[np.ndarray], Actuator]
+"""Gives a model of the motors at these indices."""
+
+HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts"), 5)
+"""1 s each; loads inside the training range; seeds never used for training."""
+HELD_OUT_SEED = 7_000_000
+FLOOR_OFFSET = 0.004
+"""The floor: the physical motors again, started so far off [rad]."""
+_REPEATS = 4
+
+
+def held_out_trials(kind: str, motors: int, seed: int) -> list[Trial]:
+    """Trials of one excitation for all motors, every second one held at 100 Hz."""
+    code = HELD_OUT.kinds.index(kind)
+    return [
+        trial(
+            np.random.default_rng([HELD_OUT_SEED + seed, code, repeat]),
+            kind,
+            HELD_OUT.segment_steps,
+            motors,
+            HELD_OUT,
+            hold=repeat % 2 == 0,
+        )
+        for repeat in range(_REPEATS)
+    ]
+
+
+def bench_errors(
+    motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int
+) -> dict[str, dict[str, np.ndarray]]:
+    """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
+
+    ``physical`` is the floor: the true motors, started FLOOR_OFFSET off.
+    """
+    truth, index = PhysicalActuator(motors), np.arange(len(motors))
+    errors: dict[str, dict[str, np.ndarray]] = {}
+    for kind in HELD_OUT.kinds:
+        cases = held_out_trials(kind, len(motors), seed)
+        answers = [run(truth, case) for case in cases]
+        floor = [run(truth, case, FLOOR_OFFSET) for case in cases]
+        errors[kind] = {"physical": _mean_rmse(floor, answers)}
+        for name, model in models.items():
+            responses = [run(model(index), case) for case in cases]
+            errors[kind][name] = _mean_rmse(responses, answers)
+    return errors
+
+
+def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray:
+    pairs = zip(responses, answers, strict=True)
+    return np.mean([rmse(one.joint_pos, other.joint_pos, axis=0) for one, other in pairs], axis=0)

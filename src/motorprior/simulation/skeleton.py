@@ -1,0 +1,86 @@
+"""Where the robot's links are: points for pictures of a gait, from kinematics alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import mujoco
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.mjcf import mjcf
+
+NUM_QPOS = 7 + spec.NUM_JOINTS
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """The robot in F frames, in the world frame: x forward, y left, z up, floor at z = 0.
+
+    Attributes:
+        legs: (F, 4, 4, 3) [m]; legs FR FL RR RL × abduction origin, hip axis, knee, foot centre × (x, y, z).
+        chassis: (F, 8, 3) [m] corners of the body's box; corner 4a + 2b + c is at the upper end of its x, y
+            and z extent where a, b and c are 1.
+    """
+
+    legs: np.ndarray
+    chassis: np.ndarray
+
+    def __len__(self) -> int:
+        """F."""
+        return len(self.legs)
+
+    def frames(self, selection: slice | np.ndarray) -> Skeleton:
+        """The frames a slice, a mask (F,) or an index array selects."""
+        return Skeleton(self.legs[selection], self.chassis[selection])
+
+
+def skeleton(qpos: np.ndarray) -> Skeleton:
+    """Forward kinematics of every frame.
+
+    Args:
+        qpos: (F, 19); base position [m], base quaternion (w, x, y, z), joint angles [rad].
+
+    Raises:
+        ConfigError: wrong shape, or a coordinate that is not finite.
+    """
+    qpos = _checked(qpos)
+    model = mujoco.MjModel.from_xml_string(mjcf())
+    data = mujoco.MjData(model)
+    bodies, feet = _leg_ids(model)
+    box = model.body("chassis").geomadr[0]
+    corners = np.array(list(product((-1.0, 1.0), repeat=3))) * model.geom_size[box]
+    legs, chassis = np.empty((len(qpos), 4, 4, 3)), np.empty((len(qpos), 8, 3))
+    for frame, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        legs[frame, :, :3] = data.xpos[bodies]
+        legs[frame, :, 3] = data.geom_xpos[feet]
+        chassis[frame] = data.geom_xpos[box] + corners @ data.geom_xmat[box].reshape(3, 3).T
+    return Skeleton(legs, chassis)
+
+
+def _leg_ids(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies (4, 3) whose origins are abduction, hip and knee, and the feet's geoms (4,)."""
+    links = ("abduction_link", "thigh", "shank")
+    bodies = [[model.body(f"{leg}_{link}").id for link in links] for leg in spec.LEGS]
+    return np.array(bodies), np.array([model.geom(f"{leg}_foot").id for leg in spec.LEGS])
+
+
+def _checked(qpos: np.ndarray) -> np.ndarray:
+    qpos = np.asarray(qpos, dtype=np.float64)
+    if qpos.ndim != 2 or qpos.shape[1] != NUM_QPOS:
+        raise ConfigError(
+            f"qpos has shape {qpos.shape}, expected (frames, {NUM_QPOS})",
+            remedy="give base position, base quaternion and 12 joint angles per frame",
+        )
+    bad = np.argwhere(~np.isfinite(qpos))
+    if len(bad):
+        row, column = bad[0].tolist()
+        raise ConfigError(
+            f"frame {row}, qpos[{column}] is {qpos[row, column]}, not a finite number",
+            remedy="drop the frames after the fault",
+        )
+    return qpos

@@ -1,0 +1,137 @@
+"""Picture of the latent space: where the training motors lie, and what the directions mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from motorprior.transfer.plots_style import INK, MUTED, TEXT, describe, new_figure, panels, style
+
+PARAMETER_LABELS = {
+    "kp": "position gain [N·m/rad]",
+    "kd": "velocity gain [N·m·s/rad]",
+    "delay": "delay [s]",
+    "velocity_filter": "velocity filter [s]",
+    "torque_limit": "torque limit [N·m]",
+    "stall_torque": "stall torque [N·m]",
+    "no_load_speed": "no-load speed [rad/s]",
+    "armature": "armature [kg·m²]",
+    "coulomb": "Coulomb friction [N·m]",
+    "stribeck_torque": "Stribeck torque [N·m]",
+    "stribeck_velocity": "Stribeck velocity [rad/s]",
+    "viscous_damping": "viscous damping [N·m·s/rad]",
+    "load_friction": "load friction [-]",
+    "backlash": "backlash [rad]",
+    "gear_stiffness": "gear stiffness [N·m/rad]",
+    "gear_damping": "gear damping [N·m·s/rad]",
+    "encoder_zero": "encoder zero [rad]",
+}
+_COLUMNS = 2
+
+
+def latent_map(mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, np.ndarray]) -> Figure:
+    """The training motors in the latent space, coloured by what they physically are.
+
+    Two latents or more: the two directions along which the means vary most, seen from the prior's origin, so
+    that the prior N(0, I) stays a round unit normal; ellipses are one posterior σ, circles one and two σ of
+    the prior. One latent: each parameter over it. None: a note.
+
+    Args:
+        mean: (M, Z) posterior means.
+        log_var: (M, Z) their log variances.
+        parameters: (M,) of each physical parameter, by its name in `MotorParameters`.
+    """
+    if mean.shape[1] == 0:
+        return _note("No latents: one and the same network stands for every motor.")
+    rows = -(-len(parameters) // _COLUMNS)
+    if not rows:
+        parameters, rows = {"": np.zeros(len(mean))}, 1
+    figure = new_figure((2.5 if mean.shape[1] == 1 else 2.95) * rows)
+    grid = panels(figure, rows, _COLUMNS if len(parameters) > 1 else 1)
+    for axes, (name, values) in zip(grid.flat, parameters.items(), strict=False):
+        label = PARAMETER_LABELS.get(name, name.replace("_", " "))
+        if mean.shape[1] == 1:
+            _along_one_latent(axes, mean[:, 0], log_var[:, 0], values, label)
+        else:
+            _on_the_plane(figure, axes, mean, log_var, values, label)
+    for axes in grid.flat[len(parameters) :]:
+        axes.remove()
+    return figure
+
+
+def plane(mean: np.ndarray) -> np.ndarray:
+    """(Z, 2) orthonormal directions along which the means (M, Z) vary most; each one's largest entry is positive."""
+    _, _, rows = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=True)
+    directions = rows[:2].T
+    largest = directions[np.argmax(np.abs(directions), axis=0), np.arange(2)]
+    return directions * np.where(largest < 0.0, -1.0, 1.0)
+
+
+def _on_the_plane(
+    figure: Figure, axes: Axes, mean: np.ndarray, log_var: np.ndarray, values: np.ndarray, label: str
+) -> None:
+    """One panel: prior, posterior ellipses, means coloured by ``values``."""
+    directions = plane(mean)
+    points = mean @ directions
+    for radius in (1.0, 2.0):
+        axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=MUTED, linewidth=0.8, linestyle=(0, (3, 2))))
+        axes.annotate(f"{radius:.0f}σ", (0, radius), color=MUTED, fontsize=TEXT - 1.5, ha="center", va="bottom")
+    _ellipses(axes, points, log_var, directions)
+    dots = axes.scatter(*points.T, c=values, cmap="viridis", s=26, edgecolors="white", linewidths=0.5, zorder=3)
+    reach = max(2.35, 1.12 * float(np.abs(points).max()))
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    if label:
+        _colorbar(figure, axes, dots, label)
+    describe(axes, x="latent, 1st direction [-]", y="latent, 2nd direction [-]")
+
+
+def _ellipses(axes: Axes, points: np.ndarray, log_var: np.ndarray, directions: np.ndarray) -> None:
+    """One σ of each posterior, seen along the plane: covariance Wᵀ diag(exp(log_var)) W."""
+    covariance = np.einsum("zi,mz,zj->mij", directions, np.exp(log_var), directions)
+    variance, axis = np.linalg.eigh(covariance)
+    sigma = np.sqrt(variance)
+    angle = np.degrees(np.arctan2(axis[:, 1, 1], axis[:, 0, 1]))
+    axes.add_collection(
+        EllipseCollection(
+            2 * sigma[:, 1], 2 * sigma[:, 0], angle, units="xy", offsets=points,
+            offset_transform=axes.transData, facecolors="#5b64701c", edgecolors="#5b647060", linewidths=0.5,
+        )
+    )  # fmt: skip
+
+
+def _colorbar(figure: Figure, axes: Axes, dots, label: str) -> None:
+    bar = figure.colorbar(dots, ax=axes, shrink=0.85, pad=0.03, aspect=22)
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    bar.ax.tick_params(labelsize=TEXT - 1, labelcolor=MUTED, width=0.6, length=2)
+    bar.ax.locator_params(nbins=5)
+    bar.ax.set_title(label, fontsize=TEXT, color=INK, loc="right", pad=6)
+
+
+def _along_one_latent(
+    axes: Axes, mean: np.ndarray, log_var: np.ndarray, values: np.ndarray, label: str
+) -> None:
+    """One panel: the parameter over the only latent, with the prior's one and two σ shaded."""
+    for radius in (2.0, 1.0):
+        axes.axvspan(-radius, radius, color=MUTED, alpha=0.07, linewidth=0)
+    axes.errorbar(
+        mean, values, xerr=np.exp(0.5 * log_var), fmt="o", markersize=3.5, color=INK, ecolor="#5b647080",
+        elinewidth=0.8,
+    )  # fmt: skip
+    reach = max(2.35, 1.12 * float(np.abs(mean).max()))
+    axes.set_xlim(-reach, reach)
+    describe(axes, x="latent [-]", y=label or "motor [-]")
+
+
+def _note(text: str) -> Figure:
+    """A figure that says why there is nothing to see."""
+    figure = new_figure(1.0)
+    axes = figure.add_subplot()
+    style(axes)
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, ha="center", va="center", fontsize=TEXT + 1, color=MUTED)
+    return figure

@@ -1,0 +1,167 @@
+"""How every picture of the report looks: one colour and one dash per actuator model, sizes, axes, files.
+
+Everything is set on the artists themselves: nothing global changes, so two threads may draw at once.
+"""
+
+from __future__ import annotations
+
+from io import BytesIO
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+MODEL_COLORS = {
+    "truth": "#15181d",
+    "physical": "#15181d",
+    "measured": "#15181d",
+    "oracle": "#4b5360",
+    "ideal_pd": "#979da6",
+    "tuned_pd": "#a8672c",
+    "one_network": "#1a9a8b",
+    "paper": "#cf3b3b",
+    "rollout": "#2563c9",
+}
+"""One colour per actuator model, in every plot and every table."""
+
+MODEL_LABELS = {
+    "truth": "truth",
+    "physical": "physical",
+    "measured": "measured",
+    "oracle": "oracle",
+    "ideal_pd": "ideal PD",
+    "tuned_pd": "tuned PD",
+    "one_network": "one network",
+    "paper": "paper",
+    "rollout": "rollout",
+}
+"""What the reader sees."""
+
+MODEL_DASHES: dict[str, tuple[float, ...]] = {
+    "oracle": (5, 1.5),
+    "ideal_pd": (1.2, 1.2),
+    "tuned_pd": (4, 1.2, 1, 1.2),
+    "one_network": (3, 1.5),
+}
+"""Line pattern in units of the line width, so that nobody needs the colour; the others are solid."""
+
+OTHER_COLOR = "#7d4fa8"
+INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
+TARGET_COLOR = "#b9a24a"
+WIDTH = 6.6
+"""Width of a figure [in]: text of 9 pt stays legible on a phone."""
+TEXT = 8.5
+"""Size of all text [pt], titles one larger."""
+DPI = 180
+
+
+def model_key(model: str) -> str | None:
+    """The key of MODEL_COLORS that ``model`` is a variant of: itself, or `rollout` for ``rollout_adapted``."""
+    fitting = [key for key in MODEL_COLORS if model == key or model.startswith((f"{key}_", f"{key} "))]
+    return max(fitting, key=len, default=None)
+
+
+def model_color(model: str) -> str:
+    """Its colour; a variant has that of its model, an unknown one OTHER_COLOR."""
+    key = model_key(model)
+    return MODEL_COLORS[key] if key else OTHER_COLOR
+
+
+def model_label(model: str) -> str:
+    """Its name for readers; a variant keeps its ending, an unknown one its name without underscores."""
+    key = model_key(model)
+    ending = model[len(key) :] if key else model
+    return (MODEL_LABELS.get(key or "", "") + ending).replace("_", " ")
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty white figure [in] that arranges itself."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained", facecolor="white")
+    figure.get_layout_engine().set(w_pad=0.05, h_pad=0.05, hspace=0.03, wspace=0.04)  # pyright: ignore
+    return figure
+
+
+def panels(
+    figure: Figure, rows: int, columns: int = 1, *, heights: tuple[float, ...] | None = None, **share: bool
+) -> np.ndarray:
+    """(rows, columns) styled axes; ``share`` is sharex / sharey."""
+    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **share)
+    for each in axes.flat:
+        style(each)
+    return axes
+
+
+def style(axes: Axes) -> None:
+    """Thin grey frame on two sides, faint grid, small numbers."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set(color="#aab0b8", linewidth=0.7)
+    axes.tick_params(labelsize=TEXT - 0.5, color="#aab0b8", labelcolor=MUTED, width=0.7, length=3)
+    axes.grid(True, color=FAINT, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def describe(axes: Axes, x: str | None = None, y: str | None = None, title: str | None = None) -> None:
+    """Axis labels (with their unit) and a title flush left."""
+    if x is not None:
+        axes.set_xlabel(x, fontsize=TEXT, color=MUTED)
+    if y is not None:
+        axes.set_ylabel(y, fontsize=TEXT, color=MUTED)
+    if title is not None:
+        axes.set_title(title, loc="left", fontsize=TEXT + 1, fontweight="bold", color=INK, pad=7)
+
+
+def model_line(axes: Axes, x: np.ndarray, y: np.ndarray, model: str, label: str | None = None) -> Line2D:
+    """The line of one actuator model."""
+    name = model_label(model) if label is None else label
+    (line,) = axes.plot(x, y, color=model_color(model), linewidth=1.3, label=name)
+    dashes = MODEL_DASHES.get(model_key(model) or "")
+    if dashes:
+        line.set_dashes(dashes)
+    return line
+
+
+def target_line(axes: Axes, time: np.ndarray, position_target: np.ndarray) -> Line2D:
+    """The commanded angle, held from one row to the next."""
+    style = {"color": TARGET_COLOR, "linewidth": 1.0, "drawstyle": "steps-post"}
+    return axes.plot(time, position_target, label="position target", **style)[0]
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """One legend for the whole figure, under it: it never covers data."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False,
+        labelcolor=INK, handlelength=2.2, columnspacing=1.6,
+    )  # fmt: skip
+
+
+def fit_y(axes: Axes, trusted: list[np.ndarray], others: list[np.ndarray], room: float = 0.6) -> None:
+    """Limits that show ``trusted`` whole and ``others`` as far as ``room`` times that span beyond it.
+
+    A model that diverges then leaves the picture instead of flattening everybody else.
+    """
+    low, high = span(trusted)
+    reach = max(high - low, 1e-6)
+    far_low, far_high = span([*trusted, *others])
+    low, high = max(far_low, low - room * reach), min(far_high, high + room * reach)
+    axes.set_ylim(low - 0.05 * reach, high + 0.05 * reach)
+
+
+def span(arrays: list[np.ndarray]) -> tuple[float, float]:
+    """Lowest and highest finite value, (0, 1) without any."""
+    values = np.concatenate([np.ravel(array) for array in arrays]) if arrays else np.empty(0)
+    values = values[np.isfinite(values)]
+    return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+
+
+def rms(error: np.ndarray) -> float:
+    """Root mean square; not finite if any error is not."""
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
+    """The figure as PNG without date and program name: equal figures give equal bytes."""
+    out = BytesIO()
+    figure.savefig(out, format="png", dpi=dpi, metadata={"Software": None}, facecolor="white")
+    return out.getvalue()

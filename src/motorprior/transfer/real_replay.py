@@ -1,0 +1,70 @@
+"""Replay the commands of real Pupper logs on a simulated Pupper and compare joint angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.resampling import drop_repeats, resample
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.replay import replay
+from motorprior.simulation.world import World, WorldConfig
+
+COMMAND_PERIOD = 0.002
+"""Commands are held on this grid [s]; the logs' own rows come every 1.5-10 ms."""
+_LEAD_IN = 1.0
+"""The robot stands in its nominal pose for so long [s] before the commands begin, as the real one did."""
+EXCITED = 0.001
+"""A joint whose command varies by less (standard deviation, rad) does not count."""
+
+
+@dataclass(frozen=True)
+class LogReplay:
+    """One log on one set of motors.
+
+    Attributes:
+        joint_pos: (rows, 12) simulated encoder angle [rad] at the log's (kept) times.
+        rmse: (12,) joint RMSE [rad], start included; NaN for joints that were not excited.
+    """
+
+    joint_pos: np.ndarray
+    rmse: np.ndarray
+
+
+def prepare(log: MotorLog, where: str) -> MotorLog:
+    """Drop repeated measurements; refuse a log of another robot.
+
+    Raises:
+        LogError: not twelve joints of the Pupper, or no joint was excited.
+    """
+    if log.joint_names != spec.JOINT_NAMES:
+        raise LogError(
+            f"joints {list(log.joint_names)} are not the Pupper's", where=where, remedy=f"needs {spec.JOINT_NAMES}"
+        )
+    if not excited_joints(log).any():
+        raise LogError("no joint is excited", where=where, remedy="record with a moving command")
+    return drop_repeats(log)
+
+
+def excited_joints(log: MotorLog) -> np.ndarray:
+    """(12,) whether the command of a joint moves."""
+    return np.std(log.position_target, axis=0) > EXCITED
+
+
+def replay_log(log: MotorLog, actuator: Actuator, prepared: MotorLog) -> LogReplay:
+    """Simulate the commands of ``log`` and compare with the measurements of ``prepared``."""
+    physics_dt = LONGEST_STEP if isinstance(actuator, PhysicalActuator) else spec.PHYSICS_DT
+    world = World(WorldConfig(physics_dt=physics_dt, control_dt=COMMAND_PERIOD))
+    grid = resample(log, COMMAND_PERIOD)
+    lead_in = np.tile(spec.NOMINAL_POSE, (round(_LEAD_IN / COMMAND_PERIOD), 1))
+    recorded = replay(world, actuator, grid.position_target, lead_in=lead_in)
+    simulated = np.stack(
+        [np.interp(prepared.time, grid.time, column) for column in recorded.measured_joint_pos.T], axis=1
+    )
+    error = np.sqrt(np.mean((simulated - prepared.joint_pos) ** 2, axis=0))
+    return LogReplay(simulated, np.where(excited_joints(log), error, np.nan))

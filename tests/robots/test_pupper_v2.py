@@ -1,0 +1,184 @@
+"""MJCF and URDF are the same robot, and it is the robot of the sources."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.pupper_v2.urdf import urdf
+
+LINKS = [f"{leg}_{link}" for leg in spec.LEGS for link in ("abduction_link", "thigh", "shank")]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_string(mjcf())
+
+
+@pytest.fixture(scope="module")
+def hung():
+    return mujoco.MjModel.from_xml_string(mjcf(hung=True))
+
+
+@pytest.fixture(scope="module")
+def bullet(tmp_path_factory):
+    """PyBullet, the number of the body and of the client; the base is free, or it would have no mass."""
+    pybullet = pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    path = tmp_path_factory.mktemp("robot") / "pupper.urdf"
+    path.write_text(urdf(), encoding="utf-8")
+    client = pybullet.connect(pybullet.DIRECT)
+    flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+    body = pybullet.loadURDF(str(path), flags=flags, physicsClientId=client)
+    yield pybullet, body, client
+    pybullet.disconnect(client)
+
+
+def infos(bullet):
+    pybullet, body, client = bullet
+    count = pybullet.getNumJoints(body, physicsClientId=client)
+    return [pybullet.getJointInfo(body, i, physicsClientId=client) for i in range(count)]
+
+
+def poses(count=5):
+    return np.random.default_rng(0).uniform(spec.JOINT_LOWER, spec.JOINT_UPPER, (count, 12))
+
+
+def feet(model, joint_pos):
+    """(4, 3) feet in the chassis' axes [m], LEGS order."""
+    data = mujoco.MjData(model)
+    data.qpos[-12:] = joint_pos
+    mujoco.mj_kinematics(model, data)
+    rotation = data.body("chassis").xmat.reshape(3, 3)
+    world = np.array([data.geom(f"{leg}_foot").xpos for leg in spec.LEGS])
+    return (world - data.body("chassis").xpos) @ rotation
+
+
+def mass_matrix(hung, joint_pos):
+    """(12, 12) joint-space inertia [kg·m²], column by column."""
+    data, columns = mujoco.MjData(hung), np.zeros((12, 12))
+    data.qpos[:] = joint_pos
+    mujoco.mj_forward(hung, data)
+    for column, unit in zip(columns, np.eye(12), strict=True):
+        mujoco.mj_mulM(hung, data, column, unit)
+    return columns
+
+
+def closed_form_foot(leg, abduction, hip, knee):
+    """Foot in the chassis frame, by hand: Rx(abduction)·(hip + Ry(hip)·(knee + Ry(knee)·foot))."""
+
+    def about(axis, angle):
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([[1, 0, 0], [0, c, -s], [0, s, c]] if axis == "x" else [[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+    side, front = {"FR": (-1, 1), "FL": (1, 1), "RR": (-1, 0), "RL": (1, 0)}[leg]
+    shank = np.array([0.0, side * -0.004, -0.080]) + about("y", knee) @ [0.0, side * -0.002, -0.110]
+    thigh = np.array([-0.02725, side * 0.0395, 0.0]) + about("y", hip) @ shank
+    return np.array([0.10225 if front else -0.09775, side * 0.047, 0.0]) + about("x", abduction) @ thigh
+
+
+def test_forward_kinematics_is_the_closed_form(model):
+    for pose in poses():
+        expected = [closed_form_foot(leg, *pose[3 * i : 3 * i + 3]) for i, leg in enumerate(spec.LEGS)]
+        np.testing.assert_allclose(feet(model, pose), expected, atol=1e-9)
+
+
+def test_mass_and_footprint_are_those_of_the_sources(model):
+    # 0.991 + 4·(0.106 + 0.142 + 0.038 + 0.0001) = 2.1354 kg
+    assert mujoco.mj_getTotalmass(model) == pytest.approx(2.135, abs=5e-4)
+    straight = feet(model, np.zeros(12))
+    np.testing.assert_allclose(straight[:, 1], [-0.0805, 0.0805, -0.0805, 0.0805], atol=1e-9)
+    np.testing.assert_allclose(straight[[0, 1], 0] - straight[[2, 3], 0], 0.200, atol=1e-9)
+    # with straight legs a foot is right below its hip: 0.080 + 0.110 m
+    np.testing.assert_allclose(straight[:, 2], -0.190, atol=1e-9)
+
+
+def test_the_feet_touch_the_ground_at_standing_height(model):
+    data = mujoco.MjData(model)
+    data.qpos[-12:] = spec.NOMINAL_POSE
+    mujoco.mj_kinematics(model, data)
+    assert data.qpos[2] == pytest.approx(0.080 * np.cos(0.6) + 0.110 * np.cos(-0.6) + 0.0095)
+    for leg in spec.LEGS:
+        assert data.geom(f"{leg}_foot").xpos[2] == pytest.approx(0.0095, abs=1e-9)
+
+
+def test_the_legs_mirror_each_other(model):
+    pose = poses(1)[0].reshape(4, 3)
+    pose[[1, 3]] = pose[[0, 2]] * [-1, 1, 1]
+    where = feet(model, pose.ravel())
+    np.testing.assert_allclose(where[[1, 3]], where[[0, 2]] * [1, -1, 1], atol=1e-9)
+
+
+def test_inertias_could_be_of_a_real_body():
+    for link in (spec.CHASSIS, spec.ABDUCTION_LINK, spec.THIGH, spec.SHANK):
+        ixx, iyy, izz = link.inertia
+        assert min(ixx, iyy, izz) > 0 and ixx <= iyy + izz and iyy <= ixx + izz and izz <= ixx + iyy
+
+
+def test_only_the_feet_can_touch_and_only_the_floor(model):
+    names = {frozenset((model.geom(a).name, model.geom(b).name)) for a, b in zip(model.pair_geom1, model.pair_geom2)}
+    assert names == {frozenset(("floor", f"{leg}_foot")) for leg in spec.LEGS}
+    assert not model.geom_contype.any() and not model.geom_conaffinity.any()
+
+
+def test_arguments_reach_the_model():
+    model = mujoco.MjModel.from_xml_string(mjcf(physics_dt=0.00125, foot_friction=0.37))
+    assert model.opt.timestep == 0.00125
+    np.testing.assert_array_equal(model.pair_friction[:, :2], 0.37)
+    assert (model.nq, model.nv) == (19, 18)
+
+
+def test_a_hung_robot_has_only_its_joints(hung):
+    assert (hung.nq, hung.nv) == (12, 12)
+    pose = poses(1)[0]
+    np.testing.assert_allclose(
+        feet(hung, pose), feet(mujoco.MjModel.from_xml_string(mjcf()), pose), atol=1e-9
+    )
+
+
+def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):
+    names = [model.joint(i).name for i in range(1, 13)]
+    assert names == [info[1].decode() for info in infos(bullet)] == list(spec.JOINT_NAMES)
+    for index, info in enumerate(infos(bullet)):
+        np.testing.assert_allclose(info[8:10], model.jnt_range[index + 1], atol=1e-6)
+        np.testing.assert_allclose(info[13], model.jnt_axis[index + 1])
+        assert info[10] == pytest.approx(1.26) and info[11] == pytest.approx(52.0)  # 7 A · 0.18 N·m/A
+    np.testing.assert_allclose(model.jnt_range[1:, 0], spec.JOINT_LOWER)
+    np.testing.assert_allclose(model.jnt_range[1:, 1], spec.JOINT_UPPER)
+
+
+def test_both_formats_have_the_same_masses_and_inertias(model, bullet):
+    pybullet, body, client = bullet
+    for index, name in enumerate(["chassis", *LINKS]):
+        info = pybullet.getDynamicsInfo(body, index - 1, physicsClientId=client)
+        here = model.body(name)
+        assert info[0] == pytest.approx(here.mass[0], rel=1e-6), name
+        # principal moments, which MuJoCo sorts; their axes show in the mass matrix below
+        np.testing.assert_allclose(sorted(info[2]), sorted(here.inertia), rtol=1e-5, err_msg=name)
+
+
+def test_both_formats_put_the_feet_at_the_same_place(model, bullet):
+    pybullet, body, client = bullet
+    base = np.array(pybullet.getBasePositionAndOrientation(body, physicsClientId=client)[0]) - spec.CHASSIS.com
+    for pose in poses():
+        for joint in range(12):
+            pybullet.resetJointState(body, joint, pose[joint], physicsClientId=client)
+        for leg, expected in enumerate(feet(model, pose)):
+            state = pybullet.getLinkState(body, 3 * leg + 2, computeForwardKinematics=True, physicsClientId=client)
+            rotation = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
+            offset = spec.mirrored(spec.FOOT_OFFSET, spec.LEGS[leg])
+            where = np.array(state[4]) + rotation @ offset - base
+            np.testing.assert_allclose(where, expected, atol=1e-6)
+
+
+def test_both_formats_have_the_same_mass_matrix(hung, bullet):
+    pybullet, body, client = bullet
+    for pose in poses():
+        matrix = np.array(pybullet.calculateMassMatrix(body, pose.tolist(), physicsClientId=client))
+        # after the base's six rows; the smallest diagonal element is 3e-4 kg·m²
+        np.testing.assert_allclose(matrix[6:, 6:], mass_matrix(hung, pose), atol=1e-8)
+
+
+def test_a_shank_swings_about_its_knee_with_its_own_inertia(hung):
+    # about the knee's y axis: iyy + m·(x² + z²) = 1.8e-4 + 0.0381·(0.00075² + 0.0658²) = 3.450e-4 kg·m²
+    np.testing.assert_allclose(np.diag(mass_matrix(hung, np.zeros(12)))[2::3], 3.450e-4, rtol=1e-3)

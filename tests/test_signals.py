@@ -1,0 +1,37 @@
+"""Closed forms of the signal formulas."""
+
+import numpy as np
+import pytest
+
+from motorprior.signals import high_frequency_rms, rmse
+
+PERIOD = 0.002
+
+
+def test_rmse_of_a_constant_difference_is_its_size():
+    a = np.random.default_rng(0).normal(size=(5, 3))
+    offset = np.array([0.3, -0.4, 0.0])
+    np.testing.assert_allclose(rmse(a + offset, a, axis=0), np.abs(offset), atol=1e-15)
+    # sqrt((0.09 + 0.16 + 0) / 3) = 0.5 / sqrt(3)
+    assert rmse(a + offset, a) == pytest.approx(0.5 / np.sqrt(3))
+
+
+@pytest.mark.parametrize("count", [500, 501])
+def test_a_sine_above_the_cutoff_counts_with_amplitude_over_root_two(count: int):
+    time = np.arange(count) * PERIOD
+    low, high = 10 / (count * PERIOD), 60 / (count * PERIOD)  # whole periods, so no leakage: 10 and 60 Hz
+    signal = 5.0 + 0.7 * np.sin(2 * np.pi * low * time) + 0.2 * np.sin(2 * np.pi * high * time + 0.3)
+    assert high_frequency_rms(signal, PERIOD, 30.0) == pytest.approx(0.2 / np.sqrt(2))
+    assert high_frequency_rms(signal, PERIOD, 1.0) == pytest.approx(np.hypot(0.7, 0.2) / np.sqrt(2))
+    assert high_frequency_rms(signal, PERIOD, 100.0) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [64, 65])
+def test_everything_above_zero_is_the_standard_deviation_column_by_column(count: int):
+    noise = np.random.default_rng(1).normal(2.0, 3.0, (count, 2, 3))
+    np.testing.assert_allclose(high_frequency_rms(noise, PERIOD, 0.0), noise.std(axis=0), rtol=1e-12)
+
+
+def test_the_fastest_alternation_is_counted_once():
+    # +1, -1, ... sits on the Nyquist bin, which has no mirror image: RMS 1, not sqrt(2)
+    assert high_frequency_rms(np.tile([1.0, -1.0], 20), PERIOD, 200.0) == pytest.approx(1.0)
