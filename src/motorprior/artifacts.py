@@ -85,9 +85,7 @@ def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path)
     if given != wanted:
         parts = [f"unknown keys {sorted(given - wanted)}"] if given - wanted else []
         parts += [f"missing keys {sorted(wanted - given)}"] if wanted - given else []
-        raise ArtifactError(
-            " and ".join(parts), where=where, remedy="use a file written by this version of motorprior"
-        )
+        raise ArtifactError(" and ".join(parts), where=where, remedy="use a file written by this version of motorprior")
 
 
 def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
@@ -115,9 +113,7 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             text = (file.metadata() or {}).get("motorprior")
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
-        raise ArtifactError(
-            f"not a complete safetensors file ({error})", where=path, remedy="write it anew"
-        ) from error
+        raise ArtifactError(f"not a complete safetensors file ({error})", where=path, remedy="write it anew") from error
     if text is None:
         raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     for name, value in tensors.items():

@@ -1,6 +1,6 @@
 """The learned actuator: a softsign network of error and velocity history and a latent z per motor.
 
-    x      = [(position_target - joint_pos)(t - k·period)/error_scale, joint_vel(t - k·period)/velocity_scale | k in taps]
+    x      = [error(t - k·period) / error_scale | k in taps] + [joint_vel(t - k·period) / velocity_scale | k in taps]
     h1     = softsign(W1ᵀx + V1ᵀz + b1),  h2 = softsign(W2ᵀh1 + b2)
     torque = clip(torque_scale·(w3ᵀh2 + b3), ±torque_limit)
     armature = exp(a0 + aᵀz)                                  (zero for a network without one)

@@ -117,7 +117,9 @@ def _check_meaning(header: dict[str, Any], path: Path) -> None:
     """Units, sign, order and numbers are those this code computes with."""
     for key, wanted in (("units", UNITS), ("sign", SIGN), ("input_order", INPUT_ORDER)):
         if header[key] != wanted:
-            raise ArtifactError(f"{key} is {header[key]!r}", where=path, remedy=f"this version computes with {wanted!r}")
+            raise ArtifactError(
+                f"{key} is {header[key]!r}", where=path, remedy=f"this version computes with {wanted!r}"
+            )
     for key in ("period", *_SCALES):
         value = header[key]
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:

@@ -127,9 +127,7 @@ def _distribution(table: dict, name: str, path: Path) -> Distribution:
     where = f"{path}[{name}]"
     kind = table.get("distribution") if isinstance(table, dict) else None
     if kind not in _KEYS:
-        raise ArtifactError(
-            f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}"
-        )
+        raise ArtifactError(f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}")
     required, optional = _KEYS[kind]
     numbers = {key: value for key, value in table.items() if key not in ("unit", "source", "distribution")}
     require_keys(table, {"unit", "source", "distribution", *required, *(optional & numbers.keys())}, where)

@@ -8,6 +8,7 @@ robot, sampled every 2 ms, half of the commands held at 100 Hz.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -61,9 +62,7 @@ def bench_preset(name: str) -> BenchPreset:
     return PRESETS[name]
 
 
-def trial(
-    rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool
-) -> Trial:
+def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
     """One excitation for ``motors`` motors, each with its own signal and load."""
     targets = [_EXCITATIONS[kind](rng, steps, preset.period) for _ in range(motors)]
     if hold:
@@ -88,7 +87,7 @@ def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, 
         raise ConfigError(f"{steps} steps is below 2", remedy="record at least 2 steps")
     actuator, parts, count = PhysicalActuator(motors), [], len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]
-    for segment, (first, last) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+    for segment, (first, last) in enumerate(pairwise(bounds)):
         rng = np.random.default_rng([seed, segment])
         kind = preset.kinds[segment % len(preset.kinds)]
         hold = preset.hold_steps > 1 and (segment // len(preset.kinds) + segment) % 2 == 0

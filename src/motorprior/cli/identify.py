@@ -56,9 +56,7 @@ def run_identify(config: Identify) -> None:
     begin(config.out)
     started = time.monotonic()
     with bar(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as progress:
-        found = identify(
-            data, preset, config.seed, lambda done, of, loss: progress.advance(CHUNK, f"loss {loss:.4f}")
-        )
+        found = identify(data, preset, config.seed, lambda done, of, loss: progress.advance(CHUNK, f"loss {loss:.4f}"))
     seconds = time.monotonic() - started
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": config.seed}

@@ -38,7 +38,7 @@ def description(name: str, config: Any, inputs: Sequence[Path]) -> dict[str, Any
         "stage": name,
         "version": __version__,
         "config": _plain(settings),
-        "inputs": {path.name: digest(path) for path in inputs},
+        "inputs": {f"{path.parent.name}/{path.name}": digest(path) for path in inputs},
     }
 
 

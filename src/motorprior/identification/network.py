@@ -64,6 +64,4 @@ def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network for simulation."""
     arrays = {name: np.asarray(jax.device_get(value), np.float64) for name, value in parameters.items()}
-    return LatentNetwork(
-        **arrays, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, **scales
-    )
+    return LatentNetwork(**arrays, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, **scales)

@@ -1,7 +1,7 @@
 """Fit a motor prior: one network, and per motor a mean and a log-variance of z.
 
-    z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I)
-    minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
+z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I)
+minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 """
 
 from __future__ import annotations

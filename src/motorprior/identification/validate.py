@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.record import BenchPreset, trial
@@ -62,3 +63,28 @@ def bench_errors(
 def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray:
     pairs = zip(responses, answers, strict=True)
     return np.mean([rmse(one.joint_pos, other.joint_pos, axis=0) for one, other in pairs], axis=0)
+
+
+def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, answer: Response) -> np.ndarray:
+    """Torque the network gives when it is shown the true history: open loop, one step, as the paper fits it.
+
+    Args:
+        network: sampled at its own period; ``case.dt`` must be that period.
+        z: (n, Z) latents of the trial's motors.
+        case: commands.
+        answer: the physical motors' response.
+
+    Returns:
+        (steps, n) torque on the joint [N·m]: the network's less armature(z)·acceleration. NaN until the
+        history is full.
+    """
+    error = (case.position_target - answer.joint_pos) / network.error_scale
+    velocity = answer.joint_vel / network.velocity_scale
+    steps, motors = error.shape
+    torque = np.full((steps, motors), np.nan)
+    taps = np.asarray(network.taps)
+    for step in range(taps[-1], steps):
+        inputs = np.concatenate([error[step - taps], velocity[step - taps]])
+        torque[step] = network.torque(inputs.T, z)
+    acceleration = np.gradient(answer.joint_vel, case.dt, axis=0)
+    return torque - network.armature(z) * acceleration

@@ -101,9 +101,7 @@ def evaluate_step(
     roll, pitch, yaw = roll_pitch_yaw(base_quat)
     down = fallen(roll, pitch, base_pos[2])
     forward = base_pos[0] - previous_x
-    earned = reward(
-        forward, base_lin_vel[1], base_ang_vel[2], yaw, sum_torque_squared, not down, control_dt, weights
-    )
+    earned = reward(forward, base_lin_vel[1], base_ang_vel[2], yaw, sum_torque_squared, not down, control_dt, weights)
     return earned, down
 
 

@@ -103,9 +103,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise ConfigError(f"action has shape {raw.shape}, wanted ({ACTION_SIZE},)")
         if not np.all(np.isfinite(raw)):
             raise ConfigError(f"action{np.argwhere(~np.isfinite(raw))[0].tolist()} is not finite")
-        self._phase = command_step(
-            raw, self._filter_state, self._phase, self._control_dt, self._command, self._target
-        )
+        self._phase = command_step(raw, self._filter_state, self._phase, self._control_dt, self._command, self._target)
         state = self._backend.step(self._target.copy())
         earned, terminated = self._evaluate(state)
         self._steps += 1

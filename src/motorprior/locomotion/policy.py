@@ -43,9 +43,7 @@ _HEADER_KEYS = ("kind", "schema_version", "control_dt", "robot", "joint_names", 
 
 
 @njit(cache=True)
-def act(
-    weights: np.ndarray, mean: np.ndarray, std: np.ndarray, observation: np.ndarray, out: np.ndarray
-) -> None:
+def act(weights: np.ndarray, mean: np.ndarray, std: np.ndarray, observation: np.ndarray, out: np.ndarray) -> None:
     """Action of the linear policy: clip(W · [n; 1], -1, 1), n = clip((observation - mean) / std, -10, 10).
 
     Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
@@ -200,9 +198,7 @@ def _meaning_problem(policy: Policy) -> str | None:
         return f"joint_names {list(policy.joint_names)}, wanted {list(JOINT_NAMES)}"
     if not np.all(policy.observation_std > 0.0):
         return f"observation_std reaches {np.min(policy.observation_std)}, must be > 0"
-    if not (
-        isinstance(policy.control_dt, float) and math.isfinite(policy.control_dt) and policy.control_dt > 0
-    ):
+    if not (isinstance(policy.control_dt, float) and math.isfinite(policy.control_dt) and policy.control_dt > 0):
         return f"control_dt {policy.control_dt!r} s, must be a number > 0"
     if not isinstance(policy.provenance, Mapping):
         return f"provenance {policy.provenance!r}, must be a mapping"

@@ -55,9 +55,7 @@ def warp_phase(leg_phase: float, swing_stance_ratio: float) -> float:
 
 
 @njit(cache=True)
-def joint_targets(
-    phase: float, intensity: float, height: float, swing_stance_ratio: float, out: np.ndarray
-) -> None:
+def joint_targets(phase: float, intensity: float, height: float, swing_stance_ratio: float, out: np.ndarray) -> None:
     """Joint angles of a trot, legs FR and RL half a cycle apart from FL and RR.
 
     swing = I · 0.5 · cos φ, extend = h + I · A · sin φ, A = -0.02 in stance and 0.9 in swing;

@@ -82,9 +82,7 @@ def excitation(log: MotorLog) -> list[Finding]:
     for column, joint in enumerate(log.joint_names):
         if column not in excited:
             message = f"{joint} is not excited: its command varies by {1e3 * command[column]:.3f} mrad"
-            found.append(
-                Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint)
-            )
+            found.append(Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint))
         elif motion[column] < STUCK_RATIO * command[column]:
             ratio = float(motion[column] / command[column])
             message = f"{joint} moves {100 * ratio:.1f} % of its command, less than {100 * STUCK_RATIO:g} %"

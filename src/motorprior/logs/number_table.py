@@ -81,9 +81,7 @@ def _first_bad_row(body: str, columns: Sequence[str], path: Path) -> LogError:
             return LogError(problem, where=path, remedy=remedy)
         for name, cell in zip(columns, cells, strict=True):
             if not _is_number(cell):
-                return LogError(
-                    f"row {row}, {name} is {cell[:40]!r}, not a number", where=path, remedy=remedy
-                )
+                return LogError(f"row {row}, {name} is {cell[:40]!r}, not a number", where=path, remedy=remedy)
     return LogError("the rows cannot be read as numbers", where=path, remedy=remedy)
 
 

@@ -170,8 +170,7 @@ def _require_columns(table: Any, wanted: list[str], path: Path) -> None:
         column, expected = table.column(name), "int64" if name == "segment" else "double"
         if str(column.type) != expected or column.null_count:
             raise LogError(
-                f"column {name} is {column.type} with {column.null_count} empty cells, expected {expected} "
-                "without any",
+                f"column {name} is {column.type} with {column.null_count} empty cells, expected {expected} without any",
                 where=path,
                 remedy=REWRITE,
             )

@@ -89,9 +89,7 @@ def read_pupper_logs(directory: str | Path) -> dict[str, MotorLog]:
             )
         paths[name] = path
     if not paths:
-        raise LogError(
-            "no log of a real Pupper (env_*real_*) in this folder", where=directory, remedy=GET_LOGS
-        )
+        raise LogError("no log of a real Pupper (env_*real_*) in this folder", where=directory, remedy=GET_LOGS)
     return {name: read_pupper_log(path) for name, path in paths.items()}
 
 
@@ -111,9 +109,7 @@ def _pickle_table(path: Path) -> np.ndarray:
     content = load_plain(path)
     if not isinstance(content, dict) or not set(PICKLE_WIDTHS) <= set(content):
         found = sorted(map(str, content)) if isinstance(content, dict) else type(content).__name__
-        raise LogError(
-            f"expected a dict of {list(PICKLE_WIDTHS)}, found {found}", where=path, remedy=GET_LOGS
-        )
+        raise LogError(f"expected a dict of {list(PICKLE_WIDTHS)}, found {found}", where=path, remedy=GET_LOGS)
     columns = {key: _column_block(content[key], key, width, path) for key, width in PICKLE_WIDTHS.items()}
     lengths = {key: len(block) for key, block in columns.items()}
     if len(set(lengths.values())) != 1:
@@ -135,9 +131,7 @@ def _row(row: object, index: int, key: str, width: int, path: Path) -> list[floa
     cells = cells if isinstance(cells, list | tuple) else [cells]
     values: list[Any] = [_unwrapped(cell) for cell in cells]
     if len(values) != width:
-        raise LogError(
-            f"row {index}, {key} has {len(values)} values, expected {width}", where=path, remedy=GET_LOGS
-        )
+        raise LogError(f"row {index}, {key} has {len(values)} values, expected {width}", where=path, remedy=GET_LOGS)
     for column, value in enumerate(values):
         if type(value) not in (int, float):
             raise LogError(

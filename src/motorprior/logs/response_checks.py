@@ -33,9 +33,7 @@ def tracking(log: MotorLog) -> list[Finding]:
     max_shift = min(int(SEARCHED_LAG / period), uniform.num_rows // 2)
     found = []
     for column in excited_joints(uniform):
-        correlations = _lagged_correlations(
-            uniform.position_target[:, column], uniform.joint_pos[:, column], max_shift
-        )
+        correlations = _lagged_correlations(uniform.position_target[:, column], uniform.joint_pos[:, column], max_shift)
         best = int(np.argmax(np.abs(correlations)))
         found.append(_tracking_finding(uniform.joint_names[column], float(correlations[best]), best * period))
     return found
@@ -94,9 +92,7 @@ def _window_changes(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     integrated, moved = [], []
     for part in log.segment_slices():
         speed, step = log.joint_vel[part], np.diff(log.time[part])[:, None]
-        angle = np.concatenate(
-            [np.zeros((1, log.num_joints)), np.cumsum(step * (speed[1:] + speed[:-1]) / 2, 0)]
-        )
+        angle = np.concatenate([np.zeros((1, log.num_joints)), np.cumsum(step * (speed[1:] + speed[:-1]) / 2, 0)])
         integrated.append(angle[width:] - angle[:-width])
         moved.append(log.joint_pos[part][width:] - log.joint_pos[part][:-width])
     return np.concatenate(integrated), np.concatenate(moved)

@@ -49,9 +49,7 @@ def load_plain(source: str | Path | bytes, *, where: str | Path | None = None) -
     where = where if where is not None or isinstance(source, bytes) else source
     data = source if isinstance(source, bytes) else _read_bounded(Path(source))
     if len(data) > MAX_BYTES:
-        raise LogError(
-            f"{len(data)} bytes, more than the {MAX_BYTES} a log may have", where=where, remedy=NOT_A_LOG
-        )
+        raise LogError(f"{len(data)} bytes, more than the {MAX_BYTES} a log may have", where=where, remedy=NOT_A_LOG)
     try:
         _check_operations(data)
         loaded = _Unpickler(io.BytesIO(data), encoding="latin1").load()

@@ -23,7 +23,7 @@ def mj_step_address() -> int:
 
 @intrinsic
 def mj_step(typingctx, function, model, data):  # pyright: ignore  # compiled signature below
-    """Call ``void mj_step(const mjModel*, mjData*)``; all three arguments are integer addresses."""
+    """Advance one physics step; all three arguments are integer addresses."""
     signature = types.void(types.intp, types.intp, types.intp)
 
     def codegen(context, builder, signature, arguments):

@@ -59,6 +59,7 @@ def replay(
     targets: np.ndarray,
     start: np.ndarray = spec.NOMINAL_POSE,
     lead_in: np.ndarray | None = None,
+    tolerate_fault: bool = False,
 ) -> Replay:
     """Hold each row of ``targets`` (C, 12) [rad] for one control step, from rest at ``start``.
 
@@ -68,6 +69,7 @@ def replay(
         targets: position targets.
         start: joint angles at the beginning.
         lead_in: (L, 12) targets held before the recording begins.
+        tolerate_fault: return the recording even if the simulation broke down in it.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.
@@ -78,7 +80,7 @@ def replay(
         _run(world, motors, np.ascontiguousarray(lead_in, dtype=np.float64))
     recorded = _run(world, motors, targets)
     fault = world.fault()
-    if fault:
+    if fault and not tolerate_fault:
         raise SimulationFault(FAULTS[fault], remedy="shorten physics_dt or check the motors' gains")
     return recorded
 

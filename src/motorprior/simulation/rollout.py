@@ -6,7 +6,7 @@ gives bit for bit what they give; only the interpreter is missing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +34,7 @@ class WalkConfig:
     """
 
     episode_steps: int = 250
-    task: TaskWeights = TaskWeights()
+    task: TaskWeights = field(default_factory=TaskWeights)
     encoder_noise: float = 0.0
 
 

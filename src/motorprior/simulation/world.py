@@ -72,9 +72,7 @@ class World:
 
     def __init__(self, config: WorldConfig):
         self.config = config
-        text = mjcf(
-            physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung
-        )
+        text = mjcf(physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)

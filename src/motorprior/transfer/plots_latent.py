@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
@@ -51,7 +51,7 @@ def latent_map(mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, n
     rows = -(-len(parameters) // _COLUMNS)
     if not rows:
         parameters, rows = {"": np.zeros(len(mean))}, 1
-    figure = new_figure((2.5 if mean.shape[1] == 1 else 2.95) * rows)
+    figure = new_figure((2.5 if mean.shape[1] == 1 else 2.75) * rows, layout="compressed")
     grid = panels(figure, rows, _COLUMNS if len(parameters) > 1 else 1)
     for axes, (name, values) in zip(grid.flat, parameters.items(), strict=False):
         label = PARAMETER_LABELS.get(name, name.replace("_", " "))
@@ -65,7 +65,7 @@ def latent_map(mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, n
 
 
 def plane(mean: np.ndarray) -> np.ndarray:
-    """(Z, 2) orthonormal directions along which the means (M, Z) vary most; each one's largest entry is positive."""
+    """Orthonormal directions (Z, 2) along which means (M, Z) vary most; the largest entries are positive."""
     _, _, rows = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=True)
     directions = rows[:2].T
     largest = directions[np.argmax(np.abs(directions), axis=0), np.arange(2)]
@@ -79,15 +79,19 @@ def _on_the_plane(
     directions = plane(mean)
     points = mean @ directions
     for radius in (1.0, 2.0):
-        axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=MUTED, linewidth=0.8, linestyle=(0, (3, 2))))
-        axes.annotate(f"{radius:.0f}σ", (0, radius), color=MUTED, fontsize=TEXT - 1.5, ha="center", va="bottom")
+        dashed = {"edgecolor": MUTED, "linewidth": 0.8, "linestyle": (0, (3, 2))}
+        axes.add_patch(Circle((0, 0), radius, fill=False, **dashed))
+        _sigma_label(axes, radius)
     _ellipses(axes, points, log_var, directions)
-    dots = axes.scatter(*points.T, c=values, cmap="viridis", s=26, edgecolors="white", linewidths=0.5, zorder=3)
+    look = {"cmap": "viridis", "s": 26, "edgecolors": "white", "linewidths": 0.5, "zorder": 3}
+    dots = axes.scatter(*points.T, c=values, **look)
     reach = max(2.35, 1.12 * float(np.abs(points).max()))
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     if label:
-        _colorbar(figure, axes, dots, label)
+        _colorbar(figure, axes, dots)
     describe(axes, x="latent, 1st direction [-]", y="latent, 2nd direction [-]")
+    axes.set_title(label, loc="left", fontsize=TEXT + 0.5, color=INK)
+    axes.locator_params(nbins=6)
 
 
 def _ellipses(axes: Axes, points: np.ndarray, log_var: np.ndarray, directions: np.ndarray) -> None:
@@ -104,17 +108,22 @@ def _ellipses(axes: Axes, points: np.ndarray, log_var: np.ndarray, directions: n
     )  # fmt: skip
 
 
-def _colorbar(figure: Figure, axes: Axes, dots, label: str) -> None:
-    bar = figure.colorbar(dots, ax=axes, shrink=0.85, pad=0.03, aspect=22)
+def _sigma_label(axes: Axes, radius: float) -> None:
+    """Names a circle at its lower right, legible over dots."""
+    at = radius * np.sqrt(0.5)
+    box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    look = {"fontsize": TEXT - 1.5, "ha": "center", "va": "center", "zorder": 4, "bbox": box}
+    axes.text(at, -at, f"{radius:.0f}σ", color=MUTED, **look)
+
+
+def _colorbar(figure: Figure, axes: Axes, dots: PathCollection) -> None:
+    bar = figure.colorbar(dots, ax=axes, shrink=0.92, pad=0.03, aspect=24)
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     bar.ax.tick_params(labelsize=TEXT - 1, labelcolor=MUTED, width=0.6, length=2)
     bar.ax.locator_params(nbins=5)
-    bar.ax.set_title(label, fontsize=TEXT, color=INK, loc="right", pad=6)
 
 
-def _along_one_latent(
-    axes: Axes, mean: np.ndarray, log_var: np.ndarray, values: np.ndarray, label: str
-) -> None:
+def _along_one_latent(axes: Axes, mean: np.ndarray, log_var: np.ndarray, values: np.ndarray, label: str) -> None:
     """One panel: the parameter over the only latent, with the prior's one and two σ shaded."""
     for radius in (2.0, 1.0):
         axes.axvspan(-radius, radius, color=MUTED, alpha=0.07, linewidth=0)
@@ -133,5 +142,5 @@ def _note(text: str) -> Figure:
     axes = figure.add_subplot()
     style(axes)
     axes.set_axis_off()
-    axes.text(0.5, 0.5, text, ha="center", va="center", fontsize=TEXT + 1, color=MUTED)
+    axes.text(0.0, 0.5, text, ha="left", va="center", fontsize=TEXT + 1, color=MUTED)
     return figure

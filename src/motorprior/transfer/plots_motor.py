@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from motorprior.transfer.plots_style import (
     INK,
     MUTED,
-    TARGET_COLOR,
     TEXT,
     describe,
     fit_y,
@@ -25,6 +24,7 @@ from motorprior.transfer.plots_style import (
     span,
     style,
     target_line,
+    two_digits,
 )
 
 TIME = "time [s]"
@@ -70,6 +70,8 @@ def excitation_and_response(
 def _optional_line(axes: Axes, time: np.ndarray, values: np.ndarray | None, color: str, label: str) -> None:
     if values is None:
         axes.plot([], [], color=color, linewidth=1.1, label=f"{label} (not recorded)")
+        if not any(np.size(line.get_xdata()) for line in axes.lines):
+            axes.set_yticks([])
     else:
         axes.plot(time, values, color=color, linewidth=1.1, label=label)
 
@@ -104,26 +106,23 @@ def torque_fit(time: np.ndarray, measured: np.ndarray, predicted: Mapping[str, n
         axes = figure.add_subplot(grid[1, column])
         _scatter(axes, measured, values, model, limits)
         describe(axes, x="measured [N·m]", y="predicted [N·m]" if column == 0 else None)
+        axes.tick_params(labelleft=column == 0)
     legend_below(figure, trace, columns=4)
     return figure
 
 
-def _scatter(
-    axes: Axes, measured: np.ndarray, values: np.ndarray, model: str, limits: tuple[float, float]
-) -> None:
+def _scatter(axes: Axes, measured: np.ndarray, values: np.ndarray, model: str, limits: tuple[float, float]) -> None:
     """Predicted over measured [N·m], with the line where they agree."""
     style(axes)
     every = max(1, len(measured) // _MOST_DOTS)
     axes.plot(limits, limits, color=MUTED, linewidth=0.8, zorder=3)
-    axes.scatter(
-        measured[::every], values[::every], s=3, color=model_color(model), alpha=0.35, linewidths=0
-    )
+    axes.scatter(measured[::every], values[::every], s=3, color=model_color(model), alpha=0.35, linewidths=0)
     margin = 0.08 * max(limits[1] - limits[0], 1e-6)
     bounds = (limits[0] - margin, limits[1] + margin)
     axes.set(xlim=bounds, ylim=bounds, aspect="equal")
     axes.locator_params(nbins=4)
     axes.set_title(
-        f"{model_label(model)}\nRMSE {rms(values - measured):.2g} N·m",
+        f"{model_label(model)}\nRMSE {two_digits(rms(values - measured))} N·m",
         loc="left",
         fontsize=TEXT,
         color=model_color(model),
@@ -175,7 +174,9 @@ def closed_loop(
 
 def _milli(value: float) -> str:
     """A root mean square angle in mrad; a model that diverged has none."""
-    return f"{1000 * value:.3g} mrad" if np.isfinite(value) and value < 10.0 else "diverged"
+    if not value < 10.0:
+        return "diverged"
+    return f"{1000 * value:.1f} mrad" if value < 0.1 else f"{1000 * value:.0f} mrad"
 
 
 def _fit_error(axes: Axes, truth: np.ndarray, errors: list[np.ndarray]) -> None:
@@ -184,6 +185,3 @@ def _fit_error(axes: Axes, truth: np.ndarray, errors: list[np.ndarray]) -> None:
     most = max(high, -low, 1e-4)
     reach = max(np.ptp(truth), 1e-4) if np.all(np.isfinite(truth)) else most
     axes.set_ylim(-1.08 * min(most, reach), 1.08 * min(most, reach))
-
-
-__all__ = ["TARGET_COLOR", "TIME", "closed_loop", "excitation_and_response", "torque_fit"]

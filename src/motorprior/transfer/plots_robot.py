@@ -69,6 +69,4 @@ def real_replay(
         title: above the first panel.
     """
     heading = f"{title} · {joint}" if joint not in title else title
-    return closed_loop(
-        time, position_target, measured, models, heading, truth_label="measured", band=band
-    )
+    return closed_loop(time, position_target, measured, models, heading, truth_label="measured", band=band)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -21,6 +22,7 @@ from motorprior.transfer.plots_style import (
     model_line,
     new_figure,
     panels,
+    two_digits,
 )
 
 Curve = tuple[np.ndarray, np.ndarray]
@@ -60,7 +62,8 @@ def fidelity_bars(table: Mapping[str, Mapping[str, float]]) -> Figure:
     Metrics of one unit, read from the ``[...]`` at the end of their names, share a panel.
 
     Args:
-        table: per metric ("closed loop, steps [rad]") the value of each model. What is not finite is said in words.
+        table: per metric ("closed loop, steps [rad]") the value of each model. What is not finite
+            is said in words.
     """
     units: dict[str, list[str]] = {}
     for metric in table:
@@ -88,11 +91,12 @@ def _bar_groups(axes: Axes, table: Mapping[str, Mapping[str, float]], models: li
     finite = [value for row in table.values() for value in row.values() if math.isfinite(value) and value > 0]
     floor, top = (min(finite) / 2.0, max(finite) * 2.0) if finite else (0.1, 1.0)
     width = 0.84 / max(len(models), 1)
+    turned = len(table) * len(models) > 14
     for group, row in enumerate(table.values()):
         for place, model in enumerate(models):
             x = group + (place - (len(models) - 1) / 2) * width
             if model in row:
-                _bar(axes, x, 0.92 * width, row[model], floor, model)
+                _bar(axes, x, 0.92 * width, row[model], floor, model, turned)
     axes.set_yscale("log")
     axes.set_ylim(floor, top)
     axes.set_xlim(-0.5, len(table) - 0.5)
@@ -101,16 +105,21 @@ def _bar_groups(axes: Axes, table: Mapping[str, Mapping[str, float]], models: li
     axes.grid(False, axis="x")
 
 
-def _bar(axes: Axes, x: float, width: float, value: float, floor: float, model: str) -> None:
-    """A bar with its value on top; a value that a logarithm cannot show is written out."""
+def _bar(axes: Axes, x: float, width: float, value: float, floor: float, model: str, turned: bool) -> None:
+    """A bar with its value on top, turned where bars are thin; what a logarithm cannot show is said."""
     usable = math.isfinite(value) and value > 0
     if usable:
         axes.bar(x, value - floor, width, bottom=floor, color=model_color(model), linewidth=0)
-    text = f"{value:.2g}" if usable or value == 0 else "diverged"
-    axes.annotate(
-        text, (x, value if usable else floor), xytext=(0, 2), textcoords="offset points", ha="center",
-        va="bottom", fontsize=TEXT - 2.5, color=model_color(model) if not usable else MUTED, rotation=90,
-    )  # fmt: skip
+    text = two_digits(value) if usable or value == 0 else "diverged"
+    look = {
+        "ha": "center",
+        "va": "bottom",
+        "fontsize": TEXT - 2,
+        "rotation": 90 if turned or not usable else 0,
+    }
+    color = MUTED if usable else model_color(model)
+    at = (x, value if usable else floor)
+    axes.annotate(text, at, xytext=(0, 2), textcoords="offset points", color=color, **look)
 
 
 def _wrapped(text: str, width: int = 18) -> str:
@@ -124,9 +133,7 @@ def _wrapped(text: str, width: int = 18) -> str:
     return "\n".join(lines)
 
 
-def transfer_bars(
-    own: Mapping[str, tuple[float, float]], twin: Mapping[str, tuple[float, float]]
-) -> Figure:
+def transfer_bars(own: Mapping[str, tuple[float, float]], twin: Mapping[str, tuple[float, float]]) -> Figure:
     """Every policy in the simulation it was trained in and on the twin, the held-out virtual robot.
 
     Args:
@@ -140,15 +147,16 @@ def transfer_bars(
         for place, condition in enumerate(conditions):
             _pair(axes, place, condition, own.get(condition), twin.get(condition), column)
         axes.grid(False, axis="y")
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=TEXT + 0.5)
         axes.axvline(0.0, color=MUTED, linewidth=0.8)
     speed.set_yticks(range(len(conditions)), [model_label(condition) for condition in conditions])
-    speed.tick_params(axis="y", length=0, labelcolor=INK, labelsize=TEXT + 0.5)
     speed.set_ylim(len(conditions) - 0.5, -0.5)
     speed.margins(x=0.16)
     upright.set(xlim=(0.0, 1.18), xticks=(0, 0.25, 0.5, 0.75, 1.0))
-    describe(speed, x="forward speed [m/s]", y="trained on [model]")
+    describe(speed, x="forward speed [m/s]", y="trained on")
     describe(upright, x="share of time upright [-]")
-    handles = [Patch(color=MUTED, alpha=0.35), Patch(color=MUTED)]
+    handles = [Patch(color=_pale(MUTED)), Patch(color=MUTED)]
     labels = ["pale: the simulation it was trained in", "full: the twin, motors nobody trained on"]
     figure.legend(handles, labels, loc="outside lower left", ncols=2, fontsize=TEXT, frameon=False)
     return figure
@@ -163,12 +171,19 @@ def _pair(
     column: int,
 ) -> None:
     """The two bars of one condition, each with its value."""
-    for offset, values, alpha in ((-0.19, own, 0.35), (0.19, twin, 1.0)):
+    full = model_color(condition)
+    for offset, values, color in ((-0.19, own, _pale(full)), (0.19, twin, full)):
         if values is None or not math.isfinite(values[column]):
             continue
         value = values[column]
-        axes.barh(place + offset, value, 0.34, color=model_color(condition), alpha=alpha, linewidth=0)
-        axes.annotate(
-            f"{value:.2f}", (max(value, 0.0), place + offset), xytext=(3, 0), textcoords="offset points",
-            va="center", fontsize=TEXT - 1, color=INK if alpha == 1.0 else MUTED,
-        )  # fmt: skip
+        axes.barh(place + offset, value, 0.34, color=color, linewidth=0)
+        look = {"xytext": (3, 0), "textcoords": "offset points", "va": "center", "fontsize": TEXT - 1}
+        text = f"{value:.2f}".replace("-", "−")
+        ink = INK if color == full else MUTED
+        axes.annotate(text, (max(value, 0.0), place + offset), color=ink, **look)
+
+
+def _pale(color: str) -> tuple[float, float, float]:
+    """The colour at a third of its strength on white, opaque."""
+    red, green, blue = to_rgb(color)
+    return 1 - 0.36 * (1 - red), 1 - 0.36 * (1 - green), 1 - 0.36 * (1 - blue)

@@ -6,11 +6,13 @@ Everything is set on the artists themselves: nothing global changes, so two thre
 from __future__ import annotations
 
 from io import BytesIO
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
 
 MODEL_COLORS = {
     "truth": "#15181d",
@@ -57,7 +59,7 @@ DPI = 180
 
 
 def model_key(model: str) -> str | None:
-    """The key of MODEL_COLORS that ``model`` is a variant of: itself, or `rollout` for ``rollout_adapted``."""
+    """The key of MODEL_COLORS ``model`` is a variant of: itself, or `rollout` for ``rollout_adapted``."""
     fitting = [key for key in MODEL_COLORS if model == key or model.startswith((f"{key}_", f"{key} "))]
     return max(fitting, key=len, default=None)
 
@@ -75,15 +77,17 @@ def model_label(model: str) -> str:
     return (MODEL_LABELS.get(key or "", "") + ending).replace("_", " ")
 
 
-def new_figure(height: float, width: float = WIDTH) -> Figure:
+def new_figure(
+    height: float, width: float = WIDTH, layout: Literal["constrained", "compressed"] = "constrained"
+) -> Figure:
     """An empty white figure [in] that arranges itself."""
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained", facecolor="white")
+    figure = Figure(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
     figure.get_layout_engine().set(w_pad=0.05, h_pad=0.05, hspace=0.03, wspace=0.04)  # pyright: ignore
     return figure
 
 
 def panels(
-    figure: Figure, rows: int, columns: int = 1, *, heights: tuple[float, ...] | None = None, **share: bool
+    figure: Figure, rows: int, columns: int = 1, *, heights: tuple[float, ...] | None = None, **share: Any
 ) -> np.ndarray:
     """(rows, columns) styled axes; ``share`` is sharex / sharey."""
     axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **share)
@@ -160,8 +164,28 @@ def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(error))))
 
 
+def two_digits(value: float) -> str:
+    """2 significant digits, whole numbers from 10 on."""
+    if value == 0.0:
+        return "0"
+    text = f"{value:.0f}" if abs(value) >= 10 else f"{value:#.2g}"
+    return text.replace("-", "−")
+
+
 def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
-    """The figure as PNG without date and program name: equal figures give equal bytes."""
-    out = BytesIO()
-    figure.savefig(out, format="png", dpi=dpi, metadata={"Software": None}, facecolor="white")
+    """The figure as PNG of 256 colours without date and program name: equal figures give equal bytes."""
+    drawn, out = BytesIO(), BytesIO()
+    figure.savefig(drawn, format="png", dpi=dpi, facecolor="white", pil_kwargs={"compress_level": 1})
+    image = Image.open(drawn).convert("RGB")
+    image.quantize(palette=most_used(image), dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
     return out.getvalue()
+
+
+def most_used(image: Image.Image, count: int = 256) -> Image.Image:
+    """A palette of the colours that an RGB image has most of, unchanged, so that a model keeps its colour."""
+    pixels = np.asarray(image).reshape(-1, 3).astype(np.int64) @ (65536, 256, 1)
+    colors, uses = np.unique(pixels, return_counts=True)
+    chosen = colors[np.argsort(-uses, kind="stable")[:count]]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], 1).ravel().tolist())
+    return palette

@@ -57,9 +57,7 @@ def trot_targets(rng: np.random.Generator, steps: int) -> np.ndarray:
     return targets
 
 
-def robot_fidelity(
-    motors: MotorParameters, models: dict[str, ModelOfMotors], hung: bool, seed: int
-) -> RobotFidelity:
+def robot_fidelity(motors: MotorParameters, models: dict[str, ModelOfMotors], hung: bool, seed: int) -> RobotFidelity:
     """Compare every model, and the floor, over DRAWS draws of 12 of the motors."""
     fast = World(WorldConfig(physics_dt=spec.PHYSICS_DT, hung=hung))
     fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
@@ -96,4 +94,3 @@ def _compare(model: Replay, truth: Replay) -> tuple[float, float, float]:
 def _at_control_steps(recorded: Replay) -> np.ndarray:
     substeps = len(recorded.joint_pos) // len(recorded.measured_joint_pos)
     return recorded.joint_pos[substeps - 1 :: substeps]
-

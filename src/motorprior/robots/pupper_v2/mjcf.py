@@ -48,9 +48,7 @@ def _foot_pair(leg: str, friction: float) -> str:
     return f'<pair geom1="floor" geom2="{leg}_foot" condim="3" friction="{sliding}"/>'
 
 
-def mjcf(
-    *, physics_dt: float = spec.PHYSICS_DT, foot_friction: float = spec.FOOT_FRICTION, hung: bool = False
-) -> str:
+def mjcf(*, physics_dt: float = spec.PHYSICS_DT, foot_friction: float = spec.FOOT_FRICTION, hung: bool = False) -> str:
     """MJCF of the robot on a flat floor.
 
     Four explicit foot-floor pairs are the only contacts: a fallen robot is terminated before anything

@@ -57,8 +57,6 @@ def _leg(leg: str) -> str:
 def urdf() -> str:
     """URDF of the robot with the masses, inertias and limits of spec.py."""
     size = _vector(spec.CHASSIS_BOX_SIZE)
-    chassis = _link(
-        "chassis", spec.CHASSIS, None, _collision(f'<box size="{size}"/>', spec.CHASSIS_BOX_CENTER)
-    )
+    chassis = _link("chassis", spec.CHASSIS, None, _collision(f'<box size="{size}"/>', spec.CHASSIS_BOX_CENTER))
     legs = "".join(_leg(leg) for leg in spec.LEGS)
     return f'<?xml version="1.0"?>\n<robot name="{spec.ROBOT_NAME}">{chassis}{legs}\n</robot>\n'

@@ -1,0 +1,174 @@
+"""``motorprior demo``: the whole mission, small: logs, prior, simulation, policies, transfer, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from motorprior.artifacts import read_json, write_json
+from motorprior.bench.fleet import load_fleet
+from motorprior.cli.bench import Bench, run_bench
+from motorprior.cli.console import CONSOLE
+from motorprior.cli.identify import PRIOR, Identify, run_identify
+from motorprior.cli.motors import MotorChoice
+from motorprior.cli.replay import Replay, run_replay, show_replay
+from motorprior.cli.report import SETTINGS, build_report
+from motorprior.cli.speed import measure_speed
+from motorprior.cli.stage import begin
+from motorprior.cli.transfer import Transfer, run_transfer, show_transfer
+from motorprior.cli.validate import Validate, run_validate, show_fidelity
+from motorprior.cli.walk import Walk, run_walk
+from motorprior.logs.pupper_import import read_pupper_logs
+from motorprior.search.ars import ArsConfig
+
+FIGURES, TIMES = "figures.json", "seconds.json"
+PRESETS = ("rollout", "paper", "one_network")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Demo:
+    """The whole story, small: minutes on two cores. A rerun continues where it stopped."""
+
+    out: Path = Path("runs/demo")
+    """Run folder: every artefact, figures.json and report.html."""
+    fleet: str = "pupper_v2"
+    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
+    logs: Path | None = None
+    """Folder with real Pupper v2 logs (jietan/puppersim, puppersim/data/system_id) to replay."""
+    seed: int = 0
+    """Seed of everything."""
+    motors: int = 32
+    """Motors on the bench."""
+    bench_steps: int = 10_000
+    """Samples per motor and preset."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    iterations: int = 200
+    """ARS iterations per policy."""
+    seeds: int = 2
+    """Policies per condition for the rollout prior and the oracle; the other conditions get one."""
+    workers: int = 2
+    """Threads for walking; the result does not depend on it."""
+
+
+class _Clock:
+    """Seconds each stage took when it really ran, kept across interruptions."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.seconds: dict[str, float] = read_json(path) if path.is_file() else {}
+
+    def run(self, name: str, work: Callable[[], Result]) -> Result:
+        """Run a stage; a stage found finished keeps the time it took then."""
+        started = time.monotonic()
+        result = work()
+        took = time.monotonic() - started
+        self.seconds[name] = max(took, self.seconds.get(name, 0.0))
+        write_json(self._path, self.seconds)
+        return result
+
+
+def run_demo(config: Demo) -> None:
+    """Run every stage that is not finished, and the report after each.
+
+    Raises:
+        MotorPriorError: a stage cannot run; what is finished stays.
+    """
+    load_fleet(config.fleet)
+    if config.logs is not None:
+        read_pupper_logs(config.logs)
+    begin(config.out)
+    settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
+    write_json(config.out / SETTINGS, settings)
+    clock = _Clock(config.out / TIMES)
+    figures: dict[str, float] = {}
+    _learn(config, clock)
+    figures |= clock.run("validate", lambda: _validate(config))
+    build_report(config.out)
+    if config.logs is not None:
+        figures |= clock.run("replay", lambda: _replay(config, config.logs))
+    figures |= clock.run("speed", lambda: _speed(config))
+    walks = [clock.run(f"walk {walk.out.name}", lambda walk=walk: _walk(walk)) for walk in _walks(config)]
+    figures |= clock.run("transfer", lambda: _transfer(config, walks))
+    figures["seconds"] = sum(clock.seconds.values())
+    write_json(config.out / FIGURES, figures)
+    page = build_report(config.out)
+    _say(config, figures, page)
+
+
+def _learn(config: Demo, clock: _Clock) -> None:
+    out = config.out
+    for preset in ("rollout", "paper"):
+        bench = Bench(out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed)
+        clock.run(f"bench {preset}", lambda bench=bench: run_bench(bench))
+    CONSOLE.print(f"first pictures: {build_report(out)}")
+    for preset in PRESETS:
+        folder = "paper" if preset == "paper" else "rollout"
+        identify = Identify(out / "bench" / folder, out / "priors" / preset, preset, config.seed, config.adam_steps)
+        clock.run(f"identify {preset}", lambda identify=identify: run_identify(identify))
+        build_report(out)
+
+
+def _validate(config: Demo) -> dict[str, float]:
+    priors = tuple(config.out / "priors" / preset / PRIOR for preset in PRESETS)
+    return run_validate(Validate(priors, config.out / "validate", config.seed), show=False)
+
+
+def _replay(config: Demo, logs: Path | None) -> dict[str, float]:
+    assert logs is not None
+    prior = config.out / "priors" / "rollout" / PRIOR
+    return run_replay(Replay(logs, prior, config.out / "replay", config.fleet, seed=config.seed), show=False)
+
+
+def _speed(config: Demo) -> dict[str, float]:
+    return measure_speed(config.out / "priors" / "rollout" / PRIOR, config.fleet)
+
+
+def _walks(config: Demo) -> list[Walk]:
+    """Every policy to train: the two that matter most with several seeds, first seeds first."""
+    conditions = {
+        "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, config.fleet),
+        "oracle": MotorChoice("fleet", None, config.fleet),
+        "ideal_pd": MotorChoice("pd", None, config.fleet),
+        "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, config.fleet),
+    }
+    several = ("rollout", "oracle")
+    return [
+        Walk(
+            config.out / "walk" / f"{name}_{seed}",
+            motors,
+            config.iterations,
+            search=ArsConfig(seed=config.seed + seed),
+            workers=config.workers,
+        )
+        for seed in range(config.seeds)
+        for name, motors in conditions.items()
+        if seed == 0 or name in several
+    ]
+
+
+def _walk(walk: Walk) -> Path:
+    run_walk(walk, f"walk on {walk.out.name}")
+    return walk.out
+
+
+def _transfer(config: Demo, walks: list[Path]) -> dict[str, float]:
+    return run_transfer(Transfer(tuple(sorted(walks)), config.out / "transfer", config.fleet), show=False)
+
+
+def _say(config: Demo, figures: dict[str, Any], page: Path) -> None:
+    show_fidelity(figures)
+    if config.logs is not None:
+        show_replay(figures)
+    else:
+        print(
+            "No real logs were given. Those of a Pupper v2 are in jietan/puppersim, puppersim/data/system_id "
+            "(Apache-2.0): --logs FOLDER"
+        )
+    show_transfer(figures)
+    print(f"{100 * figures['mj_step_share/rollout']:.0f} % of an episode's time is inside mj_step.")
+    print(f"Report: {page}   Figures: {config.out / FIGURES}   {figures['seconds']:.0f} s")

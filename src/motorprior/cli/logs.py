@@ -1,0 +1,72 @@
+"""``motorprior logs``: bring raw logs in, and look for what is wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.cli.console import table
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.checks import check_log
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.logs.pupper_import import read_pupper_log
+from motorprior.robots.pupper_v2 import spec
+
+
+@dataclass(frozen=True)
+class LogsCheck:
+    """Log doctor: repeats, gaps, clock, units, range, tracking."""
+
+    paths: tuple[Path, ...]
+    """Motor logs (.parquet) or raw Pupper v2 logs (.csv, .csv.gz, .txt)."""
+
+
+@dataclass(frozen=True)
+class LogsImport:
+    """Convert raw Pupper v2 logs to motor logs."""
+
+    paths: tuple[Path, ...]
+    """Raw logs (.csv, .csv.gz, or the original .txt pickles)."""
+    out: Path
+    """Folder for the .parquet files."""
+
+
+def read_any(path: Path) -> MotorLog:
+    """Read a motor log, or a raw Pupper log, by its ending."""
+    return read_log(path) if path.suffix == ".parquet" else read_pupper_log(path)
+
+
+def _require_paths(paths: tuple[Path, ...]) -> None:
+    if not paths:
+        raise ConfigError("no log given", remedy="give at least one file")
+
+
+def run_logs_check(config: LogsCheck) -> None:
+    """Print every finding.
+
+    Raises:
+        LogError: after all logs are checked, if one of them is not usable.
+    """
+    _require_paths(config.paths)
+    unusable = []
+    for path in config.paths:
+        log = read_any(path)
+        limits = np.stack([spec.JOINT_LOWER, spec.JOINT_UPPER], axis=1)
+        report = check_log(log, limits if log.joint_names == spec.JOINT_NAMES else None)
+        rows = [[found.severity, found.check, found.message, found.remedy] for found in report.findings]
+        title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
+        table(title, ["severity", "check", "finding", "remedy"], rows)
+        if not report.usable:
+            unusable.append(str(path))
+    if unusable:
+        raise LogError(f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable))
+
+
+def run_logs_import(config: LogsImport) -> None:
+    """Write one .parquet per raw log, named after it."""
+    _require_paths(config.paths)
+    for path in config.paths:
+        write_log(config.out / (path.name.split(".")[0] + ".parquet"), read_any(path))

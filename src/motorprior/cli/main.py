@@ -1,0 +1,78 @@
+"""The command ``motorprior``: sub-commands in the order of the data flow."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
+
+import tyro  # noqa: E402
+
+from motorprior.cli.bench import Bench, run_bench  # noqa: E402
+from motorprior.cli.console import CONSOLE  # noqa: E402
+from motorprior.cli.demo import Demo, run_demo  # noqa: E402
+from motorprior.cli.identify import Identify, run_identify  # noqa: E402
+from motorprior.cli.logs import LogsCheck, LogsImport, run_logs_check, run_logs_import  # noqa: E402
+from motorprior.cli.replay import Replay, run_replay  # noqa: E402
+from motorprior.cli.report import MakeReport, run_report  # noqa: E402
+from motorprior.cli.speed import Speed, run_speed  # noqa: E402
+from motorprior.cli.transfer import Transfer, run_transfer  # noqa: E402
+from motorprior.cli.validate import Validate, run_validate  # noqa: E402
+from motorprior.cli.walk import Walk, run_walk  # noqa: E402
+from motorprior.exceptions import MotorPriorError  # noqa: E402
+
+Logs = Annotated[LogsImport, tyro.conf.subcommand("import")] | Annotated[LogsCheck, tyro.conf.subcommand("check")]
+Command = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Logs, tyro.conf.subcommand("logs", description="Bring raw logs in; a log doctor.")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+    | Annotated[Identify, tyro.conf.subcommand("identify")]
+    | Annotated[Validate, tyro.conf.subcommand("validate")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
+    | Annotated[Walk, tyro.conf.subcommand("walk")]
+    | Annotated[Transfer, tyro.conf.subcommand("transfer")]
+    | Annotated[MakeReport, tyro.conf.subcommand("report")]
+    | Annotated[Speed, tyro.conf.subcommand("speed")]
+)
+RUN = {
+    Demo: run_demo,
+    LogsImport: run_logs_import,
+    LogsCheck: run_logs_check,
+    Bench: run_bench,
+    Identify: run_identify,
+    Validate: run_validate,
+    Replay: run_replay,
+    Walk: run_walk,
+    Transfer: run_transfer,
+    MakeReport: run_report,
+    Speed: run_speed,
+}
+
+
+def parse(args: list[str]) -> object:
+    """The settings that a command line means.
+
+    Raises:
+        SystemExit: code 2 for a wrong command line, 0 after --help.
+    """
+    return tyro.cli(Command, prog="motorprior", args=args, description=__doc__)  # pyright: ignore
+
+
+def main() -> None:
+    """Run a command line; exit code 2 and one line on bad input, 130 when interrupted."""
+    config = parse(sys.argv[1:])
+    try:
+        RUN[type(config)](config)
+    except MotorPriorError as error:
+        CONSOLE.print(f"error: {error}", style="bold red", markup=False, soft_wrap=True)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        CONSOLE.print("interrupted: finished stages are kept, run the same command again to continue")
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Which motors a simulated robot walks on: one description, used by walk, transfer and speed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
+from motorprior.artifacts import require_keys
+from motorprior.bench.fleet import load_fleet
+from motorprior.cli.stage import digest
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.mujoco_backend import DrawMotors
+
+
+@dataclass(frozen=True)
+class MotorChoice:
+    """The motors of every episode."""
+
+    actuator: Literal["prior", "pd", "fleet"] = "prior"
+    """prior: samples of a learned prior; pd: an ideal PD; fleet: physical motors (the oracle)."""
+    prior: Path | None = None
+    """Prior file, for --actuator prior."""
+    fleet: str = "pupper_v2"
+    """Fleet of the physical motors, and of the PD's nominal gains."""
+    kp: float | None = None
+    """PD gain [N·m/rad]; the fleet's center if not given."""
+    kd: float | None = None
+    """PD gain [N·m·s/rad]; the fleet's center if not given."""
+    torque_limit: float | None = None
+    """PD torque limit [N·m]; the fleet's center if not given."""
+    armature: float = 0.0
+    """Reflected inertia of the PD's motors [kg·m²]."""
+    delay: float = 0.0
+    """Delay of the PD's target [s]."""
+
+    @property
+    def physics_dt(self) -> float:
+        """The step these motors are simulated at [s]: the longest at which they are stable."""
+        return LONGEST_STEP if self.actuator == "fleet" else spec.PHYSICS_DT
+
+    def condition(self) -> str:
+        """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""
+        if self.actuator == "fleet":
+            return "oracle"
+        if self.actuator == "pd":
+            return "tuned_pd" if self.armature or self.delay else "ideal_pd"
+        return MotorPrior.load(self.prior).preset if self.prior is not None else "prior"
+
+    def inputs(self) -> list[Path]:
+        """Files the choice depends on."""
+        files = [self.prior] if self.actuator == "prior" and self.prior is not None else []
+        return files + ([Path(self.fleet)] if self.fleet.endswith(".toml") else [])
+
+    def gains(self) -> tuple[float, float]:
+        """Kp [N·m/rad] and kd [N·m·s/rad] to set on the robot: the nominal ones of the fleet, or those given."""
+        center = load_fleet(self.fleet).center(1)
+        kp = float(center.kp[0]) if self.kp is None else self.kp
+        return kp, float(center.kd[0]) if self.kd is None else self.kd
+
+    def drawer(self) -> DrawMotors:
+        """A function that draws twelve motors.
+
+        Raises:
+            ConfigError: a prior is missing, or one was given for nothing, or a PD constant is out of range.
+            ArtifactError: a file cannot be read.
+        """
+        if self.actuator == "fleet":
+            fleet = load_fleet(self.fleet)
+            return lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))
+        if self.actuator == "pd":
+            return self._pd()
+        if self.prior is None:
+            raise ConfigError("--actuator prior needs --prior FILE", remedy="identify one, or use --actuator pd")
+        prior = MotorPrior.load(self.prior)
+        prior.require(spec.ROBOT_NAME, self.physics_dt)
+        return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
+
+    def _pd(self) -> DrawMotors:
+        center = load_fleet(self.fleet).center(1)
+        kp, kd = self.gains()
+        limit = float(center.torque_limit[0]) if self.torque_limit is None else self.torque_limit
+        named = {"kp": kp, "kd": kd, "torque-limit": limit, "armature": self.armature, "delay": self.delay}
+        for name, value in named.items():
+            if not 0 <= value < float("inf"):
+                raise ConfigError(f"--{name} {value} is below 0 or not finite", remedy="give a finite value >= 0")
+        model = IdealPd.uniform(spec.NUM_JOINTS, kp, kd, limit, self.armature, self.delay)
+        return lambda rng: model
+
+    def as_json(self) -> dict[str, Any]:
+        """For a policy's provenance; the prior by path and digest."""
+        values = asdict(self)
+        values["prior"] = None if self.prior is None else str(self.prior.resolve())
+        values["prior_sha256"] = None if self.prior is None else digest(self.prior)
+        return values
+
+
+def choice_from_json(data: dict[str, Any], where: str) -> MotorChoice:
+    """Read what `MotorChoice.as_json` wrote.
+
+    Raises:
+        ArtifactError: unknown or missing keys.
+        ConfigError: the prior is gone or is not the one the policy was trained on.
+    """
+    fields = set(MotorChoice.__dataclass_fields__)
+    require_keys(data, {*fields, "prior_sha256"}, where)
+    values = {name: data[name] for name in fields}
+    if data["prior"] is not None:
+        values["prior"] = Path(data["prior"])
+        if not values["prior"].is_file() or digest(values["prior"]) != data["prior_sha256"]:
+            raise ConfigError(
+                f"the prior it was trained on, {data['prior']}, is gone or has changed", where=where,
+                remedy="put it back, or train the policy anew",
+            )  # fmt: skip
+    return MotorChoice(**values)

@@ -1,0 +1,233 @@
+"""The chapters of the report, each from the files of one stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_json, read_tensors
+from motorprior.cli.bench import read_bench
+from motorprior.cli.replay import replay_models, replay_rows
+from motorprior.cli.transfer import TRANSFER_COLUMNS, conditions_in, transfer_rows
+from motorprior.cli.validate import COLUMNS
+from motorprior.cli.walk import CURVE
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.skeleton import skeleton
+from motorprior.transfer import plots
+from motorprior.transfer.gait_picture import gait_animation, gait_strip
+from motorprior.transfer.report import Picture, Section, Table, picture
+
+MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
+_LATENT_COLOURS = ("kp", "coulomb", "load_friction", "armature", "delay", "encoder_zero")
+
+
+def _by_model(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name: tensors[prefix + name] for name in MODELS if prefix + name in tensors}
+
+
+def bench(run: Path) -> list[Section]:
+    """Excitation and response of the first motor, both presets."""
+    pictures = []
+    for preset, segment, text in (
+        ("rollout", 3, "a gait held at 100 Hz on a random load, with blows from outside"),
+        ("paper", 0, "the paper's sinusoid of varying frequency and amplitude"),
+    ):
+        log, _ = read_bench(run / "bench" / preset)
+        part = log.rows(log.segment_slices()[min(segment, len(log.segment_slices()) - 1)]).joint(0)
+        first = slice(0, min(part.num_rows, 700))
+        time = part.time[first] - part.time[0]
+        columns = (part.position_target, part.joint_pos, part.joint_vel, part.joint_torque, part.external_torque)
+        arrays = [None if column is None else column[first, 0] for column in columns]
+        assert arrays[0] is not None and arrays[1] is not None
+        figure = plots.excitation_and_response(time, arrays[0], arrays[1], *arrays[2:], title=f"{preset}: {text}")
+        pictures.append(picture(figure, f"Bench preset {preset}, first motor.", f"{preset} excitation and response"))
+    _, facts = read_bench(run / "bench" / "rollout")
+    count = f"{facts.motors} physical motors of fleet {facts.fleet.name}"
+    lead = f"{count} on a virtual dynamometer, {facts.steps} steps each."
+    body = (
+        "The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
+        "limit, a delay and a velocity filter; its encoder sits on the rotor. No two motors are alike.",
+    )
+    return [Section("Bench: motors show themselves", lead, body, tuple(pictures))]
+
+
+def identify(run: Path) -> list[Section]:
+    """The latent map of the training motors."""
+    prior = MotorPrior.load(run / "priors" / "rollout" / "prior.safetensors")
+    motors = read_bench(run / "bench" / "rollout")[1].physical_motors()
+    known = {name: getattr(motors, name) for name in _LATENT_COLOURS if np.ptp(getattr(motors, name)) > 0}
+    figure = plots.latent_map(prior.mean, prior.log_var, known)
+    body = (
+        "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
+        "network never saw the physical parameters that colour the dots.",
+    )
+    shown = picture(figure, f"The {len(prior.mean)} training motors in the latent space.", "latent map")
+    return [
+        Section("Motor prior: what makes motors differ", "A latent z per motor, learned from logs.", body, (shown,))
+    ]
+
+
+def validate(run: Path) -> list[Section]:
+    """Torque fit, closed loop on the bench, and inside the robot."""
+    figures = read_json(run / "validate" / "figures.json")
+    tensors, header = read_tensors(run / "validate" / "traces.safetensors")
+    return [_torque_section(tensors), _bench_section(tensors, header, figures), _robot_section(tensors, figures)]
+
+
+def _torque_section(tensors: dict[str, np.ndarray]) -> Section:
+    pictures = []
+    for name in MODELS:
+        prefix = f"torque/{name}/"
+        if prefix + "time" in tensors:
+            time, measured, predicted = (tensors[prefix + key] for key in ("time", "measured", "predicted"))
+            figure = plots.torque_fit(time, measured, {name: predicted})
+            pictures.append(picture(figure, f"{name}: torque from the true history.", f"torque fit of {name}"))
+    lead = "Shown the true history, every network predicts torque: that is what the paper trains for."
+    body = ("A small error here says nothing about the closed loop: see the next chapter.",)
+    return Section("Torque fit: open loop, one step", lead, body, tuple(pictures))
+
+
+def _fidelity_table(figures: dict[str, float], columns: tuple[str, ...], caption: str) -> Table:
+    names = [name for name in MODELS if f"{columns[0]}/{name}" in figures]
+    rows = [(name, *(f"{figures[f'{column}/{name}']:.4f}" for column in columns)) for name in names]
+    titles = tuple(column.replace("_", " ").replace("hf", "> 20 Hz") for column in columns)
+    return Table(("model", *titles), tuple(rows), caption)
+
+
+def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figures: dict[str, float]) -> Section:
+    time = np.arange(len(tensors["bench/target"])) * header["bench_dt"]
+    figure = plots.closed_loop(
+        time, tensors["bench/target"], tensors["bench/truth"], _by_model(tensors, "bench/model/"), "gait + impacts"
+    )
+    shown = picture(figure, "One held-out trial: every model in its own closed loop.", "closed-loop traces")
+    columns = tuple(column for column in COLUMNS if column.startswith("bench"))
+    table = _fidelity_table(figures, columns, "Joint RMSE [rad] over 1 s, median of the motors. physical: the floor.")
+    lead = "One loaded joint, held-out excitation, compared with the physical motor."
+    return Section("Closed loop on the bench", lead, (), (shown,), (table,))
+
+
+def _robot_section(tensors: dict[str, np.ndarray], figures: dict[str, float]) -> Section:
+    positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
+    time = np.arange(len(tensors["robot/target"])) * spec.PHYSICS_DT
+    traces = plots.robot_traces(
+        time, tensors["robot/position/truth"], positions, tensors["robot/torque/truth"], torques, "FR_knee",
+        "standing trot",
+    )  # fmt: skip
+    columns = tuple(column for column in COLUMNS if not column.startswith("bench"))
+    table = _fidelity_table(
+        figures, columns, "Joint RMSE [rad] and torque above 20 Hz [N·m], medians of 12 draws of 12 motors."
+    )
+    metrics = {
+        "standing_rmse": "standing [rad]",
+        "hung_rmse": "hung [rad]",
+        "standing_torque_hf": "torque > 20 Hz [N·m]",
+    }
+    bars = {
+        title: {name: figures[f"{key}/{name}"] for name in MODELS if f"{key}/{name}" in figures}
+        for key, title in metrics.items()
+    }
+    pictures = (
+        picture(traces, "The right front knee in a trot on the ground.", "traces inside the robot"),
+        picture(plots.fidelity_bars(bars), "Inside the robot.", "fidelity inside the robot"),
+    )
+    lead = "The same models as the twelve motors of a standing and of a hung Pupper."
+    body = (
+        "This is where the paper's recipe oscillates: torque causes acceleration, so one-step regression learns to "
+        "read the torque off the last change of velocity, and in a simulator that feeds back on itself.",
+    )
+    return Section("Closed loop inside the robot", lead, body, pictures, (table,))
+
+
+def replay(run: Path) -> list[Section]:
+    """Real logs."""
+    figures = read_json(run / "replay" / "figures.json")
+    tensors, header = read_tensors(run / "replay" / "traces.safetensors")
+    pictures = []
+    for log in header["logs"]:
+        joint = spec.JOINT_NAMES[int(tensors[f"{log}/joint"])]
+        models = _by_model(tensors, f"{log}/model/")
+        band = (tensors[f"{log}/low"], tensors[f"{log}/high"]) if f"{log}/low" in tensors else None
+        series = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
+        figure = plots.real_replay(*series, models, band, joint, f"log {log}")
+        pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors.", f"replay of {log}"))
+    columns = ("log", *replay_models(figures)[1])
+    rows = tuple(tuple(row) for row in replay_rows(figures))
+    caption = "Joint RMSE [mrad], start included, nothing subtracted; draws: median (5-95 %)."
+    lead = "The commands of a real Pupper v2, replayed on a simulated one."
+    return [Section("Real robot logs", lead, (), tuple(pictures), (Table(columns, rows, caption),))]
+
+
+def no_logs() -> Section:
+    """Where real logs come from."""
+    body = (
+        "Push-up logs of a real Stanford Pupper v2 are in the repository jietan/puppersim, folder "
+        "puppersim/data/system_id (Apache-2.0). Run the demo again with --logs FOLDER: the finished stages are kept.",
+    )
+    return Section("Real robot logs", "None were given.", body)
+
+
+def walk(run: Path) -> list[Section]:
+    """Learning curves."""
+    curves: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for folder in sorted((run / "walk").iterdir()):
+        if (folder / CURVE).is_file():
+            points = read_json(folder / CURVE)
+            iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
+            curves.setdefault(folder.name.rsplit("_", 1)[0], []).append((iteration, returns))
+    figure = plots.learning_curves(curves)
+    shown = picture(figure, "Mean return of the perturbed policies per iteration.", "learning curves")
+    lead = "Augmented random search on a linear policy that modulates a trot; other motors in every episode."
+    body = (
+        "Returns are of each condition's own simulation and do not compare across conditions. Where the motors "
+        "chatter, as on the paper's network, every episode ends in a fall and nothing is learned.",
+    )
+    return [Section("Learning to walk", lead, body, (shown,))]
+
+
+def transfer(run: Path) -> list[Section]:
+    """The transfer table and the gaits."""
+    figures = read_json(run / "transfer" / "figures.json")
+    tensors, header = read_tensors(run / "transfer" / "traces.safetensors")
+    names = conditions_in(figures)
+    pairs = [
+        {name: (figures[f"{place}_speed/{name}"], figures[f"{place}_upright/{name}"]) for name in names}
+        for place in ("own", "twin")
+    ]
+    bars = picture(plots.transfer_bars(*pairs), "Own simulation and twin.", "speed and time upright")
+    pictures = [bars, *(image for name in names for image in _gait(tensors, header, name))]
+    table = Table(TRANSFER_COLUMNS, tuple(tuple(row) for row in transfer_rows(figures)), "24 motor draws of 5 s each.")
+    lead = "Every policy where it was trained, and on a twin nobody trained on: unseen physical motors, 1 kHz, noise."
+    return [Section("Transfer", lead, (), tuple(pictures), (table,))]
+
+
+def _gait(tensors: dict[str, np.ndarray], header: dict[str, Any], name: str) -> list[Picture]:
+    trace = tensors[f"twin/{name}"][:250]
+    body, dt, color = skeleton(trace), header["control_dt"], plots.model_color(name)
+    label = plots.model_label(name)
+    title = f"trained on {label}, on the twin"
+    if len(trace) < 20:
+        return []
+    moving = Picture(f"{title}: first 2.5 s.", title, gait_animation(body, dt, title, color=color), "gif")
+    return [moving, picture(gait_strip(body, dt, title, color=color), f"{title}: frames.", title)]
+
+
+def command(settings: dict[str, Any]) -> str:
+    """What makes this page."""
+    words = ["motorprior demo", f"--fleet {settings['fleet']}", f"--seed {settings['seed']}"]
+    if settings["logs"] is not None:
+        words.append("--logs FOLDER")
+    return " ".join(words)
+
+
+def highlights(figures: dict[str, float]) -> tuple[tuple[str, str], ...]:
+    """The four numbers to see first."""
+    ratio = figures["bench_impact_rmse/rollout"] / figures["bench_impact_rmse/ideal_pd"]
+    return (
+        (f"{ratio:.2f} ×", "closed-loop error of the learned motors over the ideal PD's, gait with impacts"),
+        (f"{figures['twin_speed/rollout']:.2f} m/s", "on the twin, trained on the learned prior"),
+        (f"{figures['twin_speed/ideal_pd']:.2f} m/s", "on the twin, trained on the ideal PD"),
+        (f"{100 * figures['mj_step_share/rollout']:.0f} %", "of an episode's time is the physics engine itself"),
+    )

@@ -1,0 +1,126 @@
+"""``motorprior walk``: ARS trains a PMTG policy on motors drawn anew every episode."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors
+from motorprior.cli.console import bar
+from motorprior.cli.motors import MotorChoice
+from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.task import TaskWeights
+from motorprior.robots.pupper_v2 import spec
+from motorprior.search.ars import Ars, ArsConfig
+from motorprior.search.executor import make_executor
+from motorprior.search.train import SHAPE, Iteration, new_search, train
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
+
+POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
+_CHECKPOINT_EVERY = 20
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Train a walking policy."""
+
+    out: Path
+    """Folder for policy.safetensors, curve.json and the checkpoint."""
+    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
+    """The motors of every episode."""
+    iterations: int = 200
+    """ARS iterations."""
+    episode_steps: int = 250
+    """Control steps of 10 ms per episode."""
+    search: ArsConfig = field(default_factory=ArsConfig)
+    """Augmented random search."""
+    task: TaskWeights = field(default_factory=TaskWeights)
+    """Reward."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Threads; the result does not depend on it."""
+
+
+def run_walk(config: Walk, name: str = "walk") -> None:
+    """Train, resume, or do nothing if the folder holds this very policy."""
+    settings = asdict(config)
+    for free in ("workers", "out"):
+        del settings[free]
+    wanted = description("walk", settings, config.motors.inputs())
+    if is_finished(config.out, wanted):
+        return
+    draw = config.motors.drawer()
+    world = WorldConfig(physics_dt=config.motors.physics_dt)
+    walk = WalkConfig(config.episode_steps, config.task)
+    begin(config.out)
+    search, curve = _restore(config, wanted)
+    executor = make_executor(lambda: WalkSimulator(draw, world, walk), _workers(config.workers))
+    try:
+        with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress:
+            progress.advance(search.iteration)
+
+            def report(point: Iteration) -> None:
+                curve.append(asdict(point))
+                progress.advance(1, f"return {point.mean_return:.2f} m")
+                if (point.iteration + 1) % _CHECKPOINT_EVERY == 0:
+                    _save_checkpoint(config.out, search, curve, wanted)
+
+            train(search, executor, config.iterations, report)
+    finally:
+        executor.close()
+    _policy(config, search).save(config.out / POLICY)
+    write_json(config.out / CURVE, curve)
+    (config.out / CHECKPOINT).unlink(missing_ok=True)
+    finish(config.out, wanted)
+
+
+def _workers(count: int) -> int:
+    if count < 1:
+        raise ConfigError(f"workers {count} is below 1", remedy="give at least 1")
+    return count
+
+
+def _policy(config: Walk, search: Ars) -> Policy:
+    kp, kd = config.motors.gains()
+    return Policy(
+        weights=search.parameters.reshape(SHAPE),
+        observation_mean=search.observations.mean,
+        observation_std=search.observations.std(),
+        kp=np.full(spec.NUM_JOINTS, kp),
+        kd=np.full(spec.NUM_JOINTS, kd),
+        control_dt=spec.CONTROL_DT,
+        provenance={
+            "motors": config.motors.as_json(),
+            "search": asdict(config.search),
+            "task": asdict(config.task),
+            "iterations": config.iterations,
+            "episode_steps": config.episode_steps,
+        },
+    )
+
+
+def _save_checkpoint(folder: Path, search: Ars, curve: list[dict], wanted: dict) -> None:
+    """Everything a later run needs to end at the same bytes."""
+    write_tensors(folder / CHECKPOINT, search.state(), {"wanted": wanted, "curve": curve})
+
+
+def _restore(config: Walk, wanted: dict) -> tuple[Ars, list[dict]]:
+    """The search of an interrupted run with the same settings, or a new one."""
+    path = config.out / CHECKPOINT
+    if path.is_file():
+        state, header = read_tensors(path)
+        if header.get("wanted") == wanted:
+            return Ars.restore(config.search, state), header["curve"]
+    return new_search(config.search), []
+
+
+def read_curve(folder: Path) -> list[dict]:
+    """The learning curve of a finished walk."""
+    return read_json(folder / CURVE)

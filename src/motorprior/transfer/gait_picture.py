@@ -1,0 +1,222 @@
+"""Pictures of a gait from the side: a strip of frames, and a small animation. No OpenGL.
+
+The robot is seen from its right: forward is to the right, its right legs are near, its left legs far.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image, ImageDraw, ImageFont
+
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2.spec import FOOT_RADIUS, LEGS, SIDE
+from motorprior.simulation.skeleton import Skeleton
+from motorprior.transfer.plots_style import INK, MUTED, describe, new_figure, style
+
+FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
+"""Corners of `Skeleton.chassis` around each face of the box."""
+NEAR = [index for index, leg in enumerate(LEGS) if SIDE[leg] < 0]
+FAR = [index for index, leg in enumerate(LEGS) if SIDE[leg] > 0]
+TOUCHING = FOOT_RADIUS + 0.002
+"""A foot centre below this height [m] is on the ground."""
+BODY, FAR_LEG = "#dfe3e8", "#b4bac2"
+
+_SMOOTH = 2  # drawn this many times larger, then averaged down
+_PALETTE = 64
+
+
+@dataclass(frozen=True)
+class _View:
+    """From metres around the camera to pixels of the animation, at full drawing size."""
+
+    width: int = 480
+    height: int = 288
+    metre: float = 880.0
+    """[pixel/m]"""
+    ground: int = 240
+    """row of the floor"""
+
+    def pixels(self, points: np.ndarray, camera: float) -> list[tuple[float, float]]:
+        """World points (N, 2 or 3), x first and z last [m]; ``camera`` is x in the picture's middle [m]."""
+        x = self.width / 2 + (points[:, 0] - camera) * self.metre
+        y = self.ground - points[:, -1] * self.metre
+        return [(float(a) * _SMOOTH, float(b) * _SMOOTH) for a, b in zip(x, y, strict=True)]
+
+
+def gait_strip(
+    skeleton: Skeleton,
+    control_dt: float,
+    title: str,
+    *,
+    color: str = INK,
+    frames: int = 6,
+    span: float = 0.6,
+) -> Figure:
+    """The last ``span`` seconds as frames side by side; a foot on the ground has a ring.
+
+    Args:
+        skeleton: one frame per control step.
+        control_dt: time between frames [s].
+        title: above the strip.
+        color: of the near legs.
+        frames: how many.
+        span: from the first to the last frame shown [s].
+    """
+    _require_frames(skeleton)
+    first = max(0, len(skeleton) - 1 - round(span / control_dt))
+    picked = np.unique(np.linspace(first, len(skeleton) - 1, frames).round().astype(int))
+    pitch = 0.40
+    figure = new_figure(1.5)
+    axes = figure.add_subplot()
+    style(axes)
+    for column, frame in enumerate(picked):
+        middle = skeleton.chassis[frame, :, 0].mean()
+        shift = np.array([column * pitch - middle, 0.0, 0.0])
+        _draw_frame(axes, skeleton.legs[frame] + shift, skeleton.chassis[frame] + shift, color)
+    axes.axhline(0.0, color=MUTED, linewidth=1.0, zorder=0)
+    labels = [_time_and_place(skeleton, frame, control_dt, "\n") for frame in picked]
+    axes.set_xticks(np.arange(len(picked)) * pitch, labels)
+    axes.set_yticks([0.0, 0.1, 0.2])
+    axes.set(xlim=(-0.6 * pitch, (len(picked) - 0.4) * pitch), ylim=(-0.02, 0.26), aspect="equal")
+    axes.grid(False)
+    axes.spines["bottom"].set_visible(False)
+    axes.tick_params(axis="x", length=0)
+    describe(axes, x="time [s] and distance walked [m]", y="height [m]", title=title)
+    return figure
+
+
+def _draw_frame(axes: Axes, legs: np.ndarray, chassis: np.ndarray, color: str) -> None:
+    """One robot: far legs, body, near legs; (4, 4, 3) and (8, 3) in the axes' coordinates [m]."""
+    for leg in FAR:
+        _strip_leg(axes, legs[leg], FAR_LEG, 1)
+    for face in FACES:
+        axes.fill(chassis[face, 0], chassis[face, 2], color=BODY, linewidth=0, zorder=2)
+    for leg in NEAR:
+        _strip_leg(axes, legs[leg], color, 3)
+
+
+def _strip_leg(axes: Axes, points: np.ndarray, color: str, order: int) -> None:
+    """A leg (4, 3) [m], with a ring where its foot is on the ground."""
+    look = {"color": color, "linewidth": 2.4, "solid_capstyle": "round", "solid_joinstyle": "round"}
+    axes.plot(points[:, 0], points[:, 2], zorder=order, **look)
+    x, _, z = points[3]
+    if z < TOUCHING:
+        axes.plot([x], [z], "o", markersize=4, color="white", markeredgecolor=color, zorder=order)
+
+
+def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: str = INK, fps: float = 20.0) -> bytes:
+    """An endless GIF in real time; the camera goes along, the ground has a tick every 0.1 m.
+
+    Args:
+        skeleton: one frame per control step.
+        control_dt: time between frames [s].
+        title: written into the picture.
+        color: of the near legs.
+        fps: pictures per second; rounded to a whole number of control steps.
+    """
+    _require_frames(skeleton)
+    stride = max(1, round(1.0 / (fps * control_dt)))
+    view, picked = _View(), range(0, len(skeleton), stride)
+    pictures = [_picture(view, skeleton, frame, control_dt, title, color) for frame in picked]
+    palette = _palette(pictures)
+    flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    out = BytesIO()
+    duration = max(20, round(100 * stride * control_dt) * 10)
+    flat[0].save(out, "GIF", save_all=True, append_images=flat[1:], duration=duration, loop=0)
+    return out.getvalue()
+
+
+def _palette(pictures: list[Image.Image]) -> Image.Image:
+    """The colours of the first, the middle and the last picture, for all of them."""
+    samples = [pictures[0], pictures[len(pictures) // 2], pictures[-1]]
+    width, height = samples[0].size
+    sheet = Image.new("RGB", (width, 3 * height))
+    for row, sample in enumerate(samples):
+        sheet.paste(sample, (0, row * height))
+    return sheet.quantize(_PALETTE, method=Image.Quantize.MEDIANCUT)
+
+
+def _picture(view: _View, skeleton: Skeleton, frame: int, control_dt: float, title: str, color: str) -> Image.Image:
+    """One picture of the animation, smoothed."""
+    large = Image.new("RGB", (view.width * _SMOOTH, view.height * _SMOOTH), "white")
+    draw = ImageDraw.Draw(large)
+    legs, chassis = skeleton.legs[frame], skeleton.chassis[frame]
+    camera = float(chassis[:, 0].mean())
+    _ground(draw, view, camera)
+    for leg in FAR:
+        _leg(draw, view, legs[leg], camera, FAR_LEG, 7)
+    for face in FACES:
+        draw.polygon(view.pixels(chassis[face], camera), fill=BODY)
+    for leg in NEAR:
+        _leg(draw, view, legs[leg], camera, color, 8)
+    _write(draw, (16, 11), title, 18, INK)
+    _write(draw, (16, 37), _time_and_place(skeleton, frame, control_dt, "    "), 16, MUTED)
+    return large.reduce(_SMOOTH)
+
+
+def _leg(draw: ImageDraw.ImageDraw, view: _View, points: np.ndarray, camera: float, color: str, width: int) -> None:
+    """A leg (4, 3) with round joints; a foot on the ground has a white middle."""
+    path = view.pixels(points, camera)
+    thick = width * _SMOOTH
+    draw.line(path, fill=color, width=thick)
+    for x, y in path[1:]:
+        _disc(draw, x, y, thick / 2, color)
+    foot = FOOT_RADIUS * view.metre * _SMOOTH
+    _disc(draw, *path[-1], foot, color)
+    if points[-1, 2] < TOUCHING:
+        _disc(draw, *path[-1], 0.55 * foot, "white")
+
+
+def _disc(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, color: str) -> None:
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
+
+
+def _ground(draw: ImageDraw.ImageDraw, view: _View, camera: float) -> None:
+    """Floor with a tick every 0.1 m and a number every 0.5 m."""
+    reach = view.width / 2 / view.metre + 0.1
+    draw.rectangle((0, view.ground * _SMOOTH, view.width * _SMOOTH, view.height * _SMOOTH), fill="#f4f5f6")
+    for tenth in range(int(np.floor((camera - reach) * 10)), int(np.ceil((camera + reach) * 10)) + 1):
+        ((x, y),) = view.pixels(np.array([[tenth / 10, 0.0]]), camera)
+        long = tenth % 5 == 0
+        length, shade = (14, MUTED) if long else (8, "#b9bec5")
+        draw.line((x, y, x, y + length * _SMOOTH), fill=shade, width=_SMOOTH)
+        if long:
+            _write(draw, (x / _SMOOTH, view.ground + 17), f"{tenth / 10:.1f} m", 14, MUTED, anchor="ma")
+    y = view.ground * _SMOOTH
+    draw.line((0, y, view.width * _SMOOTH, y), fill=MUTED, width=2 * _SMOOTH)
+
+
+def _write(
+    draw: ImageDraw.ImageDraw,
+    at: tuple[float, float],
+    text: str,
+    size: int,
+    color: str,
+    anchor: str = "la",
+) -> None:
+    """Text in the font that comes with matplotlib, the same everywhere; smaller where it is too long."""
+    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    font = ImageFont.truetype(str(path), size * _SMOOTH)
+    room = (draw.im.size[0] - 32 * _SMOOTH) / max(font.getlength(text), 1.0)
+    if room < 1.0:
+        font = ImageFont.truetype(str(path), max(int(size * _SMOOTH * room), 8))
+    draw.text((at[0] * _SMOOTH, at[1] * _SMOOTH), text, fill=color, font=font, anchor=anchor)
+
+
+def _time_and_place(skeleton: Skeleton, frame: int, control_dt: float, between: str) -> str:
+    """Time and distance since the first frame."""
+    middle = skeleton.chassis[:, :, 0].mean(axis=1)
+    walked = middle[frame] - middle[0]
+    return f"{frame * control_dt:.2f} s{between}{walked:z.2f} m"
+
+
+def _require_frames(skeleton: Skeleton) -> None:
+    if not len(skeleton):
+        raise ConfigError("the gait has no frames", remedy="give at least one")

@@ -1,0 +1,33 @@
+"""The twin: a virtual robot nobody trained on. Unseen physical motors, 1 kHz physics, noisy encoders."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.bench.fleet import Fleet
+from motorprior.locomotion.task import TaskWeights
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
+
+TWIN_STREAM = 0x7717
+"""Separates the twin's motors from those of every bench and every training episode."""
+ENCODER_NOISE = 0.001
+"""Standard deviation of the twin's joint angle readings [rad]; assumption, 50 counts of the rotor's encoder."""
+DURATION_STEPS = 500
+"""5 s."""
+
+
+def draw_twin_motors(fleet: Fleet, rng: np.random.Generator) -> Actuator:
+    """Twelve motors of the twin."""
+    own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
+    return PhysicalActuator(fleet.sample(own, spec.NUM_JOINTS))
+
+
+def twin_simulator(fleet: Fleet) -> WalkSimulator:
+    """A simulator whose every episode is another twin of this fleet."""
+    world = WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
+    walk = WalkConfig(DURATION_STEPS, TaskWeights(), ENCODER_NOISE)
+    return WalkSimulator(lambda rng: draw_twin_motors(fleet, rng), world, walk)

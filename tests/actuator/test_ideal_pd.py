@@ -1,0 +1,94 @@
+"""The ideal PD is its formula, and its closed loop the textbook's second-order system."""
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Trial, run
+
+DT = 0.002
+
+
+def torques(actuator, targets, joint_pos, joint_vel):
+    arrays, out = actuator.arrays(DT), np.zeros(targets.shape)
+    reset_actuator(arrays, targets[0].copy(), joint_pos[0].copy())
+    for step in range(len(targets)):
+        step_actuator(
+            arrays, DT, targets[step].copy(), joint_pos[step].copy(), joint_vel[step].copy(), out[step]
+        )
+    return out
+
+
+def step_response(time, size, inertia, kp, kd):
+    """Angle of inertia·q̈ + kd·q̇ + kp·q = kp·size, from rest at 0, underdamped."""
+    decay = kd / (2 * inertia)
+    wave = np.sqrt(kp / inertia - decay**2)
+    return size * (1 - np.exp(-decay * time) * (np.cos(wave * time) + decay / wave * np.sin(wave * time)))
+
+
+def test_torque_is_the_clipped_law_plus_the_damping_that_the_engine_takes():
+    rng = np.random.default_rng(0)
+    actuator = IdealPd(*(rng.uniform(0.1, 2.0, 5) for _ in range(4)), delay=np.zeros(5))
+    target, q, dq = rng.normal(0.0, 1.0, (3, 200, 5))
+    law = np.clip(actuator.kp * (target - q) - actuator.kd * dq, -actuator.torque_limit, actuator.torque_limit)
+    np.testing.assert_allclose(torques(actuator, target, q, dq) - actuator.kd * dq, law, atol=1e-12)
+    assert 0.2 < np.mean(np.abs(law) == actuator.torque_limit) < 0.9  # both branches are seen
+    np.testing.assert_array_equal(actuator.damping, actuator.kd)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.3, 1.0, 3.0, 7.5])
+def test_a_delayed_target_is_the_target_of_so_long_ago(lag):
+    rng = np.random.default_rng(1)
+    target = np.cumsum(rng.normal(size=(40, 2)), axis=0)
+    nothing = np.zeros_like(target)
+    actuator = IdealPd.uniform(2, kp=1.0, kd=0.0, torque_limit=1e9, delay=lag * DT)
+    steps = np.arange(40.0)
+    # before the start the first target has held for ever, which is what np.interp extrapolates
+    expected = np.stack([np.interp(steps - lag, steps, column) for column in target.T], axis=1)
+    np.testing.assert_allclose(torques(actuator, target, nothing, nothing), expected, atol=1e-9)
+
+
+def test_each_motor_has_its_own_delay():
+    actuator = IdealPd(np.ones(3), np.zeros(3), np.full(3, 9.0), np.zeros(3), delay=np.array([0, 1, 4]) * DT)
+    target = (np.arange(12) >= 5).astype(float)[:, None].repeat(3, axis=1)
+    torque = torques(actuator, target, np.zeros((12, 3)), np.zeros((12, 3)))
+    np.testing.assert_array_equal(np.argmax(torque > 0.5, axis=0), [5, 6, 9])
+
+
+@pytest.mark.parametrize(("kp", "kd", "load", "armature"), [(8.0, 0.2, 0.01, 0.0), (4.0, 0.05, 1e-3, 3e-3)])
+def test_the_loaded_joint_is_a_second_order_system(kp, kd, load, armature):
+    actuator = IdealPd.uniform(1, kp, kd, torque_limit=1e9, armature=armature)
+
+    def worst(dt):
+        steps = round(0.5 / dt)
+        targets = np.full((steps, 1), 0.3)
+        targets[0] = 0.0  # rest at 0, then 0.3
+        trial = Trial(targets, np.zeros((steps, 1)), np.array([load]), dt)
+        time = np.arange(steps - 1) * dt
+        expected = step_response(time, 0.3, load + armature, kp, kd)
+        return np.max(np.abs(run(actuator, trial).joint_pos[1:, 0] - expected))
+
+    # semi-implicit Euler errs by O(dt): at 0.1 ms about dt·w·amplitude = 1e-4·45·0.3 = 1.4e-3 rad at most
+    assert worst(1e-4) < 1.5e-3
+    assert worst(1e-4) / worst(2e-4) == pytest.approx(0.5, abs=0.05)
+
+
+def test_armature_is_inertia_of_the_load():
+    rng = np.random.default_rng(2)
+    targets, external = rng.normal(0.0, 0.3, (2, 300, 4))
+    load = np.full(4, 0.002)
+    with_rotor = run(IdealPd.uniform(4, 8.0, 0.3, 1.0, armature=0.003), Trial(targets, external, load, DT))
+    heavier = run(IdealPd.uniform(4, 8.0, 0.3, 1.0), Trial(targets, external, load + 0.003, DT))
+    np.testing.assert_array_equal(with_rotor.joint_pos, heavier.joint_pos)
+
+
+def test_strong_damping_on_a_bare_shank_does_not_chatter():
+    # kd·dt / inertia = 1.2·0.002 / 0.0003 = 8: held constant for a step, damping would overshoot 8-fold
+    targets = np.full((500, 1), 0.5)
+    targets[0] = 0.0
+    trial = Trial(targets, np.zeros((500, 1)), np.array([3e-4]), DT)
+    response = run(IdealPd.uniform(1, 12.0, 1.2, torque_limit=1e9), trial)
+    assert np.all(np.diff(response.joint_pos[:, 0]) >= -1e-12)
+    # slow pole about kp/kd = 10 rad/s: e^-10 of 0.5 rad is left after 1 s
+    assert response.joint_pos[-1, 0] == pytest.approx(0.5, abs=1e-4)

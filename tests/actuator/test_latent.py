@@ -1,0 +1,126 @@
+"""The compiled network is the reference formula, on the right inputs, at the right times."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+
+TAPS = (0, 2, 5)
+PERIOD = 0.002
+
+
+def network(neurons=8, latents=3, **changes):
+    rng = np.random.default_rng(0)
+    inputs = 2 * len(TAPS)
+    net = LatentNetwork(
+        w1=rng.standard_normal((inputs, neurons)),
+        v1=rng.standard_normal((latents, neurons)),
+        b1=rng.standard_normal(neurons),
+        w2=rng.standard_normal((neurons, neurons)),
+        b2=rng.standard_normal(neurons),
+        w3=rng.standard_normal(neurons),
+        b3=np.array(-0.3),
+        log_armature=np.array(np.log(0.002)),
+        armature_slope=rng.standard_normal(latents),
+        taps=TAPS,
+        period=PERIOD,
+        error_scale=0.2,
+        velocity_scale=3.0,
+        torque_scale=0.7,
+        torque_limit=10.0,
+        has_armature=True,
+    )
+    return replace(net, **changes)
+
+
+def motion(n, steps=40):
+    """(3, steps, n) position_target, joint_pos, joint_vel."""
+    return np.random.default_rng(1).normal(0.0, [[[0.3]], [[0.3]], [[4.0]]], (3, steps, n))
+
+
+def torques(actuator, inputs, dt=PERIOD):
+    arrays, out = actuator.arrays(dt), np.zeros(inputs.shape[1:])
+    reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
+    for step, row in enumerate(inputs.transpose(1, 0, 2).copy()):
+        step_actuator(arrays, dt, *row, out[step])
+    return out
+
+
+def scaled_history(net, inputs):
+    """(steps, n, 2T) errors, then velocities, of the ages in TAPS; before the start: first error, at rest."""
+    error = (inputs[0] - inputs[1]) / net.error_scale
+    velocity = inputs[2] / net.velocity_scale
+    rows = []
+    for step in range(len(error)):
+        past = [step - tap for tap in TAPS]
+        rows.append(
+            [error[max(k, 0)] for k in past] + [velocity[k] if k >= 0 else 0 * velocity[0] for k in past]
+        )
+    return np.array(rows).transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize("n", [1, 12, 17])
+@pytest.mark.parametrize("neurons", [4, 32])
+def test_compiled_network_equals_the_reference(n, neurons):
+    net, inputs = network(neurons), motion(n)
+    z = np.random.default_rng(2).standard_normal((n, 3))
+    expected = np.array([net.torque(row, z) for row in scaled_history(net, inputs)])
+    np.testing.assert_allclose(
+        torques(LatentActuator(net, z), inputs), expected, atol=1e-5 * net.torque_scale * neurons
+    )
+    assert np.ptp(expected) > net.torque_scale
+
+
+@pytest.mark.parametrize("row", range(2 * len(TAPS)))
+def test_each_input_row_is_its_own_tap(row):
+    # only input `row` reaches neuron 0, which alone is read: torque = 0.7·softsign(softsign(x))
+    w1, w2 = np.zeros((6, 4)), np.zeros((4, 4))
+    w1[row, 0] = w2[0, 0] = 1.0
+    readout = np.array([1.0, 0.0, 0.0, 0.0])
+    nothing = {"v1": np.zeros((3, 4)), "b1": np.zeros(4), "b2": np.zeros(4), "b3": np.array(0.0)}
+    net, inputs = network(4, w1=w1, w2=w2, w3=readout, **nothing), motion(5)
+    kind, age = divmod(row, len(TAPS))
+    signal = inputs[2] / 3.0 if kind else (inputs[0] - inputs[1]) / 0.2
+    seen = signal[: len(signal) - TAPS[age]]  # at step TAPS[age] + k the network sees row k
+    once = seen / (1 + np.abs(seen))
+    torque = torques(LatentActuator(net, np.zeros((5, 3))), inputs)[TAPS[age] :]
+    np.testing.assert_allclose(torque, 0.7 * once / (1 + np.abs(once)), atol=1e-6)
+
+
+def test_the_torque_is_held_between_renewals():
+    # four physics steps of 0.5 ms per period; what happens in between is not seen
+    actuator, inputs = LatentActuator(network(), np.zeros((12, 3))), motion(12)
+    fine = inputs.repeat(4, axis=1)
+    unseen = np.arange(fine.shape[1]) % 4 != 0
+    fine[:, unseen] += 1.0
+    expected = torques(actuator, inputs).repeat(4, axis=0)
+    np.testing.assert_array_equal(torques(actuator, fine, PERIOD / 4), expected)
+
+
+def test_the_clip_is_at_the_limit_of_the_motors_it_saw():
+    net = network(torque_limit=0.5)
+    z, inputs = np.zeros((12, 3)), motion(12)
+    free = torques(LatentActuator(replace(net, torque_limit=10.0), z), inputs)
+    np.testing.assert_array_equal(torques(LatentActuator(net, z), inputs), np.clip(free, -0.5, 0.5))
+    assert np.any(np.abs(free) > 0.5)
+
+
+def test_armature_is_log_linear_in_z():
+    net, z = network(), np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]])
+    expected = [0.002, 0.002 * np.exp(net.armature_slope @ [1.0, -2.0, 0.5])]
+    np.testing.assert_allclose(LatentActuator(net, z).armature, expected)
+    np.testing.assert_array_equal(LatentActuator(replace(net, has_armature=False), z).armature, 0.0)
+    np.testing.assert_array_equal(LatentActuator(net, z).damping, 0.0)
+
+
+def test_z_tells_motors_apart_and_none_is_a_network_for_all():
+    inputs = motion(1).repeat(3, axis=2)
+    z = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 0, 0]])
+    torque = torques(LatentActuator(network(), z), inputs)
+    np.testing.assert_array_equal(torque[:, 0], torque[:, 2])
+    assert np.all(torque[:, 0] != torque[:, 1])
+    alike = torques(LatentActuator(network(latents=0), np.zeros((3, 0))), inputs)
+    np.testing.assert_array_equal(alike[:, 0], alike[:, 1])

@@ -1,0 +1,239 @@
+"""The physical motor keeps the laws of mechanics and, with nothing but a rotor, is an ideal PD."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motorprior.actuator.physical import ROTOR_POS, SUBSTEP, MotorParameters, PhysicalActuator
+from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Trial, run
+
+DT = 0.001
+STIFF = {"gear_stiffness": 3000.0, "gear_damping": 1.0}
+FEW = settings(max_examples=15, deadline=None, derandomize=True)
+
+
+def motor(**changes):
+    """One motor without any imperfection but a soft gear; changes by name."""
+    values = dict.fromkeys(MotorParameters.__dataclass_fields__, 0.0)
+    values |= {"kp": 6.0, "kd": 0.3, "torque_limit": 100.0, "stall_torque": 1e6, "no_load_speed": 1e6}
+    values |= {"armature": 0.003, "velocity_filter": 1e-6, "stribeck_velocity": 0.3, "gear_stiffness": 80.0}
+    values |= changes
+    return PhysicalActuator(MotorParameters(**{name: np.array([value]) for name, value in values.items()}))
+
+
+def drive(actuator, target, joint_pos, joint_vel, dt=DT):
+    """(steps,) torque of one motor on a joint moved by hand, and its final arrays."""
+    target, joint_pos, joint_vel = (np.ascontiguousarray(row, float) for row in (target, joint_pos, joint_vel))
+    arrays, out = actuator.arrays(dt), np.zeros((len(target), 1))
+    reset_actuator(arrays, target[:1].copy(), joint_pos[:1].copy())
+    for k in range(len(target)):
+        inputs = (target[k : k + 1], joint_pos[k : k + 1], joint_vel[k : k + 1])
+        step_actuator(arrays, dt, *inputs, out[k])
+    return out[:, 0], arrays
+
+
+def step_response(time, size, inertia, kp, kd):
+    """Angle of inertia·q̈ + kd·q̇ + kp·q = kp·size, from rest at 0, underdamped."""
+    decay = kd / (2 * inertia)
+    wave = np.sqrt(kp / inertia - decay**2)
+    return size * (1 - np.exp(-decay * time) * (np.cos(wave * time) + decay / wave * np.sin(wave * time)))
+
+
+@pytest.mark.parametrize(("kp", "kd", "load"), [(6.0, 0.3, 0.01), (3.0, 0.1, 0.003)])
+def test_a_rigid_motor_without_friction_is_a_second_order_system(kp, kd, load):
+    steps = 2000
+    targets = np.full((steps, 1), 0.3)
+    targets[0] = 0.0
+    trial = Trial(targets, np.zeros((steps, 1)), np.array([load]), SUBSTEP)
+    response = run(motor(kp=kp, kd=kd, **STIFF), trial)
+    time = np.arange(steps - 1) * SUBSTEP
+    expected = step_response(time, 0.3, load + 0.003, kp, kd)
+    # twist of the gear: 0.3 rad·kp/3000 = 6e-4 rad; Euler and the filter are late by about a substep, at
+    # most 0.3 rad·sqrt(kp/inertia)·0.25 ms = 2e-3 rad
+    np.testing.assert_allclose(response.joint_pos[1:, 0], expected, atol=2.5e-3)
+    assert np.max(expected) > 0.33  # it swings: a wrong inertia or damping would show
+
+
+@FEW
+@given(coulomb=st.floats(0.01, 0.5), share=st.floats(-0.999, 0.999))
+def test_a_torque_below_friction_never_moves_the_rotor(coulomb, share):
+    actuator = motor(coulomb=coulomb, stribeck_torque=0.0)
+    target = np.full(400, share * coulomb / 6.0)
+    target[0] = 0.0
+    torque, arrays = drive(actuator, target, np.zeros(400), np.zeros(400))
+    assert arrays.memory[ROTOR_POS, 0] == 0.0 and np.all(torque == 0.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_torque_above_friction_moves_it(side):
+    actuator = motor(coulomb=0.12, stribeck_torque=0.01)
+    for share, moves in ((0.999, False), (1.001, True)):
+        _, arrays = drive(actuator, np.r_[0.0, np.full(50, side * share * 0.13 / 6.0)], *np.zeros((2, 51)))
+        assert (side * arrays.memory[ROTOR_POS, 0] > 0.0) == moves
+
+
+def energy(response, actuator, load):
+    """Kinetic and gear energy [J] of a response whose rotor is replayed on the same joint motion."""
+    arrays = actuator.arrays(SUBSTEP)
+    q, dq = response.joint_pos, response.joint_vel
+    reset_actuator(arrays, q[0].copy(), q[0].copy())
+    rotor = np.zeros((len(q), 2))
+    for k in range(len(q)):
+        rotor[k] = arrays.memory[:2, 0]
+        step_actuator(arrays, SUBSTEP, q[0], q[k].copy(), dq[k].copy(), np.zeros(1))
+    m = actuator.motors
+    twist = np.abs(rotor[:, 0] - q[:, 0]) - 0.5 * m.backlash[0]
+    gear = 0.5 * m.gear_stiffness[0] * np.maximum(0.0, twist) ** 2
+    return 0.5 * load * dq[:, 0] ** 2 + 0.5 * m.armature[0] * rotor[:, 1] ** 2 + gear
+
+
+@FEW
+@given(
+    friction=st.fixed_dictionaries(
+        {
+            "coulomb": st.floats(0.0, 0.2),
+            "stribeck_torque": st.floats(0.0, 0.05),
+            "viscous_damping": st.floats(0.0, 0.01),
+            "load_friction": st.floats(0.0, 0.4),
+            "backlash": st.floats(0.0, 0.03),
+            "gear_stiffness": st.floats(40.0, 120.0),
+            "gear_damping": st.floats(0.0, 0.03),
+            "armature": st.floats(0.001, 0.005),
+        }
+    ),
+    load=st.floats(0.001, 0.03),
+)
+def test_an_unpowered_motor_spun_by_hand_only_loses_energy(friction, load):
+    actuator, steps, pushed = motor(kp=0.0, kd=0.0, **friction), 1200, 20
+    external = np.zeros((steps, 1))
+    external[:pushed] = 5.0 * load / (pushed * SUBSTEP)  # an impulse to 5 rad/s
+    response = run(actuator, Trial(np.zeros((steps, 1)), external, np.array([load]), SUBSTEP))
+    left = energy(response, actuator, load)[pushed:]
+    # symplectic Euler swings about the true energy by wave·h/2, wave = sqrt(stiffness/reduced inertia)
+    armature = friction["armature"]
+    wave = np.sqrt(friction["gear_stiffness"] * (1 / load + 1 / armature))
+    assert np.max(left) <= left[0] * (1 + wave * SUBSTEP)
+    quarters = [np.max(part) for part in np.split(left, [295, 590, 885])]
+    assert np.all(np.diff(quarters) <= wave * SUBSTEP * np.array(quarters[:-1]))
+    if friction["coulomb"] > 0.01:
+        assert left[-1] < left[0]
+
+
+def test_a_motor_with_no_loss_keeps_its_energy():
+    # the counterpart: what the test above measures is friction, not the integrator
+    actuator, steps = motor(kp=0.0, kd=0.0, backlash=0.01), 4000
+    external = np.zeros((steps, 1))
+    external[:20] = 5.0 * 0.01 / (20 * SUBSTEP)
+    left = energy(run(actuator, Trial(np.zeros((steps, 1)), external, np.array([0.01]), SUBSTEP)), actuator, 0.01)
+    # wave·h/2 = sqrt(80·(100 + 333))·1.25e-4 = 2.3 %
+    np.testing.assert_allclose(left[20:], left[20], rtol=0.05)
+
+
+@pytest.mark.parametrize("backlash", [0.0, 0.005, 0.03])
+def test_the_dead_band_is_the_backlash(backlash):
+    # the rotor is stuck at 0; the joint is turned by hand, slowly enough to count as at rest
+    joint_pos = np.linspace(-0.04, 0.04, 161)
+    actuator = motor(kp=0.0, kd=0.0, coulomb=1e6, backlash=backlash)
+    arrays, out = actuator.arrays(DT), np.zeros(1)
+    reset_actuator(arrays, np.zeros(1), np.zeros(1))
+    torque = []
+    for angle in joint_pos:
+        step_actuator(arrays, DT, np.zeros(1), np.array([angle]), np.zeros(1), out)
+        torque.append(out[0])
+    # 80 N·m/rad beyond half the play on either side
+    expected = -80.0 * np.sign(joint_pos) * np.maximum(0.0, np.abs(joint_pos) - backlash / 2)
+    np.testing.assert_allclose(torque, expected, atol=1e-12)
+
+
+def test_the_gear_pushes_and_never_pulls():
+    # the joint moves away from the rotor fast enough for the gear's damping to exceed its spring
+    actuator = motor(kp=0.0, kd=0.0, coulomb=1e6, backlash=0.01, gear_damping=1.0)
+    for side in (1.0, -1.0):
+        joint_pos = side * np.array([0.0, 0.006, 0.006])
+        torque, _ = drive(actuator, np.zeros(3), joint_pos, side * np.array([0.0, 0.0, -5.0]))
+        assert side * torque[1] == pytest.approx(-80.0 * 0.001)  # 1 mrad into the gear
+        assert torque[2] == 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_speed_runs_up_the_torque_speed_line(side):
+    # flat out against inertia only: J·dω/dt = stall·(1 - ω/no_load), so ω = no_load·(1 - exp(-t·stall/(J·no_load)))
+    actuator = motor(kp=1e3, kd=0.0, torque_limit=1e3, stall_torque=2.0, no_load_speed=40.0, **STIFF)
+    steps = 2400
+    targets = np.full((steps, 1), side * 1e5)
+    targets[0] = 0.0
+    response = run(actuator, Trial(targets, np.zeros((steps, 1)), np.array([0.005]), SUBSTEP))
+    time = np.arange(steps - 1) * SUBSTEP
+    expected = side * 40.0 * (1 - np.exp(-time * 2.0 / (0.008 * 40.0)))
+    # late by a substep: 2/0.008·0.25 ms = 0.06 rad/s; the gear winds up by 2·(5/8)/3000 rad within a few ms
+    np.testing.assert_allclose(response.joint_vel[1:, 0], expected, atol=0.3)
+
+
+def test_the_current_limit_caps_the_torque_of_a_slow_motor():
+    actuator = motor(torque_limit=0.5, stall_torque=9.0, no_load_speed=50.0, gear_damping=0.5)
+    torque, _ = drive(actuator, np.r_[0.0, np.ones(1999)], *np.zeros((2, 2000)))
+    assert torque[-1] == pytest.approx(0.5, rel=1e-6)
+
+
+def test_the_encoder_reads_the_rotor_and_its_zero_and_no_backlash():
+    actuator, seen = motor(kp=0.0, kd=0.0, coulomb=1e6, backlash=0.02, encoder_zero=0.3), np.zeros(1)
+    arrays = actuator.arrays(DT)
+    reset_actuator(arrays, np.array([1.0]), np.array([1.0]))
+    for wiggle in (0.0, 0.009, -0.009):  # inside the play
+        step_actuator(arrays, DT, np.array([1.0]), np.array([1.0 + wiggle]), np.zeros(1), np.zeros(1))
+        measure_joint_pos(arrays, np.array([1.0 + wiggle]), seen)
+        assert seen[0] == 1.3
+    # a firmware that trusts its encoder turns the joint by -encoder_zero
+    freed = motor(encoder_zero=0.3, **STIFF)
+    settled = run(freed, Trial(np.zeros((4000, 1)), np.zeros((4000, 1)), np.array([0.005]), DT))
+    assert settled.joint_pos[-1, 0] == pytest.approx(-0.3, abs=1e-6)
+
+
+@pytest.mark.parametrize("steps_late", [1, 3, 8])
+def test_a_delay_is_a_shift_in_time(steps_late):
+    target = np.cumsum(np.random.default_rng(0).normal(0.0, 0.05, 120))
+    target[:10] = target[0]
+    still = np.zeros((2, 120))
+    prompt, _ = drive(motor(coulomb=0.05), target, *still)
+    late, _ = drive(motor(coulomb=0.05, delay=steps_late * DT), target, *still)
+    # before the first change both are at rest on the same constant target
+    held = np.r_[np.full(steps_late, target[0]), target[:-steps_late]]
+    np.testing.assert_array_equal(late, drive(motor(coulomb=0.05), held, *still)[0])
+    assert np.any(late != prompt)
+
+
+def test_a_delay_between_two_steps_arrives_between_them():
+    # 2.5 ms: the third physics step of 1 ms sees the new target in its second half only
+    target, still = np.r_[np.zeros(5), np.ones(5)], np.zeros((2, 10))
+    first = {}
+    for delay in (0.002, 0.0025, 0.003):
+        first[delay] = drive(motor(delay=delay), target, *still)[0]
+    assert np.all(first[0.0025][:7] == 0.0) and first[0.003][7] == 0.0
+    assert 0.0 < first[0.0025][7] < first[0.002][7]
+
+
+@pytest.mark.parametrize("size", [0.3, 2.0])
+def test_left_and_right_are_alike(size):
+    actuator = motor(coulomb=0.1, stribeck_torque=0.02, load_friction=0.2, backlash=0.01, torque_limit=1.0)
+    rng = np.random.default_rng(1)
+    target = size * np.cumsum(rng.normal(0.0, 0.1, 200))
+    joint_vel = rng.normal(0.0, size, 200)
+    joint_pos = np.cumsum(joint_vel) * DT
+    torque, _ = drive(actuator, target, joint_pos, joint_vel)
+    mirrored, _ = drive(actuator, -target, -joint_pos, -joint_vel)
+    np.testing.assert_array_equal(mirrored, -torque)
+    assert np.ptp(torque) > 0.1
+
+
+def test_motors_are_taken_by_index_with_all_their_fields():
+    two = MotorParameters(*(np.array([k, k + 100.0]) for k in range(len(MotorParameters.__dataclass_fields__))))
+    assert len(two) == 2
+    np.testing.assert_array_equal(two.take(np.array([1])).table(), two.table()[:, [1]])
+    # `arrays` must not scale the motor's own numbers
+    before = two.table()
+    PhysicalActuator(replace(two, velocity_filter=np.ones(2))).arrays(DT)
+    np.testing.assert_array_equal(two.table(), before)

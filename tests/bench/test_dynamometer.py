@@ -1,0 +1,74 @@
+"""The dynamometer's joint is a rigid body: momentum, energy and decay in closed form."""
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.record import PRESETS, record
+
+LOAD = np.array([0.002, 0.03])
+
+
+def limp(kd=0.0, armature=0.0):
+    return IdealPd.uniform(2, kp=0.0, kd=kd, torque_limit=1e9, armature=armature)
+
+
+@pytest.mark.parametrize("dt", [0.0005, 0.002, 0.01])
+def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
+    steps, torque = 50, np.array([0.3, -0.2])
+    trial = Trial(np.zeros((steps, 2)), np.tile(torque, (steps, 1)), LOAD, dt)
+    response = run(limp(armature=0.004), trial)
+    acceleration = torque / (LOAD + 0.004)
+    time = np.arange(steps)[:, None] * dt
+    np.testing.assert_allclose(response.joint_vel, acceleration * time, rtol=1e-12, atol=1e-12)
+    # semi-implicit Euler with steps h <= 2 ms: q = a·h²·m·(m+1)/2 after m steps = a·t·(t + h)/2
+    h = min(dt, 0.002)
+    np.testing.assert_allclose(response.joint_pos, acceleration * time * (time + h) / 2, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(response.joint_torque, 0.0)
+
+
+def test_the_work_of_a_blow_is_the_kinetic_energy():
+    rng = np.random.default_rng(0)
+    external = np.zeros((100, 2))
+    external[10:40] = rng.normal(0.0, 1.0, (30, 2))
+    speed = run(limp(), Trial(np.zeros((100, 2)), external, LOAD, 0.002)).joint_vel
+    work = np.cumsum(external[:-1] * 0.5 * (speed[:-1] + speed[1:]) * 0.002, axis=0)
+    np.testing.assert_allclose(0.5 * LOAD * speed[1:] ** 2, work, atol=1e-12)
+    np.testing.assert_array_equal(speed[40:], np.broadcast_to(speed[40], (60, 2)))  # nothing brakes it
+
+
+def test_damping_decays_as_implicit_euler_does_whatever_its_size():
+    external = np.zeros((60, 2))
+    external[0] = LOAD * 5.0 / 0.002
+    kd = 1.0  # kd·dt/J = 1 and 0.067
+    speed = run(limp(kd=kd), Trial(np.zeros((60, 2)), external, LOAD, 0.002)).joint_vel
+    expected = 5.0 / (1 + 0.002 * kd / LOAD) ** np.arange(1, 60)[:, None]
+    np.testing.assert_allclose(speed[1:], expected, rtol=1e-12)
+
+
+def test_joints_do_not_feel_each_other():
+    rng = np.random.default_rng(1)
+    targets, external = rng.normal(0.0, 0.3, (2, 80, 2))
+    pd = IdealPd.uniform(2, 8.0, 0.3, 1.0, armature=0.001)
+    both = run(pd, Trial(targets, external, LOAD, 0.002))
+    alone = run(IdealPd.uniform(1, 8.0, 0.3, 1.0, armature=0.001), Trial(targets[:, 1:], external[:, 1:], LOAD[1:], 0.002))
+    np.testing.assert_array_equal(both.joint_pos[:, 1], alone.joint_pos[:, 0])
+
+
+@pytest.mark.parametrize("preset", ["paper", "rollout"])
+def test_a_recorded_log_obeys_newton(preset):
+    fleet = load_fleet("pupper_v2")
+    motors = fleet.sample(np.random.default_rng(0), 3)
+    log = record(motors, PRESETS[preset], 3100, seed=1, fleet=fleet)
+    for part in log.segments():
+        assert part.joint_vel is not None and part.joint_torque is not None
+        assert part.load_inertia is not None and part.external_torque is not None
+        gained = part.load_inertia[:-1] * np.diff(part.joint_vel, axis=0) / PRESETS[preset].period
+        # joint_torque is the mean over the sample, so the identity is exact but for rounding
+        np.testing.assert_allclose(gained, (part.joint_torque + part.external_torque)[:-1], atol=1e-9)
+        moved = np.diff(part.joint_pos, axis=0) / PRESETS[preset].period
+        # the mean speed of a sample lies near its two ends': within the acceleration's share
+        slack = np.abs(np.diff(part.joint_vel, axis=0)).max()
+        np.testing.assert_allclose(moved, part.joint_vel[1:], atol=2 * slack)

@@ -1,0 +1,149 @@
+"""A fleet file means what it says, or is refused by name."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.bench.fleet import SHIPPED, load_fleet
+from motorprior.exceptions import ArtifactError
+
+NAMES = sorted(path.stem for path in SHIPPED.glob("*.toml"))
+SHIPPED_TEXT = (SHIPPED / "pupper_v2.toml").read_text(encoding="utf-8")
+
+
+def with_table(tmp_path: Path, parameter: str, body: str) -> Path:
+    """The shipped fleet with the table of one parameter replaced."""
+    tables = SHIPPED_TEXT.split("\n[")
+    changed = [f"{parameter}]\n{body}\n" if table.startswith(f"{parameter}]") else table for table in tables]
+    assert changed != tables
+    path = tmp_path / "mine.toml"
+    path.write_text("\n[".join(changed), encoding="utf-8")
+    return path
+
+
+def refusal(path: Path | str) -> ArtifactError:
+    with pytest.raises(ArtifactError) as error:
+        load_fleet(str(path))
+    assert error.value.remedy and Path(path).name in str(error.value)
+    return error.value
+
+
+KP = 'unit = "N·m/rad"\nsource = "test"\n'
+
+
+def test_both_shipped_fleets_load_and_name_their_motor():
+    assert NAMES == ["mixed", "pupper_v2"]
+    for name in NAMES:
+        fleet = load_fleet(name)
+        assert fleet.name == name and fleet.motor and fleet.robot
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_number_of_a_shipped_fleet_has_a_source(name):
+    tables = (SHIPPED / f"{name}.toml").read_text(encoding="utf-8").split("\n[")[1:]
+    assert len(tables) == len(load_fleet(name).parameters) == 17
+    for table in tables:
+        sources = [line for line in table.splitlines() if line.startswith("source = ")]
+        assert len(sources) == 1 and len(sources[0].split('"')[1].strip()) > 3, table
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_samples_have_the_median_and_spread_of_the_file(name):
+    fleet, count = load_fleet(name), 20000
+    motors = fleet.sample(np.random.default_rng(0), count)
+    values = {field: getattr(motors, field) for field in fleet.parameters if field != "kd_over_kp"}
+    values["kd_over_kp"] = motors.kd / motors.kp
+    for field, distribution in fleet.parameters.items():
+        numbers = distribution.values
+        low, middle, high = np.quantile(values[field], [0.1587, 0.5, 0.8413])  # one sigma either side
+        if distribution.kind == "constant":
+            np.testing.assert_allclose(values[field], numbers["center"])
+        elif distribution.kind == "uniform":
+            width = numbers["high"] - numbers["low"]
+            assert numbers["low"] <= values[field].min() and values[field].max() <= numbers["high"]
+            expected = numbers["low"] + width * np.array([0.1587, 0.5, 0.8413])
+            np.testing.assert_allclose([low, middle, high], expected, atol=0.015 * width)
+        else:
+            # the quantiles' own standard error is 0.009-0.011 sigma for 20000 samples; 0.04 is four of them
+            sigma = np.hypot(numbers["spread"], numbers["center_uncertainty"])
+            log = np.log if distribution.kind == "lognormal" else np.asarray
+            center = log(numbers["center"])
+            assert log(middle) == pytest.approx(center, abs=0.04 * sigma), field
+            assert log(high) == pytest.approx(center + sigma, abs=0.04 * sigma), field
+            if "minimum" not in numbers:
+                assert log(low) == pytest.approx(center - sigma, abs=0.04 * sigma), field
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_sampled_motor_can_exist(name):
+    motors = load_fleet(name).sample(np.random.default_rng(1), 20000)
+    for field in ("kp", "kd", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature"):
+        assert np.min(getattr(motors, field)) > 0.0, field
+    for field in ("delay", "coulomb", "stribeck_torque", "viscous_damping", "load_friction", "backlash"):
+        assert np.min(getattr(motors, field)) >= 0.0, field
+    assert np.all(motors.load_friction < 1.0)  # or the gear locks itself for good
+    assert np.all(np.isfinite(motors.table())) and len(motors) == 20000
+
+
+def test_same_generator_same_motors_and_the_center_is_the_median():
+    fleet = load_fleet("pupper_v2")
+    a, b, other = (fleet.sample(np.random.default_rng(seed), 5).table() for seed in (3, 3, 4))
+    np.testing.assert_array_equal(a, b)
+    assert np.any(a != other)
+    center = fleet.center(2)
+    assert center.kp.tolist() == [8.8, 8.8]
+    np.testing.assert_allclose(center.kd, 8.8 * 0.095)  # kd = kp · kd_over_kp
+
+
+@pytest.mark.parametrize(
+    ("body", "problem"),
+    [
+        (KP + 'distribution = "constant"\ncenter = 8.0\nspraed = 1.0', "unknown keys .'spraed'"),
+        (KP + 'distribution = "lognormal"\ncenter = 8.0\nspread = 1.0', "missing keys .'center_uncertainty'"),
+        (KP + 'distribution = "gaussian"\ncenter = 8.0', "'gaussian' is unknown"),
+        (KP + 'distribution = ["normal"]\ncenter = 8.0', "is unknown"),
+        (KP + "center = 8.0", "None is unknown"),
+        (KP + 'distribution = "constant"\ncenter = nan', "center = nan is not a finite"),
+        (KP + 'distribution = "constant"\ncenter = "8"', "center = '8' is not a finite"),
+        (KP + 'distribution = "constant"\ncenter = true', "center = True is not a finite"),
+        (KP + 'distribution = "constant"\ncenter = 0.0', "must be above 0"),
+        (KP + 'distribution = "constant"\ncenter = -8.0', "must be above 0"),
+        (KP + 'distribution = "uniform"\nlow = 9.0\nhigh = 8.0', "low 9.0 exceeds high 8.0"),
+        (
+            KP + 'distribution = "lognormal"\ncenter = 8.0\nspread = -1.0\ncenter_uncertainty = 0.0',
+            "spread = -1.0 must not be below 0",
+        ),
+        ('source = "x"\nunit = "A/rad"\ndistribution = "constant"\ncenter = 50.0', "unit 'A/rad'"),
+        ('unit = "N·m/rad"\ndistribution = "constant"\ncenter = 8.0', "missing keys .'source'"),
+    ],
+)
+def test_a_table_that_makes_no_sense_is_refused(tmp_path, body, problem):
+    error = refusal(with_table(tmp_path, "kp", body))
+    assert re.search(problem, error.problem)
+    assert str(error.where).endswith("mine.toml[kp]")
+
+
+def test_a_distribution_that_can_draw_an_impossible_motor_is_refused(tmp_path):
+    # one motor in 16 would have a negative rotor inertia
+    body = 'unit = "kg·m²"\nsource = "x"\ndistribution = "normal"\ncenter = 0.003\nspread = 0.002\n'
+    refusal(with_table(tmp_path, "armature", body + "center_uncertainty = 0.0"))
+
+
+def test_a_parameter_too_many_or_too_few_is_refused(tmp_path):
+    (tmp_path / "mine.toml").write_text(SHIPPED_TEXT.replace("[kp]", "[kq]"), encoding="utf-8")
+    problem = refusal(tmp_path / "mine.toml").problem
+    assert "unknown keys ['kq']" in problem and "missing keys ['kp']" in problem
+
+
+def test_what_is_no_fleet_file_is_refused(tmp_path):
+    for content in (b"name = ", b"\xff\xfe\x00", b""):
+        (tmp_path / "mine.toml").write_bytes(content)
+        refusal(tmp_path / "mine.toml")
+
+
+def test_a_missing_fleet_is_refused_with_the_names_that_exist(tmp_path):
+    for missing in ("pupper_v3", str(tmp_path / "nowhere.toml")):
+        error = refusal(missing)
+        assert "mixed, pupper_v2" in str(error.remedy)

@@ -1,0 +1,114 @@
+"""Recordings are reproducible, valid logs of motors that start from rest."""
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.bench import excitation
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.record import PRESETS, bench_preset, record
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import channels, checked
+
+FLEET = load_fleet("pupper_v2")
+MOTORS = FLEET.sample(np.random.default_rng(0), 3)
+ROLLOUT = replace(PRESETS["rollout"], segment_steps=400)
+
+
+def recorded(seed=0, steps=2100, preset=ROLLOUT):
+    return record(MOTORS, preset, steps, seed, FLEET)
+
+
+def digest(log):
+    return hashlib.sha256(b"".join(array.tobytes() for array in channels(log).values())).hexdigest()
+
+
+def test_same_seed_same_bytes():
+    assert digest(recorded(5)) == digest(recorded(5)) != digest(recorded(6))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_recording_is_a_valid_log_at_the_presets_period(preset):
+    log = checked(recorded(preset=PRESETS[preset], steps=2600))
+    assert (log.num_rows, log.num_joints) == (2600, 3)
+    np.testing.assert_allclose(np.diff(log.time), PRESETS[preset].period)
+    assert log.motor == FLEET.motor and "pupper_v2" in log.source
+
+
+@pytest.mark.parametrize("steps", [2, 399, 400, 401, 402, 2100])
+def test_every_segment_starts_from_rest_at_its_target(steps):
+    log = checked(recorded(steps=steps))  # refuses a segment of one row
+    assert log.num_rows == steps
+    for part in log.segments():
+        assert part.joint_vel is not None
+        np.testing.assert_array_equal(part.joint_vel[0], 0.0)
+        np.testing.assert_array_equal(part.joint_pos[0], part.position_target[0])
+
+
+def test_a_longer_recording_begins_with_the_shorter_one():
+    short, long = recorded(steps=800), recorded(steps=2100)
+    np.testing.assert_array_equal(short.joint_pos, long.joint_pos[:800])
+
+
+def test_loads_and_blows_are_those_of_the_preset():
+    log = recorded(steps=4000)
+    assert log.load_inertia is not None and log.external_torque is not None
+    low, high = ROLLOUT.load_inertia
+    assert low <= log.load_inertia.min() and log.load_inertia.max() <= high
+    assert len(np.unique(log.load_inertia)) == 3 * 10  # per motor and segment
+    for index, part in enumerate(log.segment_slices()):
+        assert np.any(log.external_torque[part]) == (ROLLOUT.kinds[index % 5] == "impacts")
+
+
+def test_half_of_the_commands_are_held_at_100_hz():
+    changes = []
+    for part in recorded(steps=4000).segments():
+        moved = np.any(np.diff(part.position_target, axis=0) != 0, axis=1)
+        rows = np.flatnonzero(moved) + 1
+        changes.append(bool(np.all(rows % ROLLOUT.hold_steps == 0)))
+    assert changes.count(True) == 5  # of 10 segments
+
+
+@pytest.mark.parametrize("steps", [1, 0, -5])
+def test_too_short_a_recording_is_refused(steps):
+    with pytest.raises(ConfigError, match=f"{steps} steps"):
+        recorded(steps=steps)
+
+
+def test_an_unknown_preset_is_refused_with_the_known_ones():
+    with pytest.raises(ConfigError, match=r"rolout.*paper, rollout"):
+        bench_preset("rolout")
+
+
+@pytest.mark.parametrize(
+    ("signal", "reach"), [(excitation.sine, 0.9), (excitation.held_steps, 0.6), (excitation.gait, 1.2)]
+)
+@pytest.mark.parametrize("dt", [0.002, 0.01])
+def test_excitations_stay_within_their_reach_and_use_it(signal, reach, dt):
+    # sine: 0.3 + 0.6; gait: 0.3 + 0.5·(1 + 1/4 + 1/9) = 0.98 rad
+    targets = np.concatenate([signal(np.random.default_rng(seed), 700, dt) for seed in range(20)])
+    assert targets.shape == (20 * 700,)
+    assert 0.5 * reach < np.max(np.abs(targets)) <= reach
+
+
+def test_a_sine_that_is_fast_is_small():
+    # amplitude <= 1.2/frequency: at most 2π·1.2 = 7.5 rad/s, and the amplitude's own growth, at most
+    # 0.6 rad·ln(12)/0.5 s = 3 rad/s
+    speed = [np.abs(np.diff(excitation.sine(np.random.default_rng(seed), 2000, 0.002))).max() / 0.002 for seed in range(10)]
+    assert 5.0 < max(speed) < 10.6
+
+
+def test_holding_keeps_every_fifth_target():
+    np.testing.assert_array_equal(excitation.held(np.arange(12), 5), [0] * 5 + [5] * 5 + [10] * 2)
+
+
+def test_blows_last_8_to_60_ms_around_a_constant_load():
+    torque = excitation.impacts(np.random.default_rng(3), 5000, 0.001)
+    rest = np.median(torque)
+    assert abs(rest) <= 0.4 and 0.3 < np.mean(torque == rest) < 0.95
+    edges = np.flatnonzero(np.diff(np.r_[0, (torque != rest).astype(int), 0]))
+    lengths = (edges[1::2] - edges[::2]) * 0.001
+    assert lengths.min() >= 0.006 and lengths.max() <= 0.062
+    assert np.abs(torque - rest).max() <= 1.2

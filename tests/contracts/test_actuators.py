@@ -1,0 +1,211 @@
+"""What every actuator model promises, whatever it models."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench.fleet import load_fleet
+from motorprior.exceptions import ConfigError
+
+DT = 0.001
+LIMIT = 1.3
+
+
+def ideal_pd(n):
+    rng = np.random.default_rng(1)
+    low, high = [4, 0.2, LIMIT, 0.0, 0.0], [9, 0.8, LIMIT, 0.003, 0.012]
+    return IdealPd(*(rng.uniform(a, b, n) for a, b in zip(low, high, strict=True)))
+
+
+def physical(n):
+    motors = load_fleet("pupper_v2").sample(np.random.default_rng(2), n)
+    return PhysicalActuator(replace(motors, torque_limit=np.full(n, LIMIT)))
+
+
+def latent(n):
+    rng = np.random.default_rng(3)
+    network = LatentNetwork(
+        w1=rng.standard_normal((6, 8)),
+        v1=rng.standard_normal((3, 8)),
+        b1=rng.standard_normal(8),
+        w2=rng.standard_normal((8, 8)),
+        b2=rng.standard_normal(8),
+        w3=rng.standard_normal(8),
+        b3=np.array(0.2),
+        log_armature=np.array(-6.0),
+        armature_slope=rng.standard_normal(3),
+        taps=(0, 1, 4),
+        period=0.002,
+        error_scale=0.1,
+        velocity_scale=2.0,
+        torque_scale=0.6,
+        torque_limit=LIMIT,
+        has_armature=True,
+    )
+    return LatentActuator(network, rng.standard_normal((n, 3)))
+
+
+MAKERS = {"ideal_pd": ideal_pd, "physical": physical, "latent": latent}
+
+
+@pytest.fixture(params=MAKERS)
+def make(request):
+    return MAKERS[request.param]
+
+
+def only(actuator, motor):
+    """One motor of several."""
+    if isinstance(actuator, LatentActuator):
+        return replace(actuator, z=actuator.z[[motor]])
+    if isinstance(actuator, PhysicalActuator):
+        return PhysicalActuator(actuator.motors.take(np.array([motor])))
+    return IdealPd(*(getattr(actuator, field.name)[[motor]] for field in fields(actuator)))
+
+
+def motion(n, steps=60):
+    """(3, steps, n) position_target, joint_pos, joint_vel of a joint that wanders."""
+    rng = np.random.default_rng(4)
+    velocity = np.cumsum(rng.standard_normal((steps, n)), axis=0)
+    joint_pos = rng.uniform(-1, 1, n) + DT * np.cumsum(velocity, axis=0)
+    return np.stack([joint_pos + rng.normal(0.0, 0.2, (steps, n)), joint_pos, velocity])
+
+
+def torques(actuator, inputs, arrays=None, dt=DT):
+    """(steps, n) torque [N·m] for imposed inputs, from rest at the first of them."""
+    arrays = actuator.arrays(dt) if arrays is None else arrays
+    reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
+    out = np.zeros(inputs.shape[1:])
+    for step, (target, joint_pos, joint_vel) in enumerate(inputs.transpose(1, 0, 2).copy()):
+        step_actuator(arrays, dt, target, joint_pos, joint_vel, out[step])
+    return out
+
+
+@pytest.mark.parametrize("n", [12, 16, 17, 32])
+def test_motors_together_equal_motors_one_by_one_bit_for_bit(make, n):
+    actuator, inputs = make(n), motion(n)
+    together = torques(actuator, inputs)
+    for motor in range(n):
+        alone = torques(only(actuator, motor), inputs[:, :, [motor]].copy())
+        np.testing.assert_array_equal(together[:, [motor]], alone)
+    assert len(np.unique(together, axis=1).T) == n  # the motors do differ
+
+
+def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
+    inputs = motion(12)
+    before = inputs.copy()
+    assert torques(make(12), inputs).tobytes() == torques(make(12), inputs).tobytes()
+    arrays, step = make(12).arrays(DT), inputs[:, 0].copy()
+    reset_actuator(arrays, step[0], step[1])
+    step_actuator(arrays, DT, *step, np.zeros(12))
+    measure_joint_pos(arrays, step[1], np.zeros(12))
+    np.testing.assert_array_equal(step, before[:, 0])
+
+
+def test_two_robots_on_the_same_motors_do_not_feel_each_other(make):
+    actuator, one, other = make(12), motion(12), -motion(12)
+    first, second = actuator.arrays(DT), actuator.arrays(DT)
+    reset_actuator(first, one[0, 0].copy(), one[1, 0].copy())
+    reset_actuator(second, other[0, 0].copy(), other[1, 0].copy())
+    interleaved = np.zeros((2, *one.shape[1:]))
+    for step in range(one.shape[1]):
+        step_actuator(first, DT, *(row[step].copy() for row in one), interleaved[0, step])
+        step_actuator(second, DT, *(row[step].copy() for row in other), interleaved[1, step])
+    np.testing.assert_array_equal(interleaved[0], torques(actuator, one))
+    np.testing.assert_array_equal(interleaved[1], torques(actuator, other))
+
+
+def test_reset_forgets(make):
+    actuator, inputs = make(12), motion(12)
+    arrays = actuator.arrays(DT)
+    torques(actuator, 3.0 * inputs[:, :37], arrays)  # an odd number of steps: between two renewals
+    np.testing.assert_array_equal(torques(actuator, inputs, arrays), torques(actuator, inputs))
+
+
+def test_the_torque_depends_on_the_past(make):
+    # two motions that end alike; a model without memory could not tell them apart
+    inputs = motion(12)
+    other = inputs.copy()
+    other[0, 50:56] += 0.1
+    assert np.any(torques(make(12), inputs)[56:] != torques(make(12), other)[56:])
+
+
+def test_only_the_difference_of_target_and_joint_counts(make):
+    inputs = motion(12)
+    shifted = inputs + np.array([0.7, 0.7, 0.0])[:, None, None]
+    # float32 history in the latent actuator: 1e-7 relative, amplified by the network
+    np.testing.assert_allclose(torques(make(12), shifted), torques(make(12), inputs), atol=2e-5)
+
+
+def test_at_rest_on_its_target_a_pd_motor_gives_nothing(make):
+    actuator, pose = make(12), np.linspace(-1, 1, 12)
+    if isinstance(actuator, PhysicalActuator):
+        actuator = PhysicalActuator(replace(actuator.motors, encoder_zero=np.zeros(12)))
+    inputs = np.stack([pose, pose, np.zeros(12)])[:, None].repeat(30, axis=1)
+    torque = torques(actuator, inputs)
+    if isinstance(actuator, LatentActuator):
+        np.testing.assert_array_equal(torque, np.broadcast_to(torque[0], torque.shape))  # at rest in its own way
+    else:
+        np.testing.assert_array_equal(torque, 0.0)
+
+
+def static_band(actuator):
+    """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
+
+    Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
+    LIMIT - F <= torque <= LIMIT + F.
+    """
+    if not isinstance(actuator, PhysicalActuator):
+        return LIMIT, LIMIT
+    motors = actuator.motors
+    breakaway = motors.coulomb + motors.stribeck_torque
+    return (LIMIT - breakaway) / (1 + motors.load_friction), (LIMIT + breakaway) / (1 - motors.load_friction)
+
+
+@pytest.mark.parametrize("size", [1e2, -1e6])
+def test_a_stalled_motor_pushes_with_its_limit_and_no_more(make, size):
+    # joint locked at 0; physical motors first hit the gear, then settle within 0.3 s
+    inputs = np.zeros((3, 300, 12))
+    inputs[0] = size
+    torque = torques(make(12), inputs)[-1] * np.sign(size)
+    low, high = static_band(make(12))
+    assert np.all(torque <= high * (1 + 1e-9))
+    if make is not latent:
+        assert np.all(torque >= low * (1 - 1e-9))
+
+
+@pytest.mark.parametrize("model", [ideal_pd, latent])
+def test_the_motor_torque_is_bounded_at_any_speed(model):
+    actuator = model(12)
+    inputs = motion(12) * np.array([30.0, -30.0, 30.0])[:, None, None]
+    motor_torque = torques(actuator, inputs) - actuator.damping * inputs[2]  # the engine subtracts the damping
+    assert np.max(np.abs(motor_torque)) == pytest.approx(LIMIT)
+
+
+def test_the_engine_gets_one_armature_and_damping_per_motor(make):
+    actuator = make(12)
+    assert actuator.num_motors == 12
+    for given in (actuator.armature, actuator.damping):
+        assert given.shape == (12,) and np.all(given >= 0) and np.all(np.isfinite(given))
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.001, float("nan")])
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_step_that_is_no_time_is_refused(make, dt):
+    with pytest.raises(ConfigError):
+        make(2).arrays(dt)
+
+
+@pytest.mark.parametrize(
+    ("model", "dt", "remedy"),
+    [(physical, 0.002, "0.001 s"), (latent, 0.0015, "0.002 s"), (latent, 0.004, "0.002 s")],
+)
+def test_a_step_that_the_model_cannot_run_at_is_refused_with_one_that_it_can(model, dt, remedy):
+    with pytest.raises(ConfigError, match=f"{dt:g} s") as error:
+        model(2).arrays(dt)
+    assert error.value.remedy is not None and remedy in error.value.remedy
+    model(2).arrays(float(remedy.split()[0]))

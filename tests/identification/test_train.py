@@ -1,0 +1,106 @@
+"""Training recovers what generated the data, and the same seed gives the same bytes."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.excitation import gait, impacts
+from motorprior.exceptions import MotorPriorError
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.train import identify
+from motorprior.identification.windows import training_data
+from motorprior.logs.motor_log import MotorLog
+
+PERIOD, FINE = 0.002, 8
+SMALL = replace(PRESETS["rollout"], taps=(0, 1, 2), num_neurons=8, num_latents=2, batch=16, window=10, steps=40)
+
+
+def bench_log(armature, segments=10, rows=400, seed=0):
+    """PD motors without friction, one per entry of ``armature``, gaits and blows on loads of 1-30 g·m².
+
+    Simulated with steps of 0.25 ms: the dynamometer's implicit damping acts like kd·step of extra armature,
+    0.1·0.25e-3 = 2.5e-5 kg·m² here.
+    """
+    count, parts = len(armature), []
+    limit = np.full(count, 3.0)
+    motors = IdealPd(np.full(count, 2.0), np.full(count, 0.1), limit, np.asarray(armature), np.zeros(count))
+    for segment in range(segments):
+        rng = np.random.default_rng([seed, segment])
+        target = np.stack([gait(rng, rows, PERIOD) for _ in range(count)], axis=1)
+        external = np.stack([impacts(rng, rows, PERIOD) for _ in range(count)], axis=1)
+        load = np.exp(rng.uniform(np.log(1e-3), np.log(3e-2), count))
+        fine = Trial(target.repeat(FINE, axis=0), external.repeat(FINE, axis=0), load, PERIOD / FINE)
+        response = run(motors, fine)
+        mean_torque = response.joint_torque.reshape(rows, FINE, count).mean(axis=1)
+        moved = (response.joint_pos[::FINE], response.joint_vel[::FINE], mean_torque)
+        parts.append((target, *moved, external, np.broadcast_to(load, target.shape)))
+    names = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
+    return MotorLog(
+        time=np.arange(segments * rows) * PERIOD,
+        segment=np.repeat(np.arange(segments), rows),
+        joint_names=tuple(f"motor_{index}" for index in range(count)),
+        robot="bench",
+        motor="ideal",
+        source="test",
+        **dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)),
+    )
+
+
+@pytest.fixture(scope="module")
+def small_data():
+    return training_data(bench_log([0.002, 0.004], segments=2, rows=100), SMALL, "log")
+
+
+@pytest.mark.parametrize("armature", [0.003, 0.006])
+def test_a_rollout_recovers_the_armature(armature):
+    log = bench_log(np.full(32, armature))
+    preset = replace(
+        PRESETS["one_network"], taps=(0, 1, 2), num_neurons=16, steps=1500, batch=128, window=20, learning_rate=2e-2
+    )
+    found = identify(training_data(replace(log, joint_torque=None), preset, "log"), preset, seed=0)
+    assert found.network.armature(np.zeros((1, 0)))[0] == pytest.approx(armature, rel=0.1)
+
+
+def test_same_seed_same_bytes(small_data):
+    def trained(seed):
+        result = identify(small_data, SMALL, seed)
+        leaves = [*jax.tree.leaves(vars(result.network)), result.mean, result.log_var, result.losses]
+        return b"".join(np.asarray(leaf).tobytes() for leaf in leaves)
+
+    assert trained(3) == trained(3) != trained(4)
+
+
+@pytest.mark.parametrize(("objective", "has_armature"), [("torque", False), ("rollout", True)])
+def test_training_lowers_the_loss_and_leaves_every_motor_its_posterior(small_data, objective, has_armature):
+    preset = replace(SMALL, objective=objective, has_armature=has_armature, steps=400)
+    calls = []
+    result = identify(small_data, preset, 0, lambda *call: calls.append(call))
+    assert result.losses[-1] < 0.5 * result.losses[0]
+    assert result.mean.shape == result.log_var.shape == (2, 2)
+    assert [call[:2] for call in calls] == [(100, 400), (200, 400), (300, 400), (400, 400)]
+    assert [call[2] for call in calls] == result.losses.tolist()
+
+
+@pytest.mark.parametrize("steps", [1, 40, 100, 101])
+def test_any_number_of_steps_can_be_trained(small_data, steps):
+    result = identify(small_data, replace(SMALL, steps=steps), 0)
+    assert np.all(np.isfinite(result.network.w1)) and len(result.losses) == -(-steps // 100)
+
+
+def test_a_heavy_kl_weight_leaves_only_the_prior(small_data):
+    # KL outweighs the data by far: every motor's posterior is N(0, I) and z says nothing
+    free = identify(small_data, replace(SMALL, steps=600, kl_weight=0.0, learning_rate=1e-2), 0)
+    bound = identify(small_data, replace(SMALL, steps=600, kl_weight=100.0, learning_rate=1e-2), 0)
+    assert np.max(np.abs(bound.mean)) < 0.05 and np.max(np.abs(bound.log_var)) < 0.2
+    assert np.max(np.abs(free.mean)) > 0.2 or np.max(np.abs(free.log_var)) > 0.5
+
+
+def test_a_loss_that_is_not_finite_stops_the_training(small_data):
+    broken = replace(small_data, series=small_data.series * np.float32(1e30))
+    with pytest.raises(MotorPriorError, match="diverged") as error:
+        identify(broken, replace(SMALL, steps=200), 0)
+    assert "logs check" in str(error.value.remedy)

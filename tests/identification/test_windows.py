@@ -1,0 +1,102 @@
+"""Windows are drawn from whole segments, and what cannot be trained on is refused by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification.presets import PRESETS, identification_preset
+from motorprior.identification.windows import draw, training_data
+from motorprior.logs.motor_log import MotorLog
+
+PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), window=6, batch=50)  # 10 rows per window
+LENGTHS = (25, 9, 10, 40)
+
+
+def a_log(lengths=LENGTHS, joints=2, **changes):
+    rows, rng = sum(lengths), np.random.default_rng(0)
+    series = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
+    log = MotorLog(
+        time=np.arange(rows) * 0.002,
+        segment=np.repeat(np.arange(len(lengths)), lengths),
+        joint_names=tuple("abcdef"[:joints]),
+        robot="bench",
+        motor="m",
+        source="test",
+        **{name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series},
+    )
+    return replace(log, **changes)
+
+
+def test_no_window_crosses_a_segment_and_none_is_left_out():
+    log = a_log()
+    data = training_data(log, PRESET, "log")
+    assert log.segment is not None
+    inside = [start for start in range(84 - 9) if len(set(log.segment[start : start + 10])) == 1]
+    assert data.starts.tolist() == inside
+    assert len(inside) == 16 + 0 + 1 + 31  # length - 9 of each segment that is long enough
+
+
+def test_drawn_rows_are_windows_of_all_motors():
+    data = training_data(a_log(), PRESET, "log")
+    motors, starts = draw(np.random.default_rng(0), data, PRESET, 40)
+    assert motors.shape == starts.shape == (40, 50)
+    assert set(motors.ravel()) == {0, 1} and set(starts.ravel()) == set(data.starts)
+
+
+def test_series_are_the_channels_in_order():
+    log = a_log()
+    data = training_data(log, PRESET, "log")
+    columns = (
+        log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
+    )  # fmt: skip
+    for index, column in enumerate(columns):
+        assert column is not None
+        np.testing.assert_array_equal(data.series[..., index], column.T.astype(np.float32))
+    assert data.has_torque
+
+
+def test_scales_are_the_spread_of_the_log():
+    log = a_log()
+    data = training_data(log, PRESET, "log")
+    assert data.scales["error_scale"] == pytest.approx(np.std(log.position_target - log.joint_pos))
+    assert log.joint_vel is not None and log.joint_torque is not None
+    assert data.scales["velocity_scale"] == pytest.approx(np.std(log.joint_vel))
+    assert data.scales["torque_scale"] == pytest.approx(np.std(log.joint_torque))
+    assert np.max(log.joint_torque) < data.scales["torque_limit"] <= 1.2 * np.max(log.joint_torque)
+
+
+def test_a_rollout_needs_no_torque():
+    data = training_data(a_log(joint_torque=None), PRESET, "log")
+    assert not data.has_torque and np.all(data.series[..., 3] == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("objective", "missing"),
+    [
+        ("rollout", "joint_vel"),
+        ("rollout", "load_inertia"),
+        ("rollout", "external_torque"),
+        ("torque", "joint_vel"),
+        ("torque", "joint_torque"),
+    ],
+)
+def test_a_missing_channel_is_named(objective, missing):
+    with pytest.raises(LogError, match=f"my.parquet: no {missing}"):
+        training_data(a_log(**{missing: None}), replace(PRESET, objective=objective), "my.parquet")
+
+
+def test_a_log_of_another_period_is_refused_with_both():
+    with pytest.raises(LogError, match=r"0\.002 s, the preset's is 0\.01 s"):
+        training_data(a_log(), replace(PRESET, period=0.01), "log")
+
+
+def test_segments_shorter_than_a_window_are_refused_with_its_length():
+    with pytest.raises(LogError, match="10 rows"):
+        training_data(a_log(lengths=(9, 9)), PRESET, "log")
+
+
+def test_an_unknown_preset_is_refused_with_the_known_ones():
+    with pytest.raises(ConfigError, match="rollout, one_network"):
+        identification_preset("papper")

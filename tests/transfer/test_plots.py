@@ -1,0 +1,154 @@
+"""Plots say their units, stay finite, and one model has one colour everywhere."""
+
+from collections.abc import Callable
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
+
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.skeleton import Skeleton, skeleton
+from motorprior.transfer import plots
+from motorprior.transfer.gait_picture import gait_animation, gait_strip
+from motorprior.transfer.plots_latent import plane
+from motorprior.transfer.plots_style import png_bytes
+
+TIME = np.arange(0.0, 1.0, 0.01)
+ANGLE = np.sin(6.0 * TIME)
+MODELS = {"paper": ANGLE + 0.1, "rollout": ANGLE * 0.99}
+
+
+def latents(count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    random = np.random.default_rng(count)
+    mean = random.normal(size=(12, count))
+    return mean, np.full((12, count), -2.0), {"kp": random.uniform(8, 10, 12), "delay": np.full(12, 0.005)}
+
+
+def trot(frames: int = 60) -> Skeleton:
+    qpos = np.zeros((frames, 19))
+    qpos[:, 0] = 0.004 * np.arange(frames)
+    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = spec.standing_height(), 1.0, spec.NOMINAL_POSE
+    qpos[:, 8] += 0.3 * np.sin(np.arange(frames) / 5.0)
+    return skeleton(qpos)
+
+
+def curves() -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+    return {
+        "rollout": [
+            (np.arange(0, 50, 5), np.linspace(0, 1, 10)),
+            (np.arange(0, 40, 4), np.linspace(0, 2, 10)),
+        ],
+        "paper": [(np.arange(3), np.zeros(3))],
+    }
+
+
+FIDELITY = {
+    "closed loop, steps [rad]": {"paper": 0.02, "rollout": 0.01},
+    "robot, hung [rad]": {"paper": float("inf"), "rollout": 0.012},
+    "torque above 20 Hz [N·m]": {"paper": 1.3},
+}
+OWN, TWIN = {"rollout": (0.4, 1.0), "paper": (-0.1, 0.3)}, {"rollout": (0.38, 0.99), "tuned_pd": (0.1, 0.9)}
+MAKERS: dict[str, Callable[[], Figure]] = {
+    "excitation": lambda: plots.excitation_and_response(TIME, ANGLE, ANGLE, ANGLE, ANGLE, ANGLE, "motor 1"),
+    "excitation_bare": lambda: plots.excitation_and_response(TIME, ANGLE, ANGLE, None, None, None, "motor 1"),
+    "torque_fit": lambda: plots.torque_fit(TIME, ANGLE, MODELS),
+    "latent_0": lambda: plots.latent_map(*latents(0)),
+    "latent_1": lambda: plots.latent_map(*latents(1)),
+    "latent_2": lambda: plots.latent_map(*latents(2)),
+    "latent_4": lambda: plots.latent_map(*latents(4)),
+    "closed_loop": lambda: plots.closed_loop(TIME, ANGLE, ANGLE, MODELS, "motor 1"),
+    "robot": lambda: plots.robot_traces(TIME, ANGLE, MODELS, ANGLE, MODELS, "FR_knee", "on the ground"),
+    "curves": lambda: plots.learning_curves(curves()),
+    "fidelity": lambda: plots.fidelity_bars(FIDELITY),
+    "transfer": lambda: plots.transfer_bars(OWN, TWIN),
+    "real": lambda: plots.real_replay(
+        TIME, ANGLE, ANGLE, MODELS, (ANGLE - 0.1, ANGLE + 0.1), "FR_hip", "log"
+    ),
+    "real_bare": lambda: plots.real_replay(TIME, ANGLE, ANGLE, MODELS, None, "FR_hip", "log"),
+    "strip": lambda: gait_strip(trot(), 0.01, "trot"),
+}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_axes_have_units_and_finite_limits(name: str):
+    figure = MAKERS[name]()
+    axes = [each for each in figure.axes if each.axison and each.get_label() != "<colorbar>"]
+    labels = [label for each in axes for label in (each.get_xlabel(), each.get_ylabel()) if label]
+    assert all("[" in label and "]" in label for label in labels if label != "trained on")
+    assert bool(labels) == bool(axes)
+    for each in axes:
+        assert np.all(np.isfinite([*each.get_xlim(), *each.get_ylim()]))
+    assert png_bytes(figure, dpi=40).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", ["closed_loop", "latent_4", "strip"])
+def test_the_same_arrays_give_the_same_bytes(name: str):
+    first, second = png_bytes(MAKERS[name](), dpi=50), png_bytes(MAKERS[name](), dpi=50)
+    assert first == second
+    assert b"matplotlib" not in first.lower()
+
+
+def test_a_model_has_the_same_colour_in_every_trace():
+    for name in ("torque_fit", "closed_loop", "robot", "curves"):
+        lines = [
+            line
+            for axes in MAKERS[name]().axes
+            for line in axes.lines
+            if str(line.get_label())[:5] == "paper"
+        ]
+        assert lines
+        assert {to_rgb(line.get_color()) for line in lines} == {to_rgb(plots.MODEL_COLORS["paper"])}
+
+
+def test_a_file_keeps_a_models_colour():
+    image = Image.open(BytesIO(png_bytes(MAKERS["transfer"](), dpi=60))).convert("RGB")
+    pixels = np.asarray(image).reshape(-1, 3)
+    wanted = np.array(to_rgb(plots.MODEL_COLORS["rollout"])) * 255
+    assert np.count_nonzero(np.all(np.abs(pixels - wanted) <= 2.0, axis=1)) > 100
+
+
+def test_variants_and_strangers_have_a_colour_and_a_name():
+    assert plots.model_color("rollout_adapted") == plots.MODEL_COLORS["rollout"]
+    assert plots.model_label("rollout_adapted") == "rollout adapted"
+    assert plots.model_label("ideal_pd") == "ideal PD"
+    assert plots.model_color("something_else") not in plots.MODEL_COLORS.values()
+    assert plots.model_label("something_else") == "something else"
+
+
+def test_a_model_that_diverges_does_not_flatten_the_truth():
+    wild = {"paper": ANGLE * np.exp(20 * TIME), "rollout": np.where(TIME > 0.5, np.nan, ANGLE)}
+    figure = plots.closed_loop(TIME, ANGLE, ANGLE, wild, "motor 1")
+    low, high = figure.axes[0].get_ylim()
+    assert np.ptp(ANGLE) <= high - low < 3 * np.ptp(ANGLE)
+    labels = [str(line.get_label()) for line in figure.axes[0].lines]
+    assert "paper, RMSE diverged" in labels and "rollout, RMSE diverged" in labels
+
+
+def test_the_median_curve_covers_what_all_seeds_share():
+    figure = plots.learning_curves(curves())
+    (line,) = [line for line in figure.axes[0].lines if line.get_label() == "rollout, 2 seeds"]
+    x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    assert x[0] == 0 and x[-1] == 36
+    assert y[-1] == pytest.approx((36 / 45 + 2.0) / 2)
+
+
+def test_the_plane_holds_the_largest_spread():
+    random = np.random.default_rng(3)
+    turn = np.linalg.qr(random.normal(size=(4, 4)))[0]
+    mean = random.normal(size=(4000, 4)) * [3.0, 2.0, 0.1, 0.1] @ turn
+    directions = plane(mean)
+    np.testing.assert_allclose(directions.T @ directions, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(np.abs(turn[:2] @ directions), np.eye(2), atol=0.05)
+
+
+def test_the_animation_is_small_repeats_exactly_and_runs_in_real_time():
+    first = gait_animation(trot(), 0.01, "trot")
+    assert first == gait_animation(trot(), 0.01, "trot")
+    assert len(first) < 400_000
+    image = Image.open(BytesIO(first))
+    assert image.n_frames == 12  # pyright: ignore[reportAttributeAccessIssue]
+    assert image.info["duration"] == 50
+    assert image.info["loop"] == 0

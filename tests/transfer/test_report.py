@@ -1,0 +1,178 @@
+"""The page stands alone, is well-formed, says what it was told and nothing more."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ConfigError
+from motorprior.transfer.plots_flow import STAGES
+from motorprior.transfer.plots_motor import closed_loop
+from motorprior.transfer.plots_style import MODEL_COLORS
+from motorprior.transfer.report import (
+    Picture,
+    Report,
+    Section,
+    Table,
+    aligned,
+    flow_svg,
+    number,
+    picture,
+    render,
+    write_report,
+)
+
+VOID = {"meta", "img", "br", "hr", "link", "input", "rect", "path"}
+
+
+class Reader(HTMLParser):
+    """Collects what the tests ask about, and checks that every tag is closed by its own."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.ids: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.words = ""
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.addresses += [
+            value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "srcset")
+        ]
+        self.ids += [found["id"] or ""] if "id" in found else []
+        self.images += [found] if tag == "img" else []
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        pass
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag, f"</{tag}> closes another tag"
+
+    def handle_data(self, data):
+        self.words += data
+
+
+def drawing() -> Picture:
+    time = np.linspace(0, 1, 400)
+    return picture(closed_loop(time, time, time, {"rollout": time + 0.01}, "motor"), "A motor.", "two panels")
+
+
+def report(**changes) -> Report:
+    table = Table(("trained on", "speed [m/s]"), (("rollout", 0.45), ("tuned_pd", None)), "Speeds.")
+    sections = (
+        Section("What & why", "Because <b> is text.", ("One.", "Two <script>."), (drawing(),), (table,)),
+        Section("What why", "Same anchor.", (), (Picture("Walks.", "a robot", b"GIF89a", "gif"),)),
+    )
+    settings = {"seed": 0, "search": {"step_size": 0.05}, "taps": [0, 1]}
+    values = {"title": "A <title>", "subtitle": "Sub", "sections": sections, "settings": settings}
+    return Report(**{**values, "command": 'motorprior transfer --out "x"', **changes})
+
+
+def test_every_tag_is_closed_and_ids_are_unique():
+    reader = Reader(render(report(pending=("robot",), highlights=(("1 m/s", "speed"),))))
+    assert reader.open == []
+    assert len(set(reader.ids)) == len(reader.ids)
+
+
+def test_nothing_is_loaded_from_elsewhere():
+    page = render(report())
+    reader = Reader(page)
+    assert all(address.startswith(("#", "data:image/")) for address in reader.addresses)
+    assert not re.search(r"https?://|@import|<script|<link|<iframe", page)
+    assert all(found.startswith("#") for found in re.findall(r"url\(([^)]*)\)", page))
+    assert {address[1:] for address in reader.addresses if address[0] == "#"} <= set(reader.ids)
+
+
+def test_images_are_inline_and_described():
+    images = Reader(render(report())).images
+    assert len(images) == 2
+    assert all(image["alt"] and str(image["src"]).startswith("data:image/") for image in images)
+
+
+def test_text_is_escaped():
+    page = render(report(pending=("<robot>",)))
+    assert "<title>A &lt;title&gt;</title>" in page
+    assert "<script" not in page
+    words = Reader(page).words
+    assert "Two <script>." in words and "<robot>" in words and 'motorprior transfer --out "x"' in words
+
+
+def test_the_same_report_gives_the_same_bytes():
+    assert render(report()) == render(report())
+    assert drawing().data == drawing().data
+
+
+def test_a_model_is_named_and_coloured_in_tables():
+    page = render(report())
+    assert f"background:{MODEL_COLORS['tuned_pd']}" in page
+    assert "tuned PD" in Reader(page).words
+
+
+def test_a_partial_report_says_what_is_missing():
+    assert "Still to come: transfer, robot." in Reader(render(report(pending=("transfer", "robot")))).words
+    assert "Still to come" not in render(report())
+
+
+def test_settings_are_flat_and_complete():
+    words = Reader(render(report())).words
+    for text in ("search.step_size", "0.05", "taps", "0, 1"):
+        assert text in words
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_the_flow_names_every_stage_and_the_way_back(narrow: bool):
+    reader = Reader(flow_svg(narrow=narrow))
+    assert reader.open == []
+    for name, line in STAGES:
+        assert name in reader.words and line in reader.words
+    assert "logs recorded on the robot" in reader.words
+
+
+def test_decimal_points_meet():
+    texts = aligned([0.0125, 0.5, -0.03, None, float("inf")])
+    assert texts == ["0.013", "0.500", "−0.030", "–", "diverged"]
+    assert aligned([0.48, 0.05, 1.0]) == ["0.48", "0.05", "1.00"]
+    assert aligned([86.11, 2.7, 0.0]) == ["86.1", "2.7", "0.0"]
+    apart = aligned([0.00012, 2500.0])
+    assert apart[0] == "0.000120"
+    assert len(apart[1]) == len("2 500") + len(".000120")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.123456, "0.123"),
+        (12, "12"),
+        (12345, "12\u202f345"),
+        (0.0, "0"),
+        (1e-7, "1.00e−07"),
+        (float("nan"), "n/a"),
+    ],
+)
+def test_numbers_are_short(value: float, text: str):
+    assert number(value) == text
+
+
+def test_a_table_with_a_short_row_is_refused():
+    table = Table(("a", "b"), (("x", 1.0), ("y",)), "Broken")
+    with pytest.raises(ConfigError, match=r'"Broken", row 1 has 1 cells for 2 columns'):
+        render(report(sections=(Section("s", "l", (), (), (table,)),)))
+
+
+def test_an_empty_report_is_a_page():
+    page = render(report(sections=(Section("s", "l", tables=(Table(("a",), (), "Empty"),)),), settings={}))
+    assert Reader(page).open == []
+
+
+def test_the_page_is_written(tmp_path: Path):
+    write_report(tmp_path / "new" / "report.html", report())
+    assert (tmp_path / "new" / "report.html").read_text("utf-8") == render(report())
