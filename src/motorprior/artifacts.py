@@ -93,7 +93,7 @@ def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping
     from safetensors.numpy import save
 
     text = json.dumps(header, sort_keys=True, allow_nan=False)
-    arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
+    arrays = {name: np.asarray(value, order="C") for name, value in tensors.items()}
     with atomic_path(path) as temporary:
         temporary.write_bytes(save(arrays, metadata={"motorprior": text}))
 

@@ -14,9 +14,7 @@ def torques(actuator, targets, joint_pos, joint_vel):
     arrays, out = actuator.arrays(DT), np.zeros(targets.shape)
     reset_actuator(arrays, targets[0].copy(), joint_pos[0].copy())
     for step in range(len(targets)):
-        step_actuator(
-            arrays, DT, targets[step].copy(), joint_pos[step].copy(), joint_vel[step].copy(), out[step]
-        )
+        step_actuator(arrays, DT, targets[step].copy(), joint_pos[step].copy(), joint_vel[step].copy(), out[step])
     return out
 
 

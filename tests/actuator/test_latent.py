@@ -56,9 +56,7 @@ def scaled_history(net, inputs):
     rows = []
     for step in range(len(error)):
         past = [step - tap for tap in TAPS]
-        rows.append(
-            [error[max(k, 0)] for k in past] + [velocity[k] if k >= 0 else 0 * velocity[0] for k in past]
-        )
+        rows.append([error[max(k, 0)] for k in past] + [velocity[k] if k >= 0 else 0 * velocity[0] for k in past])
     return np.array(rows).transpose(0, 2, 1)
 
 

@@ -53,7 +53,9 @@ def test_joints_do_not_feel_each_other():
     targets, external = rng.normal(0.0, 0.3, (2, 80, 2))
     pd = IdealPd.uniform(2, 8.0, 0.3, 1.0, armature=0.001)
     both = run(pd, Trial(targets, external, LOAD, 0.002))
-    alone = run(IdealPd.uniform(1, 8.0, 0.3, 1.0, armature=0.001), Trial(targets[:, 1:], external[:, 1:], LOAD[1:], 0.002))
+    alone = run(
+        IdealPd.uniform(1, 8.0, 0.3, 1.0, armature=0.001), Trial(targets[:, 1:], external[:, 1:], LOAD[1:], 0.002)
+    )
     np.testing.assert_array_equal(both.joint_pos[:, 1], alone.joint_pos[:, 0])
 
 

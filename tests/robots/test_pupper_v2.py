@@ -116,7 +116,8 @@ def test_inertias_could_be_of_a_real_body():
 
 
 def test_only_the_feet_can_touch_and_only_the_floor(model):
-    names = {frozenset((model.geom(a).name, model.geom(b).name)) for a, b in zip(model.pair_geom1, model.pair_geom2)}
+    pairs = zip(model.pair_geom1, model.pair_geom2, strict=True)
+    names = {frozenset((model.geom(a).name, model.geom(b).name)) for a, b in pairs}
     assert names == {frozenset(("floor", f"{leg}_foot")) for leg in spec.LEGS}
     assert not model.geom_contype.any() and not model.geom_conaffinity.any()
 
@@ -131,9 +132,7 @@ def test_arguments_reach_the_model():
 def test_a_hung_robot_has_only_its_joints(hung):
     assert (hung.nq, hung.nv) == (12, 12)
     pose = poses(1)[0]
-    np.testing.assert_allclose(
-        feet(hung, pose), feet(mujoco.MjModel.from_xml_string(mjcf()), pose), atol=1e-9
-    )
+    np.testing.assert_allclose(feet(hung, pose), feet(mujoco.MjModel.from_xml_string(mjcf()), pose), atol=1e-9)
 
 
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):

@@ -64,9 +64,7 @@ MAKERS: dict[str, Callable[[], Figure]] = {
     "curves": lambda: plots.learning_curves(curves()),
     "fidelity": lambda: plots.fidelity_bars(FIDELITY),
     "transfer": lambda: plots.transfer_bars(OWN, TWIN),
-    "real": lambda: plots.real_replay(
-        TIME, ANGLE, ANGLE, MODELS, (ANGLE - 0.1, ANGLE + 0.1), "FR_hip", "log"
-    ),
+    "real": lambda: plots.real_replay(TIME, ANGLE, ANGLE, MODELS, (ANGLE - 0.1, ANGLE + 0.1), "FR_hip", "log"),
     "real_bare": lambda: plots.real_replay(TIME, ANGLE, ANGLE, MODELS, None, "FR_hip", "log"),
     "strip": lambda: gait_strip(trot(), 0.01, "trot"),
 }
@@ -93,21 +91,17 @@ def test_the_same_arrays_give_the_same_bytes(name: str):
 
 def test_a_model_has_the_same_colour_in_every_trace():
     for name in ("torque_fit", "closed_loop", "robot", "curves"):
-        lines = [
-            line
-            for axes in MAKERS[name]().axes
-            for line in axes.lines
-            if str(line.get_label())[:5] == "paper"
-        ]
+        lines = [line for axes in MAKERS[name]().axes for line in axes.lines if str(line.get_label())[:5] == "paper"]
         assert lines
         assert {to_rgb(line.get_color()) for line in lines} == {to_rgb(plots.MODEL_COLORS["paper"])}
 
 
-def test_a_file_keeps_a_models_colour():
+def test_a_file_keeps_white_and_a_models_colour():
     image = Image.open(BytesIO(png_bytes(MAKERS["transfer"](), dpi=60))).convert("RGB")
     pixels = np.asarray(image).reshape(-1, 3)
-    wanted = np.array(to_rgb(plots.MODEL_COLORS["rollout"])) * 255
-    assert np.count_nonzero(np.all(np.abs(pixels - wanted) <= 2.0, axis=1)) > 100
+    for color in ("white", plots.MODEL_COLORS["rollout"]):
+        wanted = np.round(np.array(to_rgb(color)) * 255)
+        assert np.count_nonzero(np.all(pixels == wanted, axis=1)) > 100
 
 
 def test_variants_and_strangers_have_a_colour_and_a_name():

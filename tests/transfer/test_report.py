@@ -42,9 +42,7 @@ class Reader(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         found = dict(attrs)
-        self.addresses += [
-            value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "srcset")
-        ]
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "srcset")]
         self.ids += [found["id"] or ""] if "id" in found else []
         self.images += [found] if tag == "img" else []
         if tag not in VOID:

@@ -215,5 +215,6 @@ def show_fidelity(figures: dict[str, float]) -> None:
     order = ["ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical"]
     models = sorted(models, key=lambda name: order.index(name) if name in order else len(order))
     shown = [[name, *(f"{figures[f'{column}/{name}']:.4f}" for column in COLUMNS)] for name in models]
-    titles = [column.replace("_rmse", " [rad]").replace("_torque_hf", " torque > 20 Hz [N·m]") for column in COLUMNS]
-    table("Closed-loop joint RMSE, medians (physical: the floor)", ["model", *titles], shown)
+    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]
+    title = "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor"
+    table(title, ["model", *titles], shown)

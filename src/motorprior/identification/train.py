@@ -49,7 +49,7 @@ def identify(data: TrainingData, preset: Preset, seed: int, progress: Progress |
         "mean": jnp.asarray(0.1 * rng.standard_normal((motors, latents)), jnp.float32),
         "log_var": jnp.full((motors, latents), -2.0),
     }
-    schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, 100, preset.steps)
+    schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, preset, optimiser)
     state, losses = (trainable, optimiser.init(trainable)), []

@@ -18,7 +18,7 @@ from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.mj_call import mj_step
 from motorprior.simulation.replay import replay
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldArrays, WorldConfig
 
 STEPS = 500
@@ -48,22 +48,26 @@ def _timed(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def _episode(actuator: Actuator, physics_dt: float) -> Callable[[], object]:
-    """A whole episode of the zero policy, reset and all."""
+def _episode(actuator: Actuator, physics_dt: float) -> tuple[Callable[[], Episode], int]:
+    """A whole episode of the zero policy, reset and all, and how many control steps it lasts."""
     simulator = WalkSimulator(lambda rng: actuator, WorldConfig(physics_dt=physics_dt), WalkConfig(STEPS))
     weights = np.zeros((ACTION_SIZE, OBSERVATION_SIZE + 1))
     mean, std = np.zeros(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE)
-    return lambda: simulator.run(weights, mean, std, 0)
+
+    def run() -> Episode:
+        return simulator.run(weights, mean, std, 0)
+
+    return run, run().steps
 
 
-def _engine_alone(actuator: Actuator) -> Callable[[], object]:
-    """mj_step on the torques of that very episode.
+def _engine_alone(actuator: Actuator, steps: int) -> Callable[[], object]:
+    """mj_step on the torques of that very episode, ``steps`` control steps long.
 
     Raises:
         SimulationFault: the recorded torques did not lead to the recorded end, so the timing would mean nothing.
     """
     world = World(WorldConfig())
-    recorded = replay(world, actuator, zero_policy_targets(STEPS))
+    recorded = replay(world, actuator, zero_policy_targets(steps))
 
     def run() -> None:
         world.reset(actuator)
@@ -87,8 +91,11 @@ def measure(actuators: dict[str, tuple[Actuator, float]], repeats: int = 7) -> d
         ``control_steps_per_s/PATH`` per core, ``mj_step_share/rollout`` and, where there is a PD,
         ``learned_over_pd``.
     """
-    works = {name: _episode(actuator, dt) for name, (actuator, dt) in actuators.items()}
-    works["mj_step"] = _engine_alone(actuators["rollout"][0])
+    episodes = {name: _episode(actuator, dt) for name, (actuator, dt) in actuators.items()}
+    steps = {name: length for name, (_, length) in episodes.items()}
+    works: dict[str, Callable[[], object]] = {name: work for name, (work, _) in episodes.items()}
+    steps["mj_step"] = steps["rollout"]
+    works["mj_step"] = _engine_alone(actuators["rollout"][0], steps["rollout"])
     for work in works.values():
         work()
     seconds: dict[str, list[float]] = {name: [] for name in works}
@@ -96,9 +103,10 @@ def measure(actuators: dict[str, tuple[Actuator, float]], repeats: int = 7) -> d
         for name, work in works.items():
             seconds[name].append(_timed(work))
     medians = {name: float(np.median(values)) for name, values in seconds.items()}
-    figures = {f"control_steps_per_s/{name}": STEPS / value for name, value in medians.items()}
+    figures = {f"control_steps_per_s/{name}": steps[name] / value for name, value in medians.items()}
     shares = np.array(seconds["mj_step"]) / np.array(seconds["rollout"])
     figures["mj_step_share/rollout"] = float(np.median(shares))
     if "ideal_pd" in medians:
-        figures["learned_over_pd"] = medians["rollout"] / medians["ideal_pd"]
+        per_step = {name: medians[name] / steps[name] for name in ("rollout", "ideal_pd")}
+        figures["learned_over_pd"] = per_step["rollout"] / per_step["ideal_pd"]
     return figures

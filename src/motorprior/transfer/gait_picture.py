@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.spec import FOOT_RADIUS, LEGS, SIDE
 from motorprior.simulation.skeleton import Skeleton
-from motorprior.transfer.plots_style import INK, MUTED, describe, new_figure, style
+from motorprior.transfer.plots_style import INK, MUTED, describe, most_used, new_figure, style, with_palette
 
 FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
 """Corners of `Skeleton.chassis` around each face of the box."""
@@ -125,22 +125,12 @@ def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: 
     stride = max(1, round(1.0 / (fps * control_dt)))
     view, picked = _View(), range(0, len(skeleton), stride)
     pictures = [_picture(view, skeleton, frame, control_dt, title, color) for frame in picked]
-    palette = _palette(pictures)
-    flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    palette = most_used([pictures[0], pictures[len(pictures) // 2], pictures[-1]], _PALETTE)
+    flat = [with_palette(picture, palette) for picture in pictures]
     out = BytesIO()
     duration = max(20, round(100 * stride * control_dt) * 10)
     flat[0].save(out, "GIF", save_all=True, append_images=flat[1:], duration=duration, loop=0)
     return out.getvalue()
-
-
-def _palette(pictures: list[Image.Image]) -> Image.Image:
-    """The colours of the first, the middle and the last picture, for all of them."""
-    samples = [pictures[0], pictures[len(pictures) // 2], pictures[-1]]
-    width, height = samples[0].size
-    sheet = Image.new("RGB", (width, 3 * height))
-    for row, sample in enumerate(samples):
-        sheet.paste(sample, (0, row * height))
-    return sheet.quantize(_PALETTE, method=Image.Quantize.MEDIANCUT)
 
 
 def _picture(view: _View, skeleton: Skeleton, frame: int, control_dt: float, title: str, color: str) -> Image.Image:

@@ -63,6 +63,8 @@ def excitation_and_response(
     describe(torque, x=TIME, y="torque [N·m]")
     for axes in (angle, velocity, torque):
         _corner_legend(axes)
+        if not any(np.size(line.get_xdata()) for line in axes.lines):
+            axes.set_yticks([])
     figure.align_ylabels()
     return figure
 
@@ -70,8 +72,6 @@ def excitation_and_response(
 def _optional_line(axes: Axes, time: np.ndarray, values: np.ndarray | None, color: str, label: str) -> None:
     if values is None:
         axes.plot([], [], color=color, linewidth=1.1, label=f"{label} (not recorded)")
-        if not any(np.size(line.get_xdata()) for line in axes.lines):
-            axes.set_yticks([])
     else:
         axes.plot(time, values, color=color, linewidth=1.1, label=label)
 

@@ -177,15 +177,35 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     drawn, out = BytesIO(), BytesIO()
     figure.savefig(drawn, format="png", dpi=dpi, facecolor="white", pil_kwargs={"compress_level": 1})
     image = Image.open(drawn).convert("RGB")
-    image.quantize(palette=most_used(image), dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
+    with_palette(image, most_used([image], 256)).save(out, "PNG", optimize=True)
     return out.getvalue()
 
 
-def most_used(image: Image.Image, count: int = 256) -> Image.Image:
-    """A palette of the colours that an RGB image has most of, unchanged, so that a model keeps its colour."""
-    pixels = np.asarray(image).reshape(-1, 3).astype(np.int64) @ (65536, 256, 1)
-    colors, uses = np.unique(pixels, return_counts=True)
-    chosen = colors[np.argsort(-uses, kind="stable")[:count]]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], 1).ravel().tolist())
-    return palette
+def most_used(images: list[Image.Image], count: int) -> np.ndarray:
+    """The ``count`` colours that RGB images have most of, as 0xRRGGBB; a model keeps its exact colour."""
+    colors, uses = np.unique(np.concatenate([_pixels(image) for image in images]), return_counts=True)
+    return colors[np.argsort(-uses, kind="stable")[:count]]
+
+
+def with_palette(image: Image.Image, palette: np.ndarray) -> Image.Image:
+    """The RGB image in these colours (K,), K <= 256: each pixel takes the nearest one.
+
+    Pillow's own `quantize` looks colours up coarsely, which turns white into almost white.
+    """
+    colors, place = np.unique(_pixels(image), return_inverse=True)
+    gap = _channels(colors)[:, None, :] - _channels(palette)[None, :, :]
+    index = np.argmin(np.sum(gap * gap, axis=2), axis=1).astype(np.uint8)[place]
+    flat = Image.fromarray(index.reshape(image.height, image.width))
+    flat.putpalette(_channels(palette).astype(np.uint8).ravel().tolist())
+    return flat
+
+
+def _pixels(image: Image.Image) -> np.ndarray:
+    """(N,) colours as 0xRRGGBB."""
+    red, green, blue = np.asarray(image).reshape(-1, 3).astype(np.int32).T
+    return red << 16 | green << 8 | blue
+
+
+def _channels(colors: np.ndarray) -> np.ndarray:
+    """(N, 3) red, green, blue of (N,) colours."""
+    return np.stack([colors >> 16, colors >> 8 & 255, colors & 255], axis=1).astype(np.int32)

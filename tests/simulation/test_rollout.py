@@ -1,0 +1,160 @@
+"""The compiled episode is the Python episode bit for bit, on any number of threads."""
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.bench.fleet import load_fleet
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.control_step import accumulate_moments
+from motorprior.locomotion.env import PupperWalkEnv
+from motorprior.locomotion.policy import act
+from motorprior.locomotion.task import TaskWeights
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import make_executor
+from motorprior.search.train import new_search, train
+from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
+
+STEPS = 120
+FLEET = load_fleet("pupper_v2")
+
+
+def pd_network():
+    """A latent network that acts like a soft PD of 6 N·m/rad and 0.3 N·m·s/rad, each z a little differently."""
+    w1, w2 = np.zeros((4, 8)), np.zeros((8, 8))
+    w1[0, 0], w1[2, 0] = 0.1, -0.1  # the newest error and velocity; softsign is nearly linear here
+    w2[0, 0] = 1.0
+    v1 = 0.002 * np.random.default_rng(0).standard_normal((3, 8))
+    return LatentNetwork(
+        w1=w1, v1=v1, b1=np.zeros(8), w2=w2, b2=np.zeros(8), w3=np.r_[1.0, np.zeros(7)], b3=np.array(0.0),
+        log_armature=np.array(np.log(0.003)), armature_slope=np.array([0.2, 0.0, 0.0]), taps=(0, 2), period=0.002,
+        error_scale=0.1, velocity_scale=2.0, torque_scale=6.0, torque_limit=1.26, has_armature=True,
+    )  # fmt: skip
+
+
+def draw_pd(rng):
+    kp = rng.uniform(8.0, 10.0, 12)
+    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+
+
+def draw_physical(rng):
+    return PhysicalActuator(FLEET.sample(rng, 12))
+
+
+def draw_latent(rng):
+    return LatentActuator(pd_network(), rng.standard_normal((12, 3)))
+
+
+KINDS = {
+    "ideal_pd": (draw_pd, WorldConfig(physics_dt=0.002)),
+    "physical": (draw_physical, WorldConfig(physics_dt=0.001)),
+    "latent": (draw_latent, WorldConfig(physics_dt=0.001)),
+}
+POLICY = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
+CLUMSY = (3.0 * np.random.default_rng(2).standard_normal((16, 19)), np.zeros(18), np.full(18, 0.5))
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return KINDS[request.param]
+
+
+def python_episode(draw, world, policy, seed, task=None):
+    """Total, steps, displacement, fault, Welford statistics and (steps, 19) qpos of the Gymnasium loop."""
+    backend = MujocoBackend(draw, world)
+    env = PupperWalkEnv(backend, weights=task, episode_steps=STEPS)
+    observation, _ = env.reset(seed=seed)
+    total, count, mean, m2, trace, info = 0.0, 0, np.zeros(18), np.zeros(18), [], {}
+    ended = False
+    while not ended:
+        trace.append(backend._world.data.qpos.copy())
+        count = accumulate_moments(observation, count, mean, m2)
+        action = np.zeros(16)
+        act(*policy, observation, action)
+        observation, earned, terminated, truncated, info = env.step(action)
+        total, ended = total + earned, terminated or truncated
+    return total, count, info["base_pos"][:2], info["fault"], mean, m2, np.array(trace)
+
+
+@pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])
+def test_compiled_equals_python_bit_for_bit(kind, policy, falls):
+    draw, world = kind
+    task = TaskWeights(lateral=0.3, heading=0.1)
+    simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS, task=task))
+    for seed in (0, 1):
+        episode = simulator.run(*policy, seed, trace=True)
+        total, steps, where, fault, mean, m2, trace = python_episode(draw, world, policy, seed, task)
+        assert (episode.total, episode.steps, episode.fault) == (total, steps, fault)
+        for one, other in (
+            (episode.displacement, where), (episode.trace, trace), (episode.mean, mean), (episode.m2, m2),
+        ):  # fmt: skip
+            np.testing.assert_array_equal(one, other)
+        assert episode.count == steps and (steps < STEPS) == falls
+
+
+def test_same_seed_same_episode_and_another_seed_other_motors(kind):
+    draw, world = kind
+    simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS))
+    first, other, again = (simulator.run(*POLICY, seed, trace=True) for seed in (0, 1, 0))
+    assert first.trace.tobytes() == again.trace.tobytes() and first.total == again.total
+    assert first.total != other.total
+    assert first.total == simulator.run(*POLICY, 0).total  # tracing changes nothing
+
+
+def test_encoder_noise_is_drawn_from_the_seed_and_only_observed():
+    noisy = WalkConfig(episode_steps=STEPS, encoder_noise=0.02)
+    clean = WalkConfig(episode_steps=STEPS)
+    blind = (np.zeros((16, 19)), np.zeros(18), np.ones(18))  # does not look, so the noise cannot reach the robot
+    simulators = [WalkSimulator(draw_pd, walk=walk) for walk in (noisy, noisy, clean)]
+    first, again, without = (simulator.run(*blind, 3, trace=True) for simulator in simulators)
+    np.testing.assert_array_equal(first.trace, without.trace)
+    np.testing.assert_array_equal(first.m2, again.m2)
+    # the observed variance of a joint grows by 0.02²; 12 joints · 120 steps: within 4·sqrt(2/1440) = 15 %
+    grown = (first.m2 - without.m2)[4:16].sum() / (12 * STEPS)
+    assert grown == pytest.approx(0.02**2, rel=0.15)
+    np.testing.assert_array_equal(first.m2[:4], without.m2[:4])
+
+
+def test_the_zero_policy_trots_and_stays_up():
+    for draw, world in KINDS.values():
+        simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS))
+        episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), 0, trace=True)
+        assert episode.steps == STEPS and episode.fault == 0
+        assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings
+
+
+def test_any_number_of_workers_gives_the_same_search():
+    def searched(workers):
+        walk = WalkConfig(episode_steps=60, encoder_noise=0.01)
+        executor = make_executor(lambda: WalkSimulator(draw_pd, walk=walk), workers)
+        search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
+        try:
+            curve = train(search, executor, 2)
+        finally:
+            executor.close()
+        return b"".join(value.tobytes() for value in search.state().values()), curve
+
+    serial = searched(1)
+    assert searched(2) == serial and searched(3) == serial
+    assert len(serial[1]) == 2 and np.any(np.frombuffer(serial[0][: 304 * 8]) != 0.0)
+
+
+def test_both_signs_of_a_direction_walk_on_the_same_motors():
+    drawn = []
+
+    def draw(rng):
+        drawn.append(rng.bit_generator.state["state"]["state"])
+        return draw_pd(rng)
+
+    executor = make_executor(lambda: WalkSimulator(draw, walk=WalkConfig(episode_steps=2)), 1)
+    train(new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1)), executor, 2)
+    assert drawn[::2] == drawn[1::2] and len(set(drawn)) == 6
+
+
+def test_physical_motors_refuse_the_learned_motors_clock():
+    with pytest.raises(ConfigError, match=r"0\.001"):
+        WalkSimulator(draw_physical, WorldConfig(physics_dt=0.002)).run(*POLICY, 0)

@@ -1,0 +1,170 @@
+"""MuJoCo's world keeps mechanics in closed form, forgets its past at reset, and reports its faults."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.replay import replay
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import World, WorldConfig, hold_target, physics_step
+
+LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
+PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
+HUNG = WorldConfig(hung=True)
+
+
+@pytest.mark.parametrize("physics_dt", [0.001, 0.002])
+def test_free_fall(physics_dt):
+    world = World(WorldConfig(physics_dt=physics_dt))
+    motors = world.reset(PD)
+    world.data.qpos[2] = 10.0
+    for _ in range(20):
+        hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
+    # semi-implicit Euler over m steps h: v = -g·m·h, z = z0 - g·h²·m·(m+1)/2; the legs fall alike
+    m, h = round(0.2 / physics_dt), physics_dt
+    assert world.data.qvel[2] == pytest.approx(-9.81 * 0.2)
+    assert world.data.qpos[2] == pytest.approx(10.0 - 9.81 * h**2 * m * (m + 1) / 2)
+    np.testing.assert_allclose(world.data.qpos[7:], spec.NOMINAL_POSE, atol=1e-9)
+    np.testing.assert_allclose(world.data.qvel[3:], 0.0, atol=1e-9)
+
+
+def test_internal_torques_leave_the_momentum_of_a_falling_robot_alone():
+    world = World(WorldConfig(physics_dt=0.001))
+    world.model.opt.gravity[:] = 0.0
+    motors = world.reset(PD)
+    world.data.qpos[2] = 10.0
+    target = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.4, 0.4, 12)
+    moved = 0.0
+    for _ in range(15):
+        hold_target(world.arrays, motors, target)
+        moved = max(moved, float(np.abs(world.data.qvel[6:]).max()))
+    mujoco.mj_forward(world.model, world.data)
+    mujoco.mj_subtreeVel(world.model, world.data)
+    # 2.135 kg with joints at several rad/s; Euler's momentum error is of order dt
+    assert moved > 3.0
+    np.testing.assert_allclose(world.data.subtree_linvel[1], 0.0, atol=2e-3)
+
+
+def test_a_hung_knee_is_a_second_order_system():
+    # shank about the knee 3.450e-4 kg·m² (see the robot's tests) plus armature; gravity off, other joints held
+    world = World(WorldConfig(hung=True, physics_dt=0.0005))
+    world.model.opt.gravity[:] = 0.0
+    kp, kd, armature = 2.0, 0.02, 0.003
+    stiff = np.array([1e4, 1e4, kp] * 4)
+    damping, rotor = np.array([10.0, 10.0, kd] * 4), np.array([1e3, 1e3, armature] * 4)
+    motors = world.reset(IdealPd(stiff, damping, np.full(12, 1e9), rotor, np.zeros(12)))
+    target = spec.NOMINAL_POSE + np.tile([0.0, 0.0, 0.2], 4)
+    inertia = armature + 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
+    decay = kd / (2 * inertia)
+    wave = np.sqrt(kp / inertia - decay**2)
+    for step in range(1, 21):
+        hold_target(world.arrays, motors, target)
+        t = step * world.config.control_dt
+        ringing = np.exp(-decay * t) * (np.cos(wave * t) + decay / wave * np.sin(wave * t))
+        # Euler errs by dt·wave/2 of the amplitude: 0.0005·24/2·0.2 = 1.2e-3 rad
+        np.testing.assert_allclose(world.data.qpos[2::3] - spec.NOMINAL_POSE[2], 0.2 * (1 - ringing), atol=2.5e-3)
+
+
+def test_the_standing_robot_carries_its_weight_on_four_feet():
+    world = World(WorldConfig())
+    motors = world.reset(PD)
+    for _ in range(100):
+        hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
+    mujoco.mj_forward(world.model, world.data)
+    pushes = np.zeros((world.data.ncon, 6))
+    for contact, push in enumerate(pushes):
+        mujoco.mj_contactForce(world.model, world.data, contact, push)
+    assert len(pushes) == 4
+    # still swaying a little: within 2 % of 2.1354 kg · 9.81 m/s²
+    assert pushes[:, 0].sum() == pytest.approx(2.1354 * 9.81, rel=0.02)
+
+
+def test_the_reported_torque_is_the_motors_with_the_engines_share():
+    world = World(HUNG)
+    motors = world.reset(PD)
+    world.data.qvel[:] = np.linspace(-3, 3, 12)
+    error, speed = np.linspace(0.1, -0.1, 12), world.data.qvel.copy()
+    total = physics_step(world.arrays, motors, spec.NOMINAL_POSE + error)
+    law = np.clip(8.8 * error - 0.84 * speed, -1.26, 1.26)
+    np.testing.assert_allclose(world.arrays.torque, law, atol=1e-12)
+    np.testing.assert_allclose(world.data.qfrc_applied, law + 0.84 * speed, atol=1e-12)
+    assert total == pytest.approx(np.sum(law**2))
+
+
+def test_reset_forgets():
+    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.3, 0.3, (30, 12))
+    fresh, used = World(WorldConfig()), World(WorldConfig())
+    heavy = IdealPd.uniform(12, kp=3.0, kd=0.1, torque_limit=5.0, armature=0.02, delay=0.02)
+    replay(used, heavy, -targets)  # other motors, other fall
+    used.data.qfrc_applied[:] = 7.0
+    one, other = replay(fresh, PD, targets), replay(used, PD, targets)
+    for name in ("joint_pos", "joint_torque", "measured_joint_pos", "base"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_a_replay_records_every_physics_step_in_order():
+    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (12, 12))
+    world = World(HUNG)
+    recorded = replay(world, PD, targets, lead_in=targets[:1].repeat(5, axis=0))
+    assert recorded.joint_pos.shape == recorded.joint_torque.shape == (60, 12) and recorded.base.shape == (0, 7)
+    # encoders of ideal motors read the joint: row c of the control clock is the physics step before it
+    np.testing.assert_array_equal(recorded.measured_joint_pos[1:], recorded.joint_pos[4:-1:5])
+    motors = world.reset(PD)
+    for target in [*targets[:1].repeat(5, axis=0), *targets]:
+        hold_target(world.arrays, motors, target)
+    np.testing.assert_array_equal(world.data.qpos, recorded.joint_pos[-1])
+
+
+BROKEN = replace(PD, kp=np.full(12, 1e300), torque_limit=np.full(12, 1e308))
+NAN = replace(PD, kd=np.full(12, np.nan))
+
+
+@pytest.mark.parametrize("motors", [BROKEN, NAN], ids=["absurd gains", "NaN"])
+def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_reward(motors, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo may write its log here
+    weights = np.random.default_rng(0).standard_normal((16, 19))
+    simulator = WalkSimulator(lambda rng: motors)
+    episode = simulator.run(weights, np.zeros(18), np.ones(18), seed=0)
+    assert episode.fault == 1 and episode.steps < 250
+    assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
+    backend = MujocoBackend(lambda rng: motors)
+    backend.reset(0)
+    states = [backend.step(spec.NOMINAL_POSE + 0.1) for _ in range(5)]
+    assert states[-1].fault == 1
+    with pytest.raises(SimulationFault, match="not finite"):
+        replay(World(WorldConfig()), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
+
+
+def test_a_step_that_breaks_earns_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    episode = WalkSimulator(lambda rng: NAN).run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)
+    assert (episode.total, episode.steps, episode.fault) == (0.0, 1, 1)
+
+
+def test_after_a_fault_the_next_episode_is_as_if_nothing_had_happened(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    queue = [NAN, PD]
+    weights = 0.1 * np.random.default_rng(0).standard_normal((16, 19))
+    walk = WalkConfig(episode_steps=60)
+    simulator = WalkSimulator(lambda rng: queue.pop(0), walk=walk)
+    assert simulator.run(weights, np.zeros(18), np.ones(18), seed=0).fault == 1
+    after = simulator.run(weights, np.zeros(18), np.ones(18), seed=0)
+    clean = WalkSimulator(lambda rng: PD, walk=walk).run(weights, np.zeros(18), np.ones(18), seed=0)
+    assert (after.total, after.steps, after.fault) == (clean.total, clean.steps, 0)
+
+
+@pytest.mark.parametrize("physics_dt", [0.003, 0.02, -0.002])
+def test_a_physics_step_that_does_not_divide_the_control_step_is_refused(physics_dt):
+    with pytest.raises(ConfigError, match=r"does not divide control_dt 0\.01 s"):
+        World(WorldConfig(physics_dt=physics_dt))
+
+
+def test_a_hung_robot_is_not_asked_to_walk():
+    with pytest.raises(ConfigError, match="hung"):
+        MujocoBackend(lambda rng: PD, HUNG)
