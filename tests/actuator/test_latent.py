@@ -45,7 +45,7 @@ def torques(actuator, inputs, dt=PERIOD):
     arrays, out = actuator.arrays(dt), np.zeros(inputs.shape[1:])
     reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
     for step, row in enumerate(inputs.transpose(1, 0, 2).copy()):
-        step_actuator(arrays, dt, *row, out[step])
+        step_actuator(arrays, dt, row[0], row[1], row[2], out[step])
     return out
 
 

@@ -25,14 +25,16 @@ def motor(**changes):
     return PhysicalActuator(MotorParameters(**{name: np.array([value]) for name, value in values.items()}))
 
 
-def drive(actuator, target, joint_pos, joint_vel, dt=DT):
-    """(steps,) torque of one motor on a joint moved by hand, and its final arrays."""
-    target, joint_pos, joint_vel = (np.ascontiguousarray(row, float) for row in (target, joint_pos, joint_vel))
-    arrays, out = actuator.arrays(dt), np.zeros((len(target), 1))
+def drive(actuator, target, joint_pos=None, joint_vel=None):
+    """(steps,) torque of one motor on a joint moved by hand, or locked at 0, and its final arrays."""
+    target, nothing = np.ascontiguousarray(target, float), np.zeros(len(target))
+    joint_pos = nothing if joint_pos is None else joint_pos
+    joint_vel = nothing if joint_vel is None else joint_vel
+    arrays, out = actuator.arrays(DT), np.zeros((len(target), 1))
     reset_actuator(arrays, target[:1].copy(), joint_pos[:1].copy())
     for k in range(len(target)):
         inputs = (target[k : k + 1], joint_pos[k : k + 1], joint_vel[k : k + 1])
-        step_actuator(arrays, dt, *inputs, out[k])
+        step_actuator(arrays, DT, *inputs, out[k])
     return out[:, 0], arrays
 
 
@@ -64,7 +66,7 @@ def test_a_torque_below_friction_never_moves_the_rotor(coulomb, share):
     actuator = motor(coulomb=coulomb, stribeck_torque=0.0)
     target = np.full(400, share * coulomb / 6.0)
     target[0] = 0.0
-    torque, arrays = drive(actuator, target, np.zeros(400), np.zeros(400))
+    torque, arrays = drive(actuator, target)
     assert arrays.memory[ROTOR_POS, 0] == 0.0 and np.all(torque == 0.0)
 
 
@@ -72,7 +74,7 @@ def test_a_torque_below_friction_never_moves_the_rotor(coulomb, share):
 def test_a_torque_above_friction_moves_it(side):
     actuator = motor(coulomb=0.12, stribeck_torque=0.01)
     for share, moves in ((0.999, False), (1.001, True)):
-        _, arrays = drive(actuator, np.r_[0.0, np.full(50, side * share * 0.13 / 6.0)], *np.zeros((2, 51)))
+        _, arrays = drive(actuator, np.r_[0.0, np.full(50, side * share * 0.13 / 6.0)])
         assert (side * arrays.memory[ROTOR_POS, 0] > 0.0) == moves
 
 
@@ -175,7 +177,7 @@ def test_speed_runs_up_the_torque_speed_line(side):
 
 def test_the_current_limit_caps_the_torque_of_a_slow_motor():
     actuator = motor(torque_limit=0.5, stall_torque=9.0, no_load_speed=50.0, gear_damping=0.5)
-    torque, _ = drive(actuator, np.r_[0.0, np.ones(1999)], *np.zeros((2, 2000)))
+    torque, _ = drive(actuator, np.r_[0.0, np.ones(1999)])
     assert torque[-1] == pytest.approx(0.5, rel=1e-6)
 
 
@@ -197,21 +199,20 @@ def test_the_encoder_reads_the_rotor_and_its_zero_and_no_backlash():
 def test_a_delay_is_a_shift_in_time(steps_late):
     target = np.cumsum(np.random.default_rng(0).normal(0.0, 0.05, 120))
     target[:10] = target[0]
-    still = np.zeros((2, 120))
-    prompt, _ = drive(motor(coulomb=0.05), target, *still)
-    late, _ = drive(motor(coulomb=0.05, delay=steps_late * DT), target, *still)
+    prompt, _ = drive(motor(coulomb=0.05), target)
+    late, _ = drive(motor(coulomb=0.05, delay=steps_late * DT), target)
     # before the first change both are at rest on the same constant target
     held = np.r_[np.full(steps_late, target[0]), target[:-steps_late]]
-    np.testing.assert_array_equal(late, drive(motor(coulomb=0.05), held, *still)[0])
+    np.testing.assert_array_equal(late, drive(motor(coulomb=0.05), held)[0])
     assert np.any(late != prompt)
 
 
 def test_a_delay_between_two_steps_arrives_between_them():
     # 2.5 ms: the third physics step of 1 ms sees the new target in its second half only
-    target, still = np.r_[np.zeros(5), np.ones(5)], np.zeros((2, 10))
+    target = np.r_[np.zeros(5), np.ones(5)]
     first = {}
     for delay in (0.002, 0.0025, 0.003):
-        first[delay] = drive(motor(delay=delay), target, *still)[0]
+        first[delay] = drive(motor(delay=delay), target)[0]
     assert np.all(first[0.0025][:7] == 0.0) and first[0.003][7] == 0.0
     assert 0.0 < first[0.0025][7] < first[0.002][7]
 

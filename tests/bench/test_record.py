@@ -114,7 +114,8 @@ def test_blows_last_4_to_60_ms_around_a_constant_load():
         rest = values[np.argmax(counts)]
         assert abs(rest) <= 0.5
         edges = np.flatnonzero(np.diff(np.r_[0, (torque != rest).astype(int), 0]))
-        lengths.extend((edges[1::2] - edges[::2]) * 0.0005)
+        whole = edges[1::2] < 5000  # the last blow may be cut off
+        lengths.extend((edges[1::2] - edges[::2])[whole] * 0.0005)
         peaks.append(np.abs(torque - rest).max())
     # sampled at 0.5 ms, ends included: one sample either way
     assert 0.003 <= min(lengths) < 0.008 and 0.04 < max(lengths) <= 0.061

@@ -75,13 +75,18 @@ def motion(n, steps=60):
     return np.stack([joint_pos + rng.normal(0.0, 0.2, (steps, n)), joint_pos, velocity])
 
 
+def advance(arrays, row, torque, dt=DT):
+    """One step on (3, n) target, position and velocity."""
+    step_actuator(arrays, dt, row[0], row[1], row[2], torque)
+
+
 def torques(actuator, inputs, arrays=None, dt=DT):
     """(steps, n) torque [N·m] for imposed inputs, from rest at the first of them."""
     arrays = actuator.arrays(dt) if arrays is None else arrays
     reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
     out = np.zeros(inputs.shape[1:])
-    for step, (target, joint_pos, joint_vel) in enumerate(inputs.transpose(1, 0, 2).copy()):
-        step_actuator(arrays, dt, target, joint_pos, joint_vel, out[step])
+    for step in range(len(out)):
+        advance(arrays, inputs[:, step].copy(), out[step], dt)
     return out
 
 
@@ -101,7 +106,7 @@ def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
     assert torques(make(12), inputs).tobytes() == torques(make(12), inputs).tobytes()
     arrays, step = make(12).arrays(DT), inputs[:, 0].copy()
     reset_actuator(arrays, step[0], step[1])
-    step_actuator(arrays, DT, *step, np.zeros(12))
+    advance(arrays, step, np.zeros(12))
     measure_joint_pos(arrays, step[1], np.zeros(12))
     np.testing.assert_array_equal(step, before[:, 0])
 
@@ -113,8 +118,8 @@ def test_two_robots_on_the_same_motors_do_not_feel_each_other(make):
     reset_actuator(second, other[0, 0].copy(), other[1, 0].copy())
     interleaved = np.zeros((2, *one.shape[1:]))
     for step in range(one.shape[1]):
-        step_actuator(first, DT, *(row[step].copy() for row in one), interleaved[0, step])
-        step_actuator(second, DT, *(row[step].copy() for row in other), interleaved[1, step])
+        advance(first, one[:, step].copy(), interleaved[0, step])
+        advance(second, other[:, step].copy(), interleaved[1, step])
     np.testing.assert_array_equal(interleaved[0], torques(actuator, one))
     np.testing.assert_array_equal(interleaved[1], torques(actuator, other))
 

@@ -1,6 +1,7 @@
 """Windows are drawn from whole segments, and what cannot be trained on is refused by name."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,8 +84,9 @@ def test_a_rollout_needs_no_torque():
     ],
 )
 def test_a_missing_channel_is_named(objective, missing):
+    gone: dict[str, Any] = {missing: None}
     with pytest.raises(LogError, match=f"my.parquet: no {missing}"):
-        training_data(a_log(**{missing: None}), replace(PRESET, objective=objective), "my.parquet")
+        training_data(a_log(**gone), replace(PRESET, objective=objective), "my.parquet")
 
 
 def test_a_log_of_another_period_is_refused_with_both():

@@ -49,6 +49,7 @@ def draw_latent(rng):
     return LatentActuator(pd_network(), rng.standard_normal((12, 3)))
 
 
+Weights = tuple[np.ndarray, np.ndarray, np.ndarray]
 KINDS = {
     "ideal_pd": (draw_pd, WorldConfig(physics_dt=0.002)),
     "physical": (draw_physical, WorldConfig(physics_dt=0.001)),
@@ -63,7 +64,7 @@ def kind(request):
     return KINDS[request.param]
 
 
-def python_episode(draw, world, policy, seed, task=None):
+def python_episode(draw, world, policy: Weights, seed, task=None):
     """Total, steps, displacement, fault, Welford statistics and (steps, 19) qpos of the Gymnasium loop."""
     backend = MujocoBackend(draw, world)
     env = PupperWalkEnv(backend, weights=task, episode_steps=STEPS)
@@ -81,7 +82,7 @@ def python_episode(draw, world, policy, seed, task=None):
 
 
 @pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])
-def test_compiled_equals_python_bit_for_bit(kind, policy, falls):
+def test_compiled_equals_python_bit_for_bit(kind, policy: Weights, falls):
     draw, world = kind
     task = TaskWeights(lateral=0.3, heading=0.1)
     simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS, task=task))

@@ -32,8 +32,8 @@ def bench(run: Path) -> list[Section]:
     """Excitation and response of the first motor, both presets."""
     pictures = []
     for preset, segment, text in (
-        ("rollout", 3, "a gait held at 100 Hz on a random load, with blows from outside"),
-        ("paper", 0, "the paper's sinusoid of varying frequency and amplitude"),
+        ("rollout", 3, "gait and blows"),
+        ("paper", 0, "sinusoid"),
     ):
         log, _ = read_bench(run / "bench" / preset)
         part = log.rows(log.segment_slices()[min(segment, len(log.segment_slices()) - 1)]).joint(0)
@@ -42,7 +42,8 @@ def bench(run: Path) -> list[Section]:
         columns = (part.position_target, part.joint_pos, part.joint_vel, part.joint_torque, part.external_torque)
         arrays = [None if column is None else column[first, 0] for column in columns]
         assert arrays[0] is not None and arrays[1] is not None
-        figure = plots.excitation_and_response(time, arrays[0], arrays[1], *arrays[2:], title=f"{preset}: {text}")
+        title = f"Preset {preset}: {text}"
+        figure = plots.excitation_and_response(time, arrays[0], arrays[1], *arrays[2:], title=title)
         pictures.append(picture(figure, f"Bench preset {preset}, first motor.", f"{preset} excitation and response"))
     _, facts = read_bench(run / "bench" / "rollout")
     count = f"{facts.motors} physical motors of fleet {facts.fleet.name}"

@@ -19,8 +19,8 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import Ars, ArsConfig
-from motorprior.search.executor import make_executor
-from motorprior.search.train import SHAPE, Iteration, new_search, train
+from motorprior.search.executor import Executor, make_executor
+from motorprior.search.train import Champion, Iteration, new_search, train
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
@@ -60,25 +60,38 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     world = WorldConfig(physics_dt=config.motors.physics_dt)
     walk = WalkConfig(config.episode_steps, config.task)
     begin(config.out)
-    search, curve = _restore(config, wanted)
     executor = make_executor(lambda: WalkSimulator(draw, world, walk), _workers(config.workers))
+    try:
+        champion, curve = _train(config, executor, wanted, name)
+    finally:
+        executor.close()
+    _policy(config, champion).save(config.out / POLICY)
+    write_json(config.out / CURVE, curve)
+    (config.out / CHECKPOINT).unlink(missing_ok=True)
+    finish(config.out, wanted)
+
+
+def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:
+    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted."""
+    search, champion, curve = _restore(config, wanted)
+    latest = _checkpoint(search, champion)
     try:
         with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress:
             progress.advance(search.iteration)
 
-            def report(point: Iteration) -> None:
+            def report(point: Iteration, best: Champion) -> None:
+                nonlocal latest
                 curve.append(asdict(point))
+                latest = _checkpoint(search, best)
                 progress.advance(1, f"return {point.mean_return:.2f} m")
-                if (point.iteration + 1) % _CHECKPOINT_EVERY == 0:
-                    _save_checkpoint(config.out, search, curve, wanted)
+                if search.iteration % _CHECKPOINT_EVERY == 0:
+                    _save_checkpoint(config.out, latest, curve, wanted)
 
-            train(search, executor, config.iterations, report)
-    finally:
-        executor.close()
-    _policy(config, search).save(config.out / POLICY)
-    write_json(config.out / CURVE, curve)
-    (config.out / CHECKPOINT).unlink(missing_ok=True)
-    finish(config.out, wanted)
+            champion = train(search, executor, config.iterations, champion, report)
+    except KeyboardInterrupt:
+        _save_checkpoint(config.out, latest, curve, wanted)
+        raise
+    return champion, curve
 
 
 def _workers(count: int) -> int:
@@ -87,12 +100,12 @@ def _workers(count: int) -> int:
     return count
 
 
-def _policy(config: Walk, search: Ars) -> Policy:
+def _policy(config: Walk, champion: Champion) -> Policy:
     kp, kd = config.motors.gains()
     return Policy(
-        weights=search.parameters.reshape(SHAPE),
-        observation_mean=search.observations.mean,
-        observation_std=search.observations.std(),
+        weights=champion.weights,
+        observation_mean=champion.mean,
+        observation_std=champion.std,
         kp=np.full(spec.NUM_JOINTS, kp),
         kd=np.full(spec.NUM_JOINTS, kd),
         control_dt=spec.CONTROL_DT,
@@ -101,24 +114,33 @@ def _policy(config: Walk, search: Ars) -> Policy:
             "search": asdict(config.search),
             "task": asdict(config.task),
             "iterations": config.iterations,
+            "iteration": champion.iteration,
+            "own_return": champion.score,
             "episode_steps": config.episode_steps,
         },
     )
 
 
-def _save_checkpoint(folder: Path, search: Ars, curve: list[dict], wanted: dict) -> None:
+def _checkpoint(search: Ars, champion: Champion) -> dict[str, np.ndarray]:
     """Everything a later run needs to end at the same bytes."""
-    write_tensors(folder / CHECKPOINT, search.state(), {"wanted": wanted, "curve": curve})
+    return {**search.state(), **champion.state()}
 
 
-def _restore(config: Walk, wanted: dict) -> tuple[Ars, list[dict]]:
-    """The search of an interrupted run with the same settings, or a new one."""
+def _save_checkpoint(folder: Path, state: dict[str, np.ndarray], curve: list[dict], wanted: dict) -> None:
+    """Write the state; the curve may be a point ahead when interrupted between the two, and is cut to it."""
+    points = curve[: int(state["iteration"])]
+    write_tensors(folder / CHECKPOINT, state, {"wanted": wanted, "curve": points})
+
+
+def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
+    """The training of an interrupted run with the same settings, or a new one."""
     path = config.out / CHECKPOINT
     if path.is_file():
         state, header = read_tensors(path)
         if header.get("wanted") == wanted:
-            return Ars.restore(config.search, state), header["curve"]
-    return new_search(config.search), []
+            best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
+            return Ars.restore(config.search, state), Champion.restore(best), header["curve"]
+    return new_search(config.search), Champion.nobody(), []
 
 
 def read_curve(folder: Path) -> list[dict]:

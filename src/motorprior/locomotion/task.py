@@ -36,9 +36,9 @@ class TaskWeights:
     max_speed: float = 0.5
     alive: float = 0.004
     torque: float = 0.3e-4
-    lateral: float = 0.2
+    lateral: float = 0.1
     yaw_rate: float = 0.02
-    heading: float = 0.2
+    heading: float = 0.4
 
     def array(self) -> np.ndarray:
         """Shape (6,), in the order of the attributes, for `reward`."""

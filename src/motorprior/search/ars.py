@@ -32,8 +32,8 @@ class ArsConfig:
 
     num_directions: int = 16
     num_top_directions: int = 8
-    step_size: float = 0.05
-    delta_std: float = 0.05
+    step_size: float = 0.03
+    delta_std: float = 0.03
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,6 +13,9 @@ from motorprior.search.ars import Ars, ArsConfig, Moments
 from motorprior.search.executor import Executor
 
 SHAPE = (ACTION_SIZE, OBSERVATION_SIZE + 1)
+CONTEST_EVERY, CONTEST_DRAWS = 10, 16
+CONTEST = 2**32 - 1
+"""Stands where training seeds have the iteration."""
 
 
 class EpisodeLike(Protocol):
@@ -45,6 +48,39 @@ class Task:
     seed: int
 
 
+@dataclass(frozen=True, eq=False)
+class Champion:
+    """The best policy so far: weights (16, 19), observation mean and std (18,), its mean return [m]."""
+
+    weights: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    score: float
+    iteration: int
+
+    @classmethod
+    def nobody(cls) -> Champion:
+        """Loses against anyone."""
+        size = OBSERVATION_SIZE
+        return cls(np.zeros(SHAPE), np.zeros(size), np.ones(size), -float(np.finfo(np.float64).max), 0)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Arrays that `restore` reads."""
+        return {
+            "champion_weights": self.weights,
+            "champion_mean": self.mean,
+            "champion_std": self.std,
+            "champion_score": np.array(self.score),
+            "champion_iteration": np.array(self.iteration),
+        }
+
+    @classmethod
+    def restore(cls, state: Mapping[str, np.ndarray]) -> Champion:
+        """What `state` gave."""
+        arrays = (state[f"champion_{name}"] for name in ("weights", "mean", "std"))
+        return cls(*arrays, float(state["champion_score"]), int(state["champion_iteration"]))
+
+
 def run_task(simulator: Any, task: Task) -> EpisodeLike:
     """Run one episode on a worker's simulator."""
     return simulator.run(task.weights, task.mean, task.std, task.seed)
@@ -75,19 +111,36 @@ def advance(search: Ars, executor: Executor) -> Iteration:
     return Iteration(iteration, float(returns.mean()), float(returns.max()), steps)
 
 
+def contest(search: Ars, executor: Executor, champion: Champion) -> Champion:
+    """The better of the champion and the present, unperturbed policy, in its own simulation.
+
+    Every contest is walked on the same CONTEST_DRAWS draws of motors.
+    """
+    weights, mean, std = search.parameters.reshape(SHAPE), search.observations.mean, search.observations.std()
+    tasks = [Task(weights, mean, std, episode_seed(search.config.seed, CONTEST, draw)) for draw in range(CONTEST_DRAWS)]
+    score = float(np.mean([episode.total for episode in executor.map(run_task, tasks)]))
+    return Champion(weights, mean, std, score, search.iteration) if score > champion.score else champion
+
+
 def train(
     search: Ars,
     executor: Executor,
     iterations: int,
-    progress: Callable[[Iteration], None] | None = None,
-) -> list[Iteration]:
-    """Advance ``search`` until it has made ``iterations`` iterations; returns the new points of the curve."""
-    curve = []
+    champion: Champion,
+    progress: Callable[[Iteration, Champion], None] | None = None,
+) -> Champion:
+    """Advance ``search`` until it has made ``iterations`` iterations; returns the best policy on the way.
+
+    The last policy of a random search is not its best: every CONTEST_EVERY iterations, and at the end, the
+    present policy challenges the champion.
+    """
     while search.iteration < iterations:
-        curve.append(advance(search, executor))
+        point = advance(search, executor)
+        if search.iteration % CONTEST_EVERY == 0 or search.iteration == iterations:
+            champion = contest(search, executor, champion)
         if progress is not None:
-            progress(curve[-1])
-    return curve
+            progress(point, champion)
+    return champion
 
 
 def new_search(config: ArsConfig) -> Ars:
