@@ -103,4 +103,4 @@ def softsign_layer(
     matrix = weights.ctypes.data + 4 * offset
     x, b, y = inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
     for first in range(0, neurons, 4):
-        _four_neurons(matrix + 4 * first, neurons, x, count, b + 64 * first, y + 64 * first)
+        _four_neurons(matrix + 4 * first, neurons, x, count, b + 64 * first, y + 64 * first)  # pyright: ignore[reportCallIssue]

@@ -103,12 +103,9 @@ class MotorPrior:
         require_keys(tensors, (*_WEIGHTS, "mean", "log_var"), path)
         _check_meaning(header, path)
         _check_shapes(tensors, header, path)
-        network = LatentNetwork(
-            **{name: tensors[name] for name in _WEIGHTS},
-            taps=tuple(header["taps"]),
-            has_armature=header["has_armature"],
-            **{name: float(header[name]) for name in ("period", *_SCALES)},
-        )
+        numbers: dict[str, Any] = {name: float(header[name]) for name in ("period", *_SCALES)}
+        arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
+        network = LatentNetwork(**arrays, **numbers, taps=tuple(header["taps"]), has_armature=header["has_armature"])
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         return cls(network, tensors["mean"], tensors["log_var"], **texts)
 

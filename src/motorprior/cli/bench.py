@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +101,7 @@ def run_bench(config: Bench) -> None:
     """Record, unless the folder holds this very recording already."""
     fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
     fleet_files = [Path(config.fleet)] if config.fleet.endswith(".toml") else []
-    wanted = description("bench", config, fleet_files)
+    wanted = description("bench", asdict(config), fleet_files)
     if is_finished(config.out, wanted):
         return
     begin(config.out)

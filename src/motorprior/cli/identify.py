@@ -49,7 +49,7 @@ def run_identify(config: Identify) -> None:
             raise ConfigError(f"steps {config.steps} is below 1", remedy="give at least 1")
         preset = replace(preset, steps=config.steps)
     log, facts = read_bench(config.bench)
-    wanted = description("identify", config, [config.bench / LOG, config.bench / FACTS])
+    wanted = description("identify", asdict(config), [config.bench / LOG, config.bench / FACTS])
     if is_finished(config.out, wanted):
         return
     data = training_data(log, preset, str(config.bench / LOG))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +50,7 @@ def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
     prior = MotorPrior.load(config.prior)
     prior.require(spec.ROBOT_NAME, spec.PHYSICS_DT)
     files = sorted(path for path in config.logs.iterdir() if path.is_file())
-    wanted = description("replay", config, [config.prior, *files])
+    wanted = description("replay", asdict(config), [config.prior, *files])
     if not is_finished(config.out, wanted):
         begin(config.out)
         _replay_all(config, logs, prior)

@@ -151,8 +151,8 @@ def replay(run: Path) -> list[Section]:
         joint = spec.JOINT_NAMES[int(tensors[f"{log}/joint"])]
         models = _by_model(tensors, f"{log}/model/")
         band = (tensors[f"{log}/low"], tensors[f"{log}/high"]) if f"{log}/low" in tensors else None
-        series = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
-        figure = plots.real_replay(*series, models, band, joint, f"log {log}")
+        time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
+        figure = plots.real_replay(time, target, measured, models, band, joint, f"log {log}")
         pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors.", f"replay of {log}"))
     columns = ("log", *replay_models(figures)[1])
     rows = tuple(tuple(row) for row in replay_rows(figures))

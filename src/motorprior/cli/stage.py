@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +30,8 @@ def digest(path: Path) -> str:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
 
-def description(name: str, config: Any, inputs: Sequence[Path]) -> dict[str, Any]:
+def description(name: str, settings: Mapping[str, Any], inputs: Sequence[Path]) -> dict[str, Any]:
     """What a stage was asked to do, as JSON."""
-    settings = asdict(config) if is_dataclass(config) and not isinstance(config, type) else dict(config)
     return {
         "stage": name,
         "version": __version__,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,7 @@ def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
     files = [folder / POLICY for folder in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    wanted = description("transfer", config, files)
+    wanted = description("transfer", asdict(config), files)
     if not is_finished(config.out, wanted):
         policies = [(Policy.load(path), path) for path in files]
         choices = [choice_from_json(policy.provenance["motors"], str(path)) for policy, path in policies]

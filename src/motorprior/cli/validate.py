@@ -100,7 +100,7 @@ def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict
 def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
     """Measure, or read what this very measurement found; returns the figures."""
     priors, facts = load_priors(config.priors)
-    wanted = description("validate", config, list(config.priors))
+    wanted = description("validate", asdict(config), list(config.priors))
     if not is_finished(config.out, wanted):
         begin(config.out)
         _measure(config, priors, facts)

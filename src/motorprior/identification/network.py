@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -63,5 +62,6 @@ def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
 
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network for simulation."""
-    arrays = {name: np.asarray(jax.device_get(value), np.float64) for name, value in parameters.items()}
-    return LatentNetwork(**arrays, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, **scales)
+    values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
+    values |= scales
+    return LatentNetwork(**values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature)

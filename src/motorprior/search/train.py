@@ -77,8 +77,8 @@ class Champion:
     @classmethod
     def restore(cls, state: Mapping[str, np.ndarray]) -> Champion:
         """What `state` gave."""
-        arrays = (state[f"champion_{name}"] for name in ("weights", "mean", "std"))
-        return cls(*arrays, float(state["champion_score"]), int(state["champion_iteration"]))
+        weights, mean, std = (state[f"champion_{name}"] for name in ("weights", "mean", "std"))
+        return cls(weights, mean, std, float(state["champion_score"]), int(state["champion_iteration"]))
 
 
 def run_task(simulator: Any, task: Task) -> EpisodeLike:

@@ -3,6 +3,8 @@
 The address travels as an argument, so compiled kernels stay cacheable across processes.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from __future__ import annotations
 
 import ctypes

@@ -1,5 +1,7 @@
 """MuJoCo behind the `Backend` contract: one Python call per control step."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from __future__ import annotations
 
 from collections.abc import Callable

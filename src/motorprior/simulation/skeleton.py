@@ -1,5 +1,7 @@
 """Where the robot's links are: points for pictures of a gait, from kinematics alone."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from __future__ import annotations
 
 from dataclasses import dataclass

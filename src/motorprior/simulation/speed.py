@@ -30,7 +30,7 @@ def _mj_steps(world: WorldArrays, torque: np.ndarray) -> None:
     applied = world.applied[world.applied.shape[0] - torque.shape[1] :]
     for row in range(torque.shape[0]):
         applied[:] = torque[row]
-        mj_step(world.step, world.model, world.data)
+        mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
 
 
 def zero_policy_targets(steps: int) -> np.ndarray:

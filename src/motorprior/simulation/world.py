@@ -1,5 +1,7 @@
 """One robot in MuJoCo: model, data, and the views of their memory that compiled code works on."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -126,7 +128,7 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
         applied[joint] = world.torque[joint]
         world.torque[joint] -= world.damping[joint] * dq[joint]
         total += world.torque[joint] * world.torque[joint]
-    mj_step(world.step, world.model, world.data)
+    mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
     return total
 
 

@@ -84,11 +84,11 @@ def _try(world: World, actuator: Actuator, targets: np.ndarray, truth: Replay) -
 
 def _compare(model: Replay, truth: Replay) -> tuple[float, float, float]:
     """RMSE at the control steps' ends, torque above CUTOFF, base displacement error."""
-    ends = [_at_control_steps(one) for one in (model, truth)]
+    error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = spec.CONTROL_DT * len(model.measured_joint_pos) / len(model.joint_torque)
     chatter = float(high_frequency_rms(model.joint_torque, period, CUTOFF).mean())
     apart = model.base[-1:, :2] - truth.base[-1:, :2]
-    return float(rmse(*ends)), chatter, float(np.hypot(apart[:, 0], apart[:, 1]).sum())
+    return float(error), chatter, float(np.hypot(apart[:, 0], apart[:, 1]).sum())
 
 
 def _at_control_steps(recorded: Replay) -> np.ndarray:
