@@ -70,7 +70,7 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path) from error
+        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except ValueError as error:
         raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it anew") from error
 
@@ -120,4 +120,10 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         if not np.all(np.isfinite(value)):
             bad = np.argwhere(~np.isfinite(value))[0].tolist()
             raise ArtifactError(f"tensor {name}{bad} is not finite", where=path, remedy="train it anew")
-    return tensors, json.loads(text)
+    try:
+        header = json.loads(text)
+    except ValueError as error:
+        raise ArtifactError(f"its header is not JSON ({error})", where=path, remedy="write it anew") from error
+    if not isinstance(header, dict):
+        raise ArtifactError("its header is not a table", where=path, remedy="write it anew")
+    return tensors, header

@@ -1,11 +1,10 @@
 """The environment keeps Gymnasium's contract and the stated order of a control step."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.env import PupperWalkEnv
@@ -13,17 +12,6 @@ from motorprior.locomotion.policy import action_to_command, low_pass
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
-
-
-@dataclass
-class State:
-    base_pos: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 0.17]))
-    base_quat: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
-    base_lin_vel: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    base_ang_vel: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    measured_joint_pos: np.ndarray = field(default_factory=lambda: NOMINAL_POSE.copy())
-    torque_squared_sum: float = 0.0
-    fault: int = 0
 
 
 class GlidingBackend:
@@ -48,11 +36,11 @@ class GlidingBackend:
         self.closed = True
 
     def _state(self):
-        return State(
+        return BackendState(
             base_pos=np.array([self.start[0] + 0.003 * self.count, self.start[1], 0.17]),
-            base_quat=np.array([1.0, 0.0, 0.0, 0.0])
-            if self.count < self.fall_at
-            else np.array([0.8, 0.6, 0, 0]),
+            base_quat=np.array([1.0, 0.0, 0.0, 0.0]) if self.count < self.fall_at else np.array([0.8, 0.6, 0, 0]),
+            base_lin_vel=np.zeros(3),
+            base_ang_vel=np.zeros(3),
             measured_joint_pos=self.joints.copy() if self.count < self.fail_at else np.full(12, np.nan),
             torque_squared_sum=2.0,
             fault=int(self.count >= self.fail_at),

@@ -35,12 +35,8 @@ def foot(leg_targets):
 @pytest.mark.parametrize("intensity", [0.3, 1.0])
 def test_foot_goes_back_in_stance_and_forward_and_up_in_swing(intensity, ratio):
     stance_share = 1.0 / (1.0 + ratio)
-    stance = np.array(
-        [foot(targets(p, intensity, 0.0, ratio)[FR]) for p in np.linspace(0, stance_share, 40)[:-1]]
-    )
-    swing = np.array(
-        [foot(targets(p, intensity, 0.0, ratio)[FR]) for p in np.linspace(stance_share, 1, 40)[:-1]]
-    )
+    stance = np.array([foot(targets(p, intensity, 0.0, ratio)[FR]) for p in np.linspace(0, stance_share, 40)[:-1]])
+    swing = np.array([foot(targets(p, intensity, 0.0, ratio)[FR]) for p in np.linspace(stance_share, 1, 40)[:-1]])
     assert np.all(np.diff(stance[:, 0]) < 0.0)  # backwards relative to the body, so the body goes forward
     assert swing[-1, 0] - swing[0, 0] > 0.8 * (stance[0, 0] - stance[-1, 0])
     lift = swing[1:-1, 1].max() - stance[:, 1].max()

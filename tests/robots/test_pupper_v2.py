@@ -1,5 +1,7 @@
 """MJCF and URDF are the same robot, and it is the robot of the sources."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 import mujoco
 import numpy as np
 import pytest

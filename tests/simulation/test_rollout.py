@@ -14,7 +14,7 @@ from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.train import new_search, train
+from motorprior.search.train import Champion, advance, new_search, train
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
@@ -134,14 +134,15 @@ def test_any_number_of_workers_gives_the_same_search():
         executor = make_executor(lambda: WalkSimulator(draw_pd, walk=walk), workers)
         search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
         try:
-            curve = train(search, executor, 2)
+            champion = train(search, executor, 2, Champion.nobody())
         finally:
             executor.close()
-        return b"".join(value.tobytes() for value in search.state().values()), curve
+        found = [*search.state().values(), *champion.state().values()]
+        return b"".join(np.asarray(value).tobytes() for value in found)
 
     serial = searched(1)
     assert searched(2) == serial and searched(3) == serial
-    assert len(serial[1]) == 2 and np.any(np.frombuffer(serial[0][: 304 * 8]) != 0.0)
+    assert np.any(np.frombuffer(serial[: 304 * 8]) != 0.0)  # the parameters come first, and have moved
 
 
 def test_both_signs_of_a_direction_walk_on_the_same_motors():
@@ -152,7 +153,9 @@ def test_both_signs_of_a_direction_walk_on_the_same_motors():
         return draw_pd(rng)
 
     executor = make_executor(lambda: WalkSimulator(draw, walk=WalkConfig(episode_steps=2)), 1)
-    train(new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1)), executor, 2)
+    search = new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1))
+    for _ in range(2):
+        advance(search, executor)
     assert drawn[::2] == drawn[1::2] and len(set(drawn)) == 6
 
 

@@ -1,5 +1,7 @@
 """MuJoCo's world keeps mechanics in closed form, forgets its past at reset, and reports its faults."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from dataclasses import replace
 
 import mujoco

@@ -14,6 +14,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from motorprior.exceptions import ConfigError
+
 IDEAL_PD, LATENT, PHYSICAL = 0, 1, 2
 
 
@@ -40,6 +42,19 @@ class ActuatorArrays(NamedTuple):
     """(blocks, 2·ring, 16) float32: scaled error and velocity, state."""
     scratch: np.ndarray
     """(blocks, inputs + neurons, 16) float32."""
+
+
+def require_step(physics_dt: float, longest: float = np.inf) -> None:
+    """Refuse an impossible physics step.
+
+    Raises:
+        ConfigError: not in (0, longest] [s].
+    """
+    if not (0.0 < physics_dt < np.inf and physics_dt <= longest * (1 + 1e-9)):
+        raise ConfigError(
+            f"physics step {physics_dt:g} s is not in (0, {longest:g}] s, the steps these motors can be simulated at",
+            remedy=f"use a positive step of at most {longest:g} s",
+        )
 
 
 def empty_arrays(kind: int, parameters: np.ndarray, memory_rows: int, renewal: int) -> ActuatorArrays:

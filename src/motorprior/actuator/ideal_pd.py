@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import IDEAL_PD, ActuatorArrays, empty_arrays
+from motorprior.actuator.actuator import IDEAL_PD, ActuatorArrays, empty_arrays, require_step
 
 _KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
 
@@ -62,6 +62,7 @@ class IdealPd:
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
+        require_step(physics_dt)
         ring = int(np.ceil(self.delay.max() / physics_dt)) + 2
         parameters = np.stack([self.kp, self.kd, self.delay / physics_dt, self.torque_limit])
         return empty_arrays(IDEAL_PD, parameters, ring, 1)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import LATENT, ActuatorArrays
+from motorprior.actuator.actuator import LATENT, ActuatorArrays, require_step
 from motorprior.actuator.lanes import LANES, softsign_layer
 from motorprior.exceptions import ConfigError
 
@@ -109,6 +109,7 @@ class LatentActuator:
         Raises:
             ConfigError: ``physics_dt`` does not divide the network's period.
         """
+        require_step(physics_dt)
         net = self.network
         renewal = round(net.period / physics_dt)
         if renewal < 1 or abs(renewal * physics_dt - net.period) > 1e-9:

@@ -24,8 +24,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import PHYSICAL, ActuatorArrays, empty_arrays
-from motorprior.exceptions import ConfigError
+from motorprior.actuator.actuator import PHYSICAL, ActuatorArrays, empty_arrays, require_step
 
 SUBSTEP = 0.00025
 """Longest substep [s]: a tenth of the fastest gear oscillation."""
@@ -115,11 +114,7 @@ class PhysicalActuator:
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        if physics_dt > LONGEST_STEP * (1 + 1e-9):
-            raise ConfigError(
-                f"physics step {physics_dt:g} s exceeds {LONGEST_STEP:g} s, the longest for physical motors",
-                remedy=f"simulate with physics_dt = {LONGEST_STEP:g} s",
-            )
+        require_step(physics_dt, LONGEST_STEP)
         table = self.motors.table()
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
         table[_DELAY] /= physics_dt

@@ -126,7 +126,7 @@ def load_fleet(name_or_path: str) -> Fleet:
 def _distribution(table: dict, name: str, path: Path) -> Distribution:
     where = f"{path}[{name}]"
     kind = table.get("distribution") if isinstance(table, dict) else None
-    if kind not in _KEYS:
+    if not isinstance(kind, str) or kind not in _KEYS:
         raise ArtifactError(f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}")
     required, optional = _KEYS[kind]
     numbers = {key: value for key, value in table.items() if key not in ("unit", "source", "distribution")}
@@ -135,6 +135,12 @@ def _distribution(table: dict, name: str, path: Path) -> Distribution:
         raise ArtifactError(f"unit {table['unit']!r}", where=where, remedy=f"give it in {_UNITS[name]!r}")
     for key, value in numbers.items():
         _check_number(key, value, name, where)
+    if kind == "normal" and name in _STRICTLY_POSITIVE and not numbers.get("minimum", 0.0) > 0:
+        raise ArtifactError(
+            "a normal distribution can draw values that are not above 0",
+            where=where,
+            remedy="give a minimum above 0, or use lognormal",
+        )
     if kind == "uniform" and numbers["low"] > numbers["high"]:
         raise ArtifactError(f"low {numbers['low']} exceeds high {numbers['high']}", where=where, remedy="swap them")
     return Distribution(kind, {key: float(value) for key, value in numbers.items()})

@@ -90,7 +90,8 @@ def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, 
     for segment, (first, last) in enumerate(pairwise(bounds)):
         rng = np.random.default_rng([seed, segment])
         kind = preset.kinds[segment % len(preset.kinds)]
-        hold = preset.hold_steps > 1 and (segment // len(preset.kinds) + segment) % 2 == 0
+        round_, slot = divmod(segment, len(preset.kinds))
+        hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
         part = trial(rng, kind, last - first, count, preset, hold)
         parts.append((part, run(actuator, part)))
     return _as_log(parts, preset, fleet, seed)

@@ -12,8 +12,10 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import read_json, require_keys, write_json
 from motorprior.bench.fleet import Distribution, Fleet, load_fleet
 from motorprior.bench.record import bench_preset, record
+from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import bar
-from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
+from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log, write_log
 
@@ -72,19 +74,28 @@ def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
     return fleet.sample(np.random.default_rng([seed, 0]), motors)
 
 
-def facts_from_json(data: dict[str, Any], where: str) -> BenchFacts:
+def facts_from_json(data: Any, where: str) -> BenchFacts:
     """Read what `BenchFacts.as_json` wrote.
 
     Raises:
-        ArtifactError: unknown or missing keys.
+        ArtifactError: unknown or missing keys, or facts that no motors can be drawn from.
     """
+    if not isinstance(data, dict):
+        raise ArtifactError("the facts of its bench are not there", where=where, remedy="record the bench anew")
     require_keys(data, _FACTS, where)
-    parameters = {
-        name: Distribution(str(entry["kind"]), {k: float(v) for k, v in entry.items() if k != "kind"})
-        for name, entry in data["parameters"].items()
-    }
-    fleet = Fleet(data["fleet"], data["motor"], data["robot"], parameters)
-    return BenchFacts(fleet, data["preset"], data["motors"], data["steps"], data["seed"])
+    try:
+        parameters = {
+            name: Distribution(str(entry["kind"]), {k: float(v) for k, v in entry.items() if k != "kind"})
+            for name, entry in data["parameters"].items()
+        }
+        fleet = Fleet(data["fleet"], data["motor"], data["robot"], parameters)
+        facts = BenchFacts(fleet, data["preset"], int(data["motors"]), int(data["steps"]), int(data["seed"]))
+        facts.physical_motors()
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ArtifactError(
+            f"the motors of its bench cannot be drawn again ({error!r})", where=where, remedy="record the bench anew"
+        ) from error
+    return facts
 
 
 def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
@@ -94,18 +105,32 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
     log = read_log(folder / LOG)
-    return log, facts_from_json(read_json(folder / FACTS), str(folder / FACTS))
+    facts = facts_from_json(read_json(folder / FACTS), str(folder / FACTS))
+    found, wanted = (log.num_joints, log.num_rows), (facts.motors, facts.steps)
+    if found != wanted:
+        raise LogError(
+            f"{found[0]} motors x {found[1]} rows, {FACTS} says {wanted[0]} x {wanted[1]}", where=folder / LOG,
+            remedy="record the bench anew",
+        )  # fmt: skip
+    return log, facts
 
 
 def run_bench(config: Bench) -> None:
-    """Record, unless the folder holds this very recording already."""
+    """Record, unless the folder holds this very recording already.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
+    """
+    require_at_least(1, motors=config.motors)
+    require_at_least(2, steps=config.steps)
+    require_seed(config.seed)
     fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
-    fleet_files = [Path(config.fleet)] if config.fleet.endswith(".toml") else []
-    wanted = description("bench", asdict(config), fleet_files)
+    wanted = description("bench", asdict(config), fleet_files(config.fleet))
     if is_finished(config.out, wanted):
         return
     begin(config.out)
     with bar(f"bench {config.preset}: {config.motors} motors, {config.steps} steps", 1) as progress:
+        (config.out / FACTS).unlink(missing_ok=True)  # or they would stand beside a log of other motors
         motors = training_motors(fleet, config.motors, config.seed)
         write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
         facts = BenchFacts(fleet, config.preset, config.motors, config.steps, config.seed)

@@ -8,10 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import write_text
 from motorprior.cli.bench import FACTS, LOG, read_bench
+from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import bar
 from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.exceptions import ConfigError
 
 PRIOR = "prior.safetensors"
 
@@ -38,6 +39,8 @@ def run_identify(config: Identify) -> None:
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
+    require_at_least(1, steps=config.steps)
+    require_seed(config.seed)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.train import CHUNK, identify
@@ -45,8 +48,6 @@ def run_identify(config: Identify) -> None:
 
     preset = identification_preset(config.preset)
     if config.steps is not None:
-        if config.steps < 1:
-            raise ConfigError(f"steps {config.steps} is below 1", remedy="give at least 1")
         preset = replace(preset, steps=config.steps)
     log, facts = read_bench(config.bench)
     wanted = description("identify", asdict(config), [config.bench / LOG, config.bench / FACTS])
@@ -65,5 +66,5 @@ def run_identify(config: Identify) -> None:
         provenance, metrics,
     )  # fmt: skip
     prior.save(config.out / PRIOR)
-    (config.out / "seconds.txt").write_text(f"{seconds:.1f}\n")
+    write_text(config.out / "seconds.txt", f"{seconds:.1f}\n")
     finish(config.out, wanted)

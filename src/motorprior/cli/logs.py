@@ -66,7 +66,18 @@ def run_logs_check(config: LogsCheck) -> None:
 
 
 def run_logs_import(config: LogsImport) -> None:
-    """Write one .parquet per raw log, named after it."""
+    """Write one .parquet per raw log, named after it.
+
+    Raises:
+        ConfigError: two logs would get the same name.
+        LogError, ArtifactError: a log that cannot be read, a folder that cannot be written.
+    """
     _require_paths(config.paths)
+    targets: dict[Path, Path] = {}
     for path in config.paths:
-        write_log(config.out / (path.name.split(".")[0] + ".parquet"), read_any(path))
+        target = config.out / (path.name.split(".")[0] + ".parquet")
+        if target in targets:
+            raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
+        targets[target] = path
+    for target, path in targets.items():
+        write_log(target, read_any(path))

@@ -57,14 +57,15 @@ def parse(args: list[str]) -> object:
 
     Raises:
         SystemExit: code 2 for a wrong command line, 0 after --help.
+        ConfigError: settings that do not fit together.
     """
     return tyro.cli(Command, prog="motorprior", args=args, description=__doc__)  # pyright: ignore
 
 
 def main() -> None:
     """Run a command line; exit code 2 and one line on bad input, 130 when interrupted."""
-    config = parse(sys.argv[1:])
     try:
+        config = parse(sys.argv[1:])
         RUN[type(config)](config)
     except MotorPriorError as error:
         CONSOLE.print(f"error: {error}", style="bold red", markup=False, soft_wrap=True)

@@ -11,10 +11,29 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.artifacts import require_keys
 from motorprior.bench.fleet import load_fleet
-from motorprior.cli.stage import digest
-from motorprior.exceptions import ConfigError
+from motorprior.cli.bounds import require_at_least, require_at_most
+from motorprior.cli.stage import digest, fleet_files
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.mujoco_backend import DrawMotors
+
+LONGEST_DELAY = 1.0
+"""[s]; a PD keeps every physics step's target for so long."""
+
+
+def load_prior(path: Path, physics_dt: float = spec.PHYSICS_DT) -> MotorPrior:
+    """A prior that this robot can be simulated with.
+
+    Raises:
+        ArtifactError: a file that is no prior.
+        ConfigError: a prior of another robot, or one that does not fit ``physics_dt`` [s].
+    """
+    prior = MotorPrior.load(path)
+    try:
+        prior.require(spec.ROBOT_NAME, physics_dt)
+    except ConfigError as error:
+        raise ConfigError(error.problem, where=path, remedy=error.remedy) from error
+    return prior
 
 
 @dataclass(frozen=True)
@@ -54,7 +73,7 @@ class MotorChoice:
     def inputs(self) -> list[Path]:
         """Files the choice depends on."""
         files = [self.prior] if self.actuator == "prior" and self.prior is not None else []
-        return files + ([Path(self.fleet)] if self.fleet.endswith(".toml") else [])
+        return files + fleet_files(self.fleet)
 
     def gains(self) -> tuple[float, float]:
         """Kp [N·m/rad] and kd [N·m·s/rad] to set on the robot: the nominal ones of the fleet, or those given."""
@@ -69,6 +88,10 @@ class MotorChoice:
             ConfigError: a prior is missing, or one was given for nothing, or a PD constant is out of range.
             ArtifactError: a file cannot be read.
         """
+        if self.actuator != "prior" and self.prior is not None:
+            raise ConfigError(
+                f"--actuator {self.actuator} has no use for --prior", where=self.prior, remedy="leave one of them out"
+            )
         if self.actuator == "fleet":
             fleet = load_fleet(self.fleet)
             return lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))
@@ -76,18 +99,15 @@ class MotorChoice:
             return self._pd()
         if self.prior is None:
             raise ConfigError("--actuator prior needs --prior FILE", remedy="identify one, or use --actuator pd")
-        prior = MotorPrior.load(self.prior)
-        prior.require(spec.ROBOT_NAME, self.physics_dt)
+        prior = load_prior(self.prior, self.physics_dt)
         return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
 
     def _pd(self) -> DrawMotors:
         center = load_fleet(self.fleet).center(1)
         kp, kd = self.gains()
         limit = float(center.torque_limit[0]) if self.torque_limit is None else self.torque_limit
-        named = {"kp": kp, "kd": kd, "torque-limit": limit, "armature": self.armature, "delay": self.delay}
-        for name, value in named.items():
-            if not 0 <= value < float("inf"):
-                raise ConfigError(f"--{name} {value} is below 0 or not finite", remedy="give a finite value >= 0")
+        require_at_least(0, kp=kp, kd=kd, torque_limit=limit, armature=self.armature, delay=self.delay)
+        require_at_most(LONGEST_DELAY, delay=self.delay)
         model = IdealPd.uniform(spec.NUM_JOINTS, kp, kd, limit, self.armature, self.delay)
         return lambda rng: model
 
@@ -99,13 +119,15 @@ class MotorChoice:
         return values
 
 
-def choice_from_json(data: dict[str, Any], where: str) -> MotorChoice:
+def choice_from_json(data: Any, where: str) -> MotorChoice:
     """Read what `MotorChoice.as_json` wrote.
 
     Raises:
         ArtifactError: unknown or missing keys.
         ConfigError: the prior is gone or is not the one the policy was trained on.
     """
+    if not isinstance(data, dict):
+        raise ArtifactError("it does not say which motors it walked on", where=where, remedy="train it anew")
     fields = set(MotorChoice.__dataclass_fields__)
     require_keys(data, {*fields, "prior_sha256"}, where)
     values = {name: data[name] for name in fields}

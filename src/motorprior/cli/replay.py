@@ -12,8 +12,10 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import read_json, write_json, write_tensors
 from motorprior.bench.fleet import load_fleet
+from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE, Bar, bar, table
-from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.cli.motors import load_prior
+from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
 from motorprior.cli.validate import nominal_pd
 from motorprior.logs.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -43,17 +45,24 @@ class Replay:
 
 
 def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
-    """Check and replay, or read what this very replay found; returns the figures."""
+    """Check and replay, or read what this very replay found; returns the figures.
+
+    Raises:
+        LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
+    """
+    require_at_least(1, draws=config.draws)
+    require_seed(config.seed)
+    load_fleet(config.fleet)
     logs = read_pupper_logs(config.logs)
     for name, log in logs.items():
         _report_findings(name, log)
-    prior = MotorPrior.load(config.prior)
-    prior.require(spec.ROBOT_NAME, spec.PHYSICS_DT)
+    prior = load_prior(config.prior)
+    prepared = {name: prepare(log, f"{config.logs}, log {name}") for name, log in logs.items()}
     files = sorted(path for path in config.logs.iterdir() if path.is_file())
-    wanted = description("replay", asdict(config), [config.prior, *files])
+    wanted = description("replay", asdict(config), [config.prior, *fleet_files(config.fleet), *files])
     if not is_finished(config.out, wanted):
         begin(config.out)
-        _replay_all(config, logs, prior)
+        _replay_all(config, logs, prepared, prior)
         finish(config.out, wanted)
     figures = read_json(config.out / FIGURES)
     if show:
@@ -68,15 +77,14 @@ def _report_findings(name: str, log: MotorLog) -> None:
             CONSOLE.print(f"log {name}: {finding.severity}: {finding.message}")
 
 
-def _replay_all(config: Replay, logs: dict[str, MotorLog], prior: MotorPrior) -> None:
+def _replay_all(config: Replay, logs: dict[str, MotorLog], prepared: dict[str, MotorLog], prior: MotorPrior) -> None:
     figures: dict[str, float] = {}
     traces: dict[str, np.ndarray] = {}
     with bar(f"replay of {len(logs)} real logs", len(logs) * (2 + config.draws)) as progress:
         for name, log in logs.items():
-            prepared = prepare(log, name)
-            results = _replay_models(config, log, prepared, prior, progress)
-            figures |= _log_figures(name, prepared, results)
-            traces |= _log_traces(name, prepared, results)
+            results = _replay_models(config, log, prepared[name], prior, progress)
+            figures |= _log_figures(name, prepared[name], results)
+            traces |= _log_traces(name, prepared[name], results)
     write_json(config.out / FIGURES, figures)
     write_tensors(config.out / TRACES, traces, {"logs": sorted(logs), "prior": prior.preset})
 

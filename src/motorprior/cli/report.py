@@ -8,21 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.artifacts import read_json
-from motorprior.cli import sections
 from motorprior.cli.stage import MARKER
-from motorprior.exceptions import ConfigError
-from motorprior.transfer.report import Report, Section, write_report
+from motorprior.exceptions import ArtifactError, ConfigError
 
 PAGE, SETTINGS = "report.html", "demo.json"
-STAGES: dict[str, tuple[str, Callable[[Path], list[Section]]]] = {
-    "bench": ("bench/rollout", sections.bench),
-    "identify": ("priors/rollout", sections.identify),
-    "validate": ("validate", sections.validate),
-    "replay": ("replay", sections.replay),
-    "walk": ("walk/rollout_0", sections.walk),
-    "transfer": ("transfer", sections.transfer),
-}
-"""Per stage: the folder whose marker says that it is finished, and what it adds to the page."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +27,25 @@ def build_report(run: Path) -> Path:
 
     Raises:
         ConfigError: the folder is no demo's.
+        ArtifactError: a file in it is damaged.
     """
+    from motorprior.cli import sections  # here: they import matplotlib, a second that no other command needs
+    from motorprior.transfer.report import Report, Section, write_report
+
+    stages: dict[str, tuple[str, Callable[[Path], list[Section]]]] = {
+        "bench": ("bench/rollout", sections.bench),
+        "identify": ("priors/rollout", sections.identify),
+        "validate": ("validate", sections.validate),
+        "replay": ("replay", sections.replay),
+        "walk": ("walk/rollout_0", sections.walk),
+        "transfer": ("transfer", sections.transfer),
+    }  # the folder whose marker says that it is finished, and what it adds to the page
     if not (run / SETTINGS).is_file():
         raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the --out folder of `motorprior demo`")
-    settings: dict[str, Any] = read_json(run / SETTINGS)
+    settings = _settings(run / SETTINGS)
     found: list[Section] = []
     pending: list[str] = []
-    for name, (folder, make) in STAGES.items():
+    for name, (folder, make) in stages.items():
         if (run / folder / MARKER).is_file():
             found += make(run)
         elif name != "replay" or settings["logs"] is not None:
@@ -64,6 +65,13 @@ def build_report(run: Path) -> Path:
     )
     write_report(run / PAGE, report)
     return run / PAGE
+
+
+def _settings(path: Path) -> dict[str, Any]:
+    settings = read_json(path)
+    if not isinstance(settings, dict) or not {"logs", "fleet", "seed"} <= settings.keys():
+        raise ArtifactError("not the settings of a demo", where=path, remedy="run `motorprior demo` there again")
+    return settings
 
 
 def run_report(config: MakeReport) -> None:

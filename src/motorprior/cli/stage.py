@@ -36,8 +36,13 @@ def description(name: str, settings: Mapping[str, Any], inputs: Sequence[Path]) 
         "stage": name,
         "version": __version__,
         "config": _plain(settings),
-        "inputs": {f"{path.parent.name}/{path.name}": digest(path) for path in inputs},
+        "inputs": {str(path): digest(path) for path in inputs},
     }
+
+
+def fleet_files(fleet: str) -> list[Path]:
+    """The file of a fleet that was given by path; a shipped one changes with the version only."""
+    return [Path(fleet)] if fleet.endswith(".toml") else []
 
 
 def _plain(value: Any) -> Any:
@@ -50,8 +55,10 @@ def _plain(value: Any) -> Any:
 
 def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
     """Whether ``folder`` holds the result of exactly this stage."""
-    marker = folder / MARKER
-    return marker.is_file() and read_json(marker) == wanted
+    try:
+        return read_json(folder / MARKER) == wanted
+    except ArtifactError:  # none there, or none that can be read: the stage runs again
+        return False
 
 
 def begin(folder: Path) -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.artifacts import read_json, write_json, write_tensors
-from motorprior.bench.fleet import load_fleet
+from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.cli.console import bar, table
 from motorprior.cli.motors import MotorChoice, choice_from_json
-from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
 from motorprior.cli.walk import POLICY
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
@@ -38,16 +38,21 @@ class Transfer:
 
 
 def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
-    """Evaluate, or read what this very evaluation found; returns the figures."""
+    """Evaluate, or read what this very evaluation found; returns the figures.
+
+    Raises:
+        ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
+    """
+    fleet = load_fleet(config.fleet)
     files = [folder / POLICY for folder in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    wanted = description("transfer", asdict(config), files)
+    wanted = description("transfer", asdict(config), [*files, *fleet_files(config.fleet)])
     if not is_finished(config.out, wanted):
         policies = [(Policy.load(path), path) for path in files]
-        choices = [choice_from_json(policy.provenance["motors"], str(path)) for policy, path in policies]
+        choices = [choice_from_json(policy.provenance.get("motors"), str(path)) for policy, path in policies]
         begin(config.out)
-        _evaluate_all(config, [policy for policy, _ in policies], choices)
+        _evaluate_all(config, [policy for policy, _ in policies], choices, fleet)
         finish(config.out, wanted)
     figures = read_json(config.out / FIGURES)
     if show:
@@ -55,10 +60,10 @@ def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
     return figures
 
 
-def _evaluate_all(config: Transfer, policies: list[Policy], choices: list[MotorChoice]) -> None:
+def _evaluate_all(config: Transfer, policies: list[Policy], choices: list[MotorChoice], fleet: Fleet) -> None:
     rows: dict[str, list[dict[str, Walking]]] = {}
     traces: dict[str, np.ndarray] = {}
-    twin = twin_simulator(load_fleet(config.fleet))
+    twin = twin_simulator(fleet)
     with bar(f"transfer: {len(policies)} policies x {DRAWS} draws", 2 * DRAWS * len(policies)) as progress:
         for policy, choice in zip(policies, choices, strict=True):
             condition = choice.condition()

@@ -16,7 +16,9 @@ from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.cli.bench import BenchFacts, facts_from_json
+from motorprior.cli.bounds import require_seed
 from motorprior.cli.console import Bar, bar, table
+from motorprior.cli.motors import load_prior
 from motorprior.cli.stage import begin, description, finish, is_finished
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines import fit_tuned_pd, repeated
@@ -58,17 +60,16 @@ def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFa
 
     Raises:
         ArtifactError: a file that is no prior.
-        ConfigError: two of the same preset, or of different motors.
+        ConfigError: two of the same preset, of different motors, or of too few for a robot.
     """
     priors: dict[str, MotorPrior] = {}
     facts: list[BenchFacts] = []
     for path in paths:
-        prior = MotorPrior.load(path)
-        prior.require(spec.ROBOT_NAME, spec.PHYSICS_DT)
+        prior = load_prior(path)
         if prior.preset in priors:
             raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
         priors[prior.preset] = prior
-        facts.append(facts_from_json(prior.provenance["bench"], str(path)))
+        facts.append(facts_from_json(prior.provenance.get("bench"), str(path)))
         same = (facts[-1].fleet, facts[-1].motors, facts[-1].seed) == (
             facts[0].fleet,
             facts[0].motors,
@@ -80,6 +81,11 @@ def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFa
             )
     if not facts:
         raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
+    if facts[0].motors < spec.NUM_JOINTS:
+        raise ConfigError(
+            f"its bench has {facts[0].motors} motors, the robot needs {spec.NUM_JOINTS}", where=paths[0],
+            remedy=f"record a bench with --motors {spec.NUM_JOINTS} or more",
+        )  # fmt: skip
     return priors, facts[0]
 
 
@@ -98,7 +104,12 @@ def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict
 
 
 def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
-    """Measure, or read what this very measurement found; returns the figures."""
+    """Measure, or read what this very measurement found; returns the figures.
+
+    Raises:
+        ArtifactError, ConfigError: a prior or a setting that cannot be used.
+    """
+    require_seed(config.seed)
     priors, facts = load_priors(config.priors)
     wanted = description("validate", asdict(config), list(config.priors))
     if not is_finished(config.out, wanted):

@@ -11,10 +11,11 @@ import numpy as np
 import tyro
 
 from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors
+from motorprior.cli.bounds import require_at_least
 from motorprior.cli.console import bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
@@ -49,7 +50,14 @@ class Walk:
 
 
 def run_walk(config: Walk, name: str = "walk") -> None:
-    """Train, resume, or do nothing if the folder holds this very policy."""
+    """Train, resume, or do nothing if the folder holds this very policy.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
+        KeyboardInterrupt: after a checkpoint of the iterations that are complete.
+    """
+    require_at_least(1, iterations=config.iterations, episode_steps=config.episode_steps, workers=config.workers)
+    require_at_least(0, **{f"task.{name}": value for name, value in asdict(config.task).items()})
     settings = asdict(config)
     for free in ("workers", "out"):
         del settings[free]
@@ -60,7 +68,7 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     world = WorldConfig(physics_dt=config.motors.physics_dt)
     walk = WalkConfig(config.episode_steps, config.task)
     begin(config.out)
-    executor = make_executor(lambda: WalkSimulator(draw, world, walk), _workers(config.workers))
+    executor = make_executor(lambda: WalkSimulator(draw, world, walk), config.workers)
     try:
         champion, curve = _train(config, executor, wanted, name)
     finally:
@@ -92,12 +100,6 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
         _save_checkpoint(config.out, latest, curve, wanted)
         raise
     return champion, curve
-
-
-def _workers(count: int) -> int:
-    if count < 1:
-        raise ConfigError(f"workers {count} is below 1", remedy="give at least 1")
-    return count
 
 
 def _policy(config: Walk, champion: Champion) -> Policy:
@@ -133,13 +135,21 @@ def _save_checkpoint(folder: Path, state: dict[str, np.ndarray], curve: list[dic
 
 
 def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
-    """The training of an interrupted run with the same settings, or a new one."""
+    """The training of an interrupted run with the same settings, or a new one.
+
+    Raises:
+        ArtifactError: the checkpoint is damaged.
+    """
     path = config.out / CHECKPOINT
     if path.is_file():
-        state, header = read_tensors(path)
-        if header.get("wanted") == wanted:
-            best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
-            return Ars.restore(config.search, state), Champion.restore(best), header["curve"]
+        try:
+            state, header = read_tensors(path)
+            if header.get("wanted") == wanted:
+                best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
+                return Ars.restore(config.search, state), Champion.restore(best), header["curve"]
+        except (ArtifactError, KeyError) as error:
+            problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
+            raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
     return new_search(config.search), Champion.nobody(), []
 
 

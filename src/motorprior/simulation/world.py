@@ -69,11 +69,16 @@ class WorldArrays(NamedTuple):
     substeps: int
 
 
+def _keep_quiet(message: str) -> None:
+    """MuJoCo would write MUJOCO_LOG.TXT into the user's folder; faults are read from the state instead."""
+
+
 class World:
     """A simulated Pupper. Use one per thread."""
 
     def __init__(self, config: WorldConfig):
         self.config = config
+        mujoco.set_mju_user_warning(_keep_quiet)
         text = mjcf(physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
