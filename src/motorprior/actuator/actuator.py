@@ -37,9 +37,9 @@ class ActuatorArrays(NamedTuple):
     taps: np.ndarray
     """(taps,) int64: ages of the history inputs, in renewals."""
     biases: np.ndarray
-    """(blocks, neurons of both layers, 16) float32; z is folded into the first layer's."""
+    """(blocks, neurons of all layers, 16) float32; z is folded into the first layer's."""
     history: np.ndarray
-    """(blocks, 2·ring, 16) float32: scaled error and velocity, state."""
+    """(blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state."""
     scratch: np.ndarray
     """(blocks, inputs + neurons, 16) float32."""
 

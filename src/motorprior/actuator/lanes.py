@@ -50,39 +50,53 @@ def _softsign(builder, value):
     return builder.fdiv(value, builder.fadd(one, magnitude))
 
 
-@intrinsic
-def _four_neurons(typingctx, weights, stride, inputs, count, biases, outputs):
-    """Integer addresses of w (row stride ``stride`` floats), x, b, y; ``count`` inputs, at least one."""
-    signature = types.void(*([types.intp] * 6))
+def _four_neurons(activation):
+    """An intrinsic for four neurons; ``activation`` builds the function of a 16-lane sum."""
 
-    def codegen(context, builder, signature, arguments):
-        weights, stride, inputs, count, biases, outputs = arguments
-        start = builder.block
-        loop, done = builder.append_basic_block("inputs"), builder.append_basic_block("store")
-        initial = [_load_vector(builder, biases, ir.Constant(_INT, k)) for k in range(_BLOCK)]
-        builder.branch(loop)
-        builder.position_at_end(loop)
-        index = builder.phi(_INT)
-        sums = [builder.phi(_VECTOR) for _ in range(_BLOCK)]
-        x = _load_vector(builder, inputs, index)
-        row = builder.mul(index, stride)
-        following = builder.add(index, ir.Constant(_INT, 1))
-        index.add_incoming(ir.Constant(_INT, 0), start)
-        index.add_incoming(following, loop)
-        for k in range(_BLOCK):
-            weight = _load_weight(builder, weights, builder.add(row, ir.Constant(_INT, k)))
-            product = builder.fmul(_broadcast(builder, weight), x, flags=("contract",))
-            sums[k].add_incoming(initial[k], start)
-            sums[k].add_incoming(builder.fadd(sums[k], product, flags=("contract",)), loop)
-        totals = [total.incomings[1][0] for total in sums]
-        builder.cbranch(builder.icmp_signed("<", following, count), loop, done)
-        builder.position_at_end(done)
-        for k in range(_BLOCK):
-            pointer = _address(builder, outputs, ir.Constant(_INT, k), LANES)
-            builder.store(_softsign(builder, totals[k]), pointer, align=4)
-        return context.get_dummy_value()
+    def four_neurons(typingctx, weights, stride, inputs, count, biases, outputs):
+        """Integer addresses of w (row stride ``stride`` floats), x, b, y; ``count`` inputs, at least one."""
+        signature = types.void(*([types.intp] * 6))
 
-    return signature, codegen
+        def codegen(context, builder, signature, arguments):
+            _emit(builder, arguments, activation)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+    return intrinsic(four_neurons)
+
+
+def _emit(builder, arguments, activation):
+    """sum[k] = b[k]; for i in range(count): sum[k] += w[i, k]·x[i]; y[k] = activation(sum[k])."""
+    weights, stride, inputs, count, biases, outputs = arguments
+    start = builder.block
+    loop, done = builder.append_basic_block("inputs"), builder.append_basic_block("store")
+    initial = [_load_vector(builder, biases, ir.Constant(_INT, k)) for k in range(_BLOCK)]
+    builder.branch(loop)
+    builder.position_at_end(loop)
+    index = builder.phi(_INT)
+    sums = [builder.phi(_VECTOR) for _ in range(_BLOCK)]
+    x = _load_vector(builder, inputs, index)
+    row = builder.mul(index, stride)
+    following = builder.add(index, ir.Constant(_INT, 1))
+    index.add_incoming(ir.Constant(_INT, 0), start)
+    index.add_incoming(following, loop)
+    totals = []
+    for k in range(_BLOCK):
+        weight = _load_weight(builder, weights, builder.add(row, ir.Constant(_INT, k)))
+        product = builder.fmul(_broadcast(builder, weight), x, flags=("contract",))
+        totals.append(builder.fadd(sums[k], product, flags=("contract",)))
+        sums[k].add_incoming(initial[k], start)
+        sums[k].add_incoming(totals[k], loop)
+    builder.cbranch(builder.icmp_signed("<", following, count), loop, done)
+    builder.position_at_end(done)
+    for k in range(_BLOCK):
+        pointer = _address(builder, outputs, ir.Constant(_INT, k), LANES)
+        builder.store(activation(builder, totals[k]), pointer, align=4)
+
+
+_four_softsign_neurons = _four_neurons(_softsign)
+_four_linear_neurons = _four_neurons(lambda builder, total: total)
 
 
 @njit(cache=True, nogil=True)
@@ -100,7 +114,15 @@ def softsign_layer(
         outputs: (neurons, 16) float32, overwritten. ``neurons`` must be a multiple of 4.
     """
     neurons = outputs.shape[0]
-    matrix = weights.ctypes.data + 4 * offset
-    x, b, y = inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
-    for first in range(0, neurons, 4):
-        _four_neurons(matrix + 4 * first, neurons, x, count, b + 64 * first, y + 64 * first)  # pyright: ignore[reportCallIssue]
+    w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
+    for k in range(0, neurons, 4):
+        _four_softsign_neurons(w + 4 * k, neurons, x, count, b + 64 * k, y + 64 * k)
+
+
+@njit(cache=True, nogil=True)
+def linear_layer(
+    weights: np.ndarray, offset: int, inputs: np.ndarray, count: int, biases: np.ndarray, outputs: np.ndarray
+) -> None:
+    """Four linear outputs for 16 motors; arguments as for `softsign_layer`, with exactly 4 neurons."""
+    w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
+    _four_linear_neurons(w, 4, x, count, b, y)

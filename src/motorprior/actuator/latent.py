@@ -17,8 +17,11 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import LATENT, ActuatorArrays, require_step
-from motorprior.actuator.lanes import LANES, softsign_layer
+from motorprior.actuator.lanes import LANES, linear_layer, softsign_layer
 from motorprior.exceptions import ConfigError
+
+OUTPUTS = 4
+"""Outputs computed at once; only the first is the torque, the others are padding."""
 
 
 @dataclass(frozen=True)
@@ -129,85 +132,85 @@ class LatentActuator:
             weights=_flat_weights(net),
             taps=np.array(net.taps, dtype=np.int64),
             biases=_folded_biases(net, self.z, blocks),
-            history=np.zeros((blocks, 2 * ring, LANES), np.float32),
-            scratch=np.zeros((blocks, 2 * len(net.taps) + 2 * neurons, LANES), np.float32),
+            history=np.zeros((blocks, 4 * ring, LANES), np.float32),
+            scratch=np.zeros((blocks, 2 * len(net.taps) + 2 * neurons + OUTPUTS, LANES), np.float32),
         )
 
 
 def _flat_weights(net: LatentNetwork) -> np.ndarray:
-    parts = [net.w1.ravel(), net.w2.ravel(), net.w3.ravel(), np.reshape(net.b3, 1)]
-    return np.concatenate(parts).astype(np.float32)
+    """W1, W2, and w3 padded with zeros to the four outputs that one call makes."""
+    last = np.zeros((net.num_neurons, OUTPUTS))
+    last[:, 0] = net.w3
+    return np.concatenate([net.w1.ravel(), net.w2.ravel(), last.ravel()]).astype(np.float32)
 
 
 def _folded_biases(net: LatentNetwork, z: np.ndarray, blocks: int) -> np.ndarray:
+    """(blocks, 2H + 4, 16): b1 + V1ᵀz, b2 and b3 of every motor."""
     padded = np.zeros((blocks * LANES, net.num_latents))
     padded[: len(z)] = z
     first = padded @ net.v1 + net.b1
     second = np.broadcast_to(net.b2, first.shape)
-    both = np.concatenate([first, second], axis=1).astype(np.float32)
-    return np.ascontiguousarray(both.reshape(blocks, LANES, -1).transpose(0, 2, 1))
+    last = np.broadcast_to(float(net.b3), (len(padded), OUTPUTS))
+    every = np.concatenate([first, second, last], axis=1).astype(np.float32)
+    return np.ascontiguousarray(every.reshape(blocks, LANES, -1).transpose(0, 2, 1))
 
 
 @njit(cache=True, nogil=True)
 def reset_latent(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Fill the history with the present error and zero velocity."""
-    ring = arrays.history.shape[1] // 2
+    ring2 = arrays.history.shape[1] // 2
     arrays.history[:] = np.float32(0.0)
     arrays.memory[:] = 0.0
     for motor in range(position_target.shape[0]):
         error = np.float32((position_target[motor] - joint_pos[motor]) * arrays.parameters[0, 0])
-        for slot in range(ring):
-            arrays.history[motor // LANES, 2 * slot, motor % LANES] = error
+        for slot in range(ring2):
+            arrays.history[motor // LANES, slot, motor % LANES] = error
 
 
 @njit(cache=True, nogil=True)
 def _remember(
-    arrays: ActuatorArrays, slot: int, position_target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray
+    history: np.ndarray,
+    parameters: np.ndarray,
+    slot: int,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
 ) -> None:
-    error_gain, velocity_gain = arrays.parameters[0, 0], arrays.parameters[1, 0]
-    for motor in range(position_target.shape[0]):
-        block, lane = motor // LANES, motor % LANES
-        error = (position_target[motor] - joint_pos[motor]) * error_gain
-        arrays.history[block, 2 * slot, lane] = np.float32(error)
-        arrays.history[block, 2 * slot + 1, lane] = np.float32(joint_vel[motor] * velocity_gain)
+    """Write error and velocity twice, a ring apart, so that any age is read without wrapping around."""
+    ring, motors = history.shape[1] // 4, position_target.shape[0]
+    error_gain, velocity_gain = parameters[0, 0], parameters[1, 0]
+    for block in range(history.shape[0]):
+        first = block * LANES
+        for lane in range(min(LANES, motors - first)):
+            motor = first + lane
+            error = np.float32((position_target[motor] - joint_pos[motor]) * error_gain)
+            velocity = np.float32(joint_vel[motor] * velocity_gain)
+            history[block, slot, lane] = error
+            history[block, slot + ring, lane] = error
+            history[block, slot + 2 * ring, lane] = velocity
+            history[block, slot + 3 * ring, lane] = velocity
 
 
 @njit(cache=True, nogil=True)
-def _evaluate(arrays: ActuatorArrays, block: int, now: int) -> None:
-    """Run the network of one block of lanes; the last hidden layer ends in the scratch rows."""
-    taps, ring = arrays.taps.shape[0], arrays.history.shape[1] // 2
-    neurons = arrays.biases.shape[1] // 2
-    inputs = arrays.scratch[block, : 2 * taps]
-    first = arrays.scratch[block, 2 * taps : 2 * taps + neurons]
-    second = arrays.scratch[block, 2 * taps + neurons :]
-    for tap in range(taps):
-        slot = (now - arrays.taps[tap]) % ring
+def _evaluate(
+    weights: np.ndarray, taps: np.ndarray, biases: np.ndarray, history: np.ndarray, scratch: np.ndarray, slot: int
+) -> None:
+    """Run the network of one block of lanes; its output is the first of the last OUTPUTS scratch rows."""
+    count, ring = taps.shape[0], history.shape[0] // 4
+    neurons = (biases.shape[0] - OUTPUTS) // 2
+    for tap in range(count):
+        row = slot + ring - taps[tap]
         for lane in range(LANES):
-            inputs[tap, lane] = arrays.history[block, 2 * slot, lane]
-            inputs[taps + tap, lane] = arrays.history[block, 2 * slot + 1, lane]
-    biases = arrays.biases[block]
-    softsign_layer(arrays.weights, 0, inputs, 2 * taps, biases[:neurons], first)
-    softsign_layer(arrays.weights, 2 * taps * neurons, first, neurons, biases[neurons:], second)
+            scratch[tap, lane] = history[row, lane]
+            scratch[count + tap, lane] = history[row + 2 * ring, lane]
+    first, second = scratch[2 * count : 2 * count + neurons], scratch[2 * count + neurons : -OUTPUTS]
+    softsign_layer(weights, 0, scratch, 2 * count, biases[:neurons], first)
+    offset = 2 * count * neurons
+    softsign_layer(weights, offset, first, neurons, biases[neurons : 2 * neurons], second)
+    linear_layer(weights, offset + neurons * neurons, second, neurons, biases[2 * neurons :], scratch[-OUTPUTS:])
 
 
-@njit(cache=True, nogil=True)
-def _read_out(arrays: ActuatorArrays, block: int) -> None:
-    """torque_scale·(w3ᵀh2 + b3), clipped, into the held torque of this block's motors."""
-    neurons = arrays.biases.shape[1] // 2
-    start = 2 * arrays.taps.shape[0] + neurons
-    offset = (2 * arrays.taps.shape[0] + neurons) * neurons
-    total = np.full(LANES, arrays.weights[offset + neurons])
-    for neuron in range(neurons):
-        weight = arrays.weights[offset + neuron]
-        for lane in range(LANES):
-            total[lane] += weight * arrays.scratch[block, start + neuron, lane]
-    scale, limit = arrays.parameters[2, 0], arrays.parameters[3, 0]
-    first = block * LANES
-    for motor in range(first, min(first + LANES, arrays.memory.shape[1])):
-        arrays.memory[0, motor] = min(limit, max(-limit, scale * float(total[motor - first])))
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def step_latent(
     arrays: ActuatorArrays,
     position_target: np.ndarray,
@@ -216,10 +219,16 @@ def step_latent(
     torque: np.ndarray,
 ) -> None:
     """Write (n,) torque [N·m], renewed every ``period`` and held in between."""
+    held = arrays.memory[0]
     if arrays.clock[0] % arrays.clock[1] == 0:
-        now = arrays.clock[0] // arrays.clock[1]
-        _remember(arrays, now % (arrays.history.shape[1] // 2), position_target, joint_pos, joint_vel)
+        slot = (arrays.clock[0] // arrays.clock[1]) % (arrays.history.shape[1] // 4)
+        _remember(arrays.history, arrays.parameters, slot, position_target, joint_pos, joint_vel)
+        scale, limit = arrays.parameters[2, 0], arrays.parameters[3, 0]
         for block in range(arrays.history.shape[0]):
-            _evaluate(arrays, block, now)
-            _read_out(arrays, block)
-    torque[:] = arrays.memory[0]
+            scratch = arrays.scratch[block]
+            _evaluate(arrays.weights, arrays.taps, arrays.biases[block], arrays.history[block], scratch, slot)
+            first, output = block * LANES, scratch.shape[0] - OUTPUTS
+            for motor in range(first, min(first + LANES, held.shape[0])):
+                raw = scale * float(scratch[output, motor - first])
+                held[motor] = min(limit, max(-limit, raw))
+    torque[:] = held

@@ -23,7 +23,7 @@ def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_po
         reset_physical(arrays, position_target, joint_pos)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def step_actuator(
     arrays: ActuatorArrays,
     physics_dt: float,

@@ -11,17 +11,18 @@ from typing import Any, TypeVar
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.bench import Bench, run_bench
+from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE
 from motorprior.cli.identify import PRIOR, Identify, run_identify
 from motorprior.cli.motors import MotorChoice
-from motorprior.cli.replay import Replay, run_replay, show_replay
+from motorprior.cli.replay import Replay, read_logs, run_replay, show_replay
 from motorprior.cli.report import SETTINGS, build_report
 from motorprior.cli.speed import measure_speed
 from motorprior.cli.stage import begin
 from motorprior.cli.transfer import Transfer, run_transfer, show_transfer
 from motorprior.cli.validate import Validate, run_validate, show_fidelity
 from motorprior.cli.walk import Walk, run_walk
-from motorprior.logs.pupper_import import read_pupper_logs
+from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import ArsConfig
 
 FIGURES, TIMES = "figures.json", "seconds.json"
@@ -78,9 +79,14 @@ def run_demo(config: Demo) -> None:
     Raises:
         MotorPriorError: a stage cannot run; what is finished stays.
     """
+    require_at_least(spec.NUM_JOINTS, motors=config.motors)
+    require_at_least(2, bench_steps=config.bench_steps)
+    require_at_least(1, iterations=config.iterations, seeds=config.seeds, workers=config.workers)
+    require_at_least(1, adam_steps=config.adam_steps)
+    require_seed(config.seed)
     load_fleet(config.fleet)
     if config.logs is not None:
-        read_pupper_logs(config.logs)
+        read_logs(config.logs)
     begin(config.out)
     settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
     write_json(config.out / SETTINGS, settings)

@@ -28,11 +28,12 @@ def load_prior(path: Path, physics_dt: float = spec.PHYSICS_DT) -> MotorPrior:
         ArtifactError: a file that is no prior.
         ConfigError: a prior of another robot, or one that does not fit ``physics_dt`` [s].
     """
-    prior = MotorPrior.load(path)
     try:
+        prior = MotorPrior.load(path)
         prior.require(spec.ROBOT_NAME, physics_dt)
-    except ConfigError as error:
-        raise ConfigError(error.problem, where=path, remedy=error.remedy) from error
+    except (ArtifactError, ConfigError) as error:
+        remedy = error.remedy or "use a prior that `motorprior identify` wrote"
+        raise type(error)(error.problem, where=path, remedy=remedy) from error
     return prior
 
 

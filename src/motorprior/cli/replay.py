@@ -53,11 +53,10 @@ def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
     require_at_least(1, draws=config.draws)
     require_seed(config.seed)
     load_fleet(config.fleet)
-    logs = read_pupper_logs(config.logs)
+    logs, prepared = read_logs(config.logs)
     for name, log in logs.items():
         _report_findings(name, log)
     prior = load_prior(config.prior)
-    prepared = {name: prepare(log, f"{config.logs}, log {name}") for name, log in logs.items()}
     files = sorted(path for path in config.logs.iterdir() if path.is_file())
     wanted = description("replay", asdict(config), [config.prior, *fleet_files(config.fleet), *files])
     if not is_finished(config.out, wanted):
@@ -68,6 +67,16 @@ def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
     if show:
         show_replay(figures)
     return figures
+
+
+def read_logs(folder: Path) -> tuple[dict[str, MotorLog], dict[str, MotorLog]]:
+    """Every log of a folder by its short name, as it is and without repeated measurements.
+
+    Raises:
+        LogError: a log that cannot be read or replayed.
+    """
+    logs = read_pupper_logs(folder)
+    return logs, {name: prepare(log, f"{folder}, log {name}") for name, log in logs.items()}
 
 
 def _report_findings(name: str, log: MotorLog) -> None:

@@ -21,7 +21,6 @@ from motorprior.cli.console import Bar, bar, table
 from motorprior.cli.motors import load_prior
 from motorprior.cli.stage import begin, description, finish, is_finished
 from motorprior.exceptions import ConfigError
-from motorprior.identification.baselines import fit_tuned_pd, repeated
 from motorprior.identification.validate import (
     ModelOfMotors,
     bench_errors,
@@ -96,6 +95,8 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
 
 
 def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict[str, ModelOfMotors]:
+    from motorprior.identification.baselines import repeated
+
     models: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(fleet, len(index)),
         "tuned_pd": lambda index: repeated(tuned, len(index)),
@@ -123,6 +124,8 @@ def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
 
 
 def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts) -> None:
+    from motorprior.identification.baselines import fit_tuned_pd  # here: scipy's optimizers take half a second
+
     motors = facts.physical_motors()
     with bar("tune the PD baseline on the bench log", 200) as progress:
         log = record(motors, bench_preset("rollout"), facts.steps, facts.seed, facts.fleet)

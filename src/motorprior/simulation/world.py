@@ -119,7 +119,7 @@ class World:
         return any(number[int(kind)] > 0 for kind in full)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
 
@@ -137,7 +137,7 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²]."""
     total = 0.0

@@ -1,0 +1,131 @@
+"""The command line as a function, and the smallest inputs that its sub-commands accept."""
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.cli.bench import Bench, read_bench, run_bench
+from motorprior.cli.main import main
+from motorprior.cli.motors import MotorChoice
+from motorprior.cli.walk import Walk, run_walk
+from motorprior.logs.pupper_import import CSV_COLUMNS
+from motorprior.robots.pupper_v2 import spec
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command line left: its exit code and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Outcome]
+
+
+@pytest.fixture
+def motorprior(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """`motorprior ARGS…`, in this process."""
+
+    def run(*args: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["motorprior", *map(str, args)])
+        code: object = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        assert isinstance(code, int)
+        captured = capsys.readouterr()
+        return Outcome(code, captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt, also where the tests run in the background and it is ignored."""
+    old = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, old)
+
+
+@pytest.fixture(scope="session")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bench folder: 12 motors, 300 samples."""
+    folder = tmp_path_factory.mktemp("inputs") / "bench"
+    run_bench(Bench(folder, motors=spec.NUM_JOINTS, steps=300))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def prior_of_bench(bench: Path) -> MotorPrior:
+    """A network that nobody trained, of the motors of `bench`."""
+    return tiny_prior(bench)
+
+
+@pytest.fixture(scope="session")
+def prior(bench: Path, prior_of_bench: MotorPrior) -> Path:
+    """Its file."""
+    path = bench.parent / "prior.safetensors"
+    prior_of_bench.save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def walk(bench: Path) -> Path:
+    """A walk folder: one iteration on an ideal PD."""
+    folder = bench.parent / "walk"
+    run_walk(Walk(folder, MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    return folder
+
+
+@pytest.fixture
+def pupper_logs(tmp_path: Path) -> Path:
+    """A folder with one small log in the format of the real robot's."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    write_pupper_csv(folder / "env_real_tiny_log.csv")
+    return folder
+
+
+def tiny_prior(bench: Path) -> MotorPrior:
+    """Zero torque, whatever z: enough for everything but walking."""
+    facts = read_bench(bench)[1]
+    taps, latents, neurons = (0, 1), 2, 4
+    network = LatentNetwork(
+        w1=np.zeros((2 * len(taps), neurons)),
+        v1=np.zeros((latents, neurons)),
+        b1=np.zeros(neurons),
+        w2=np.zeros((neurons, neurons)),
+        b2=np.zeros(neurons),
+        w3=np.zeros(neurons),
+        b3=np.zeros(()),
+        log_armature=np.array(-6.0),
+        armature_slope=np.zeros(latents),
+        taps=taps,
+        period=spec.PHYSICS_DT,
+        error_scale=0.1,
+        velocity_scale=1.0,
+        torque_scale=1.0,
+        torque_limit=3.0,
+        has_armature=True,
+    )
+    motors = np.zeros((facts.motors, latents))
+    provenance = {"bench": facts.as_json()}
+    return MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, facts.fleet.motor, provenance, {})
+
+
+def write_pupper_csv(path: Path, rows: int = 40) -> None:
+    """Every joint follows a slow sine exactly."""
+    time = 0.01 * np.arange(rows)
+    angle = spec.NOMINAL_POSE + 0.1 * np.sin(2 * np.pi * time)[:, None]
+    table = np.column_stack([time, angle, angle, np.zeros((rows, 4))])
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(CSV_COLUMNS), comments="")

@@ -1,0 +1,545 @@
+"""Whatever is wrong, one line says what, where and what to do; exit code 2; nothing half-written stays."""
+
+import gzip
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.bench.fleet import SHIPPED
+from motorprior.cli import main as command
+from motorprior.cli.bench import Bench, run_bench
+from motorprior.cli.speed import Speed
+
+Command = Callable[..., Any]
+Edit = Callable[[Path], None]
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def refused(motorprior: Command, tmp_path: Path) -> Command:
+    """Run a command line that must be refused in these words, and leave every file as it was."""
+
+    def run(*args: object, words: tuple[str, ...]) -> None:
+        before = contents(tmp_path)
+        outcome = motorprior(*args)
+        assert outcome.code == 2, outcome.err
+        assert_one_error(outcome.err, words)
+        assert contents(tmp_path) == before
+
+    return run
+
+
+def assert_one_error(err: str, words: tuple[str, ...]) -> None:
+    assert err.count("error:") == 1 and "Traceback" not in err, err
+    message = err[err.index("error:") :].strip()
+    assert "\n" not in message, "one line"
+    assert " -> " in message, "a remedy"
+    assert [word for word in words if word not in message] == [], message
+
+
+def in_a_process(*args: object, limit: int | None = None) -> subprocess.CompletedProcess[str]:
+    """The real thing; no file may grow beyond ``limit`` bytes."""
+
+    def set_limit() -> None:
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    words = [sys.executable, "-m", "motorprior.cli.main", *map(str, args)]
+    return subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=set_limit, env=os.environ)
+
+
+# Numbers and names on the command line.
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("bench --motors 0", ("--motors 0", "give 1 or more")),
+        ("bench --motors -3", ("--motors -3",)),
+        ("bench --steps 1", ("--steps 1", "give 2 or more")),
+        ("bench --seed -1", ("--seed -1", "give 0 or more")),
+        ("bench --seed 99999999999999999999", ("--seed", "2147483647 or less")),
+        ("bench --preset unknown", ("'unknown'", "rollout", "paper")),
+        ("bench --fleet unknown", ("'unknown'", "pupper_v2", "mixed")),
+        ("bench --fleet nowhere.toml", ("nowhere.toml", ".toml file")),
+        ("identify --bench {bench} --steps 0", ("--steps 0",)),
+        ("identify --bench {bench} --seed -1", ("--seed -1",)),
+        ("identify --bench {bench} --preset unknown", ("'unknown'", "rollout, one_network")),
+        ("validate --priors {prior} --seed -1", ("--seed -1",)),
+        ("validate --priors", ("no prior", "identify")),
+        ("validate --priors {prior} {prior}", ("two priors", "rollout")),
+        ("replay --logs {logs} --prior {prior} --draws 0", ("--draws 0",)),
+        ("replay --logs {logs} --prior {prior} --seed -1", ("--seed -1",)),
+        ("replay --logs {logs} --prior {prior} --fleet unknown", ("'unknown'", "pupper_v2")),
+        ("walk --actuator pd --iterations 0", ("--iterations 0",)),
+        ("walk --actuator pd --iterations -1", ("--iterations -1",)),
+        ("walk --actuator pd --episode-steps 0", ("--episode-steps 0",)),
+        ("walk --actuator pd --workers 0", ("--workers 0",)),
+        ("walk --actuator pd --kp -1", ("--kp -1",)),
+        ("walk --actuator pd --kd nan", ("--kd nan", "not finite")),
+        ("walk --actuator pd --torque-limit inf", ("--torque-limit inf", "not finite")),
+        ("walk --actuator pd --delay 1e9", ("--delay 1000000000", "or less")),
+        ("walk --actuator pd --task.alive nan", ("--task.alive nan",)),
+        ("walk --actuator pd --fleet unknown", ("'unknown'", "pupper_v2")),
+        ("walk --actuator pd --prior {prior}", ("--prior", "prior.safetensors")),
+        ("walk", ("--prior FILE", "pd")),
+        ("transfer --walks", ("no policy", "walk")),
+        ("transfer --walks {walk} --fleet unknown", ("'unknown'", "pupper_v2")),
+        ("demo --motors 5", ("--motors 5", "12 or more")),
+        ("demo --bench-steps 0", ("--bench-steps 0",)),
+        ("demo --adam-steps 0", ("--adam-steps 0",)),
+        ("demo --iterations 0", ("--iterations 0",)),
+        ("demo --seeds 0", ("--seeds 0",)),
+        ("demo --seed -1", ("--seed -1",)),
+        ("demo --workers 0", ("--workers 0",)),
+        ("demo --fleet unknown", ("'unknown'", "pupper_v2")),
+        ("demo --logs nowhere", ("nowhere", "jietan/puppersim")),
+    ],
+)
+def test_a_setting_out_of_range_is_named_with_its_bound(
+    refused: Command, tmp_path: Path, bench: Path, prior: Path, walk: Path, pupper_logs: Path, line: str, words: tuple
+):
+    paths = {"bench": bench, "prior": prior, "walk": walk, "logs": pupper_logs}
+    refused(*line.format(**paths).split(), "--out", tmp_path / "out", words=words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("line", ["walk --search.num-directions 0", "walk --search.seed -1", "walk --search.delta-std 0"])
+def test_settings_of_the_search_that_do_not_fit_are_refused(motorprior: Command, tmp_path: Path, line: str):
+    outcome = motorprior(*line.split(), "--actuator", "pd", "--out", tmp_path / "out")
+    name = line.split()[1].removeprefix("--search.").replace("-", "_")
+    assert outcome.code == 2 and outcome.err.startswith("error:") and name in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("line", ["", "fly", "bench", "bench --out x --motors many", "walk --out x --actuator servo"])
+def test_a_command_line_that_says_nothing_exits_with_2(motorprior: Command, line: str):
+    outcome = motorprior(*line.split())
+    assert outcome.code == 2 and "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("center = ", "center = -", ("must", "0")),
+        ("center = ", "center = nan # ", ("not a finite number",)),
+        ('unit = "', 'unit = "k', ("unit",)),
+        ("[kp]", "[kp_of_another]", ("kp_of_another", "missing keys ['kp']")),
+        ('robot = "', "robot = ", ("not valid TOML",)),
+    ],
+)
+def test_a_fleet_with_a_bad_value_is_refused(refused: Command, tmp_path: Path, old: str, new: str, words: tuple):
+    fleet = tmp_path / "mine.toml"
+    text = (SHIPPED / "pupper_v2.toml").read_text("utf-8")
+    assert old in text
+    fleet.write_text(text.replace(old, new, 1), "utf-8")
+    for line in ("bench", "walk --actuator fleet", "demo"):
+        refused(*line.split(), "--fleet", fleet, "--out", tmp_path / "out", words=("mine.toml", *words))
+
+
+# Motor logs.
+
+
+def edit_column(name: str, change: Callable[[np.ndarray], object]) -> Edit:
+    """Change one column of a Parquet file and keep its header."""
+
+    def edit(path: Path) -> None:
+        table = pq.read_table(path)
+        column = table.column(name).to_numpy().copy()
+        change(column)
+        pq.write_table(table.set_column(table.column_names.index(name), name, pa.array(column)), path)
+
+    return edit
+
+
+def put(row: int, value: float) -> Callable[[np.ndarray], object]:
+    return lambda column: column.__setitem__(row, value)
+
+
+def drop_column(name: str) -> Edit:
+    return lambda path: pq.write_table(pq.read_table(path).drop_columns([name]), path)
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def edit_header(key: str, value: object) -> Edit:
+    def edit(path: Path) -> None:
+        table = pq.read_table(path)
+        header = json.loads(table.schema.metadata[b"motorprior"]) | {key: value}
+        pq.write_table(table.replace_schema_metadata({b"motorprior": json.dumps(header).encode()}), path)
+
+    return edit
+
+
+BROKEN_LOGS = {
+    "missing": (Path.unlink, ("no such file",)),
+    "empty": (lambda path: path.write_bytes(b""), ("not a complete Parquet file",)),
+    "truncated": (truncate, ("not a complete Parquet file",)),
+    "NaN": (edit_column("joint_pos_rad/motor_001", put(7, np.nan)), ("row 7", "joint_pos/motor_001", "nan")),
+    "infinite": (edit_column("joint_torque_N_m/motor_000", put(3, np.inf)), ("row 3", "joint_torque/motor_000")),
+    "repeated time": (edit_column("time_s", lambda time: put(10, time[9])(time)), ("row 10", "time repeats")),
+    "unsorted time": (edit_column("time_s", lambda time: put(10, time[5])(time)), ("row 10", "runs backwards")),
+    "no inertia": (edit_column("load_inertia_kg_m2/motor_000", put(0, 0.0)), ("row 0", "load_inertia", "0.0")),
+    "joint count": (drop_column("joint_pos_rad/motor_002"), ("missing columns", "joint_pos_rad/motor_002")),
+    "degrees": (edit_header("units", {"time": "s", "joint_pos": "deg"}), ("units", "deg", "rad")),
+    "newer schema": (edit_header("schema_version", 2), ("schema version 2", "reads 1")),
+}
+
+
+@pytest.mark.parametrize(("edit", "words"), BROKEN_LOGS.values(), ids=list(BROKEN_LOGS))
+def test_a_broken_log_is_refused_by_whoever_reads_it(
+    refused: Command, tmp_path: Path, bench: Path, edit: Edit, words: tuple[str, ...]
+):
+    copy = shutil.copytree(bench, tmp_path / "bench")
+    log = copy / "log.parquet"
+    edit(log)
+    refused("identify", "--bench", copy, "--out", tmp_path / "out", words=(str(log), *words))
+    refused("logs", "check", "--paths", log, words=(str(log), *words))
+    refused("logs", "import", "--paths", log, "--out", tmp_path / "out", words=(str(log), *words))
+
+
+def test_a_log_that_was_never_a_motor_log_is_refused(refused: Command, tmp_path: Path):
+    pq.write_table(pa.table({"time": [0.0, 1.0]}), tmp_path / "foreign.parquet")
+    refused("logs", "check", "--paths", tmp_path / "foreign.parquet", words=("foreign.parquet", "logs import"))
+
+
+def test_a_log_of_the_other_bench_is_refused(refused: Command, tmp_path: Path):
+    run_bench(Bench(tmp_path / "bench", preset="paper", motors=2, steps=200))
+    words = ("log.parquet", "0.01 s", "0.002 s", "resample")
+    refused("identify", "--bench", tmp_path / "bench", "--out", tmp_path / "out", words=words)
+
+
+def test_a_log_shorter_than_a_window_is_refused(refused: Command, tmp_path: Path):
+    run_bench(Bench(tmp_path / "bench", motors=2, steps=50))
+    words = ("log.parquet", "84 rows", "record longer")
+    refused("identify", "--bench", tmp_path / "bench", "--out", tmp_path / "out", words=words)
+
+
+def test_no_logs_at_all_are_refused(refused: Command, tmp_path: Path):
+    refused("logs", "check", "--paths", words=("no log given", "give at least one"))
+    refused("logs", "import", "--paths", "--out", tmp_path / "out", words=("no log given", "give at least one"))
+
+
+# The facts beside a log.
+
+
+def edit_json(**changes: object) -> Edit:
+    return lambda path: path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+BROKEN_FACTS = {
+    "missing": (Path.unlink, ("cannot read", "check the path")),
+    "garbled": (lambda path: path.write_text('{"fleet": '), ("not valid JSON",)),
+    "not a table": (lambda path: path.write_text("[1, 2]"), ("not there",)),
+    "another key": (edit_json(colour="red"), ("unknown keys ['colour']",)),
+    "a missing key": (lambda path: path.write_text('{"fleet": "x"}'), ("missing keys",)),
+    "no parameters": (edit_json(parameters=3), ("cannot be drawn again",)),
+    "half a parameter": (edit_json(parameters={"kp": {"kind": "normal"}}), ("cannot be drawn again",)),
+    "a negative seed": (edit_json(seed=-1), ("cannot be drawn again",)),
+    "other motors": (edit_json(motors=5), ("12 motors", "says 5")),
+}
+
+
+@pytest.mark.parametrize(("edit", "words"), BROKEN_FACTS.values(), ids=list(BROKEN_FACTS))
+def test_a_broken_bench_folder_is_refused(
+    refused: Command, tmp_path: Path, bench: Path, edit: Edit, words: tuple[str, ...]
+):
+    copy = shutil.copytree(bench, tmp_path / "bench")
+    edit(copy / "bench.json")
+    refused("identify", "--bench", copy, "--out", tmp_path / "out", words=("bench.json", *words))
+
+
+# Priors.
+
+
+def resave(**changes: object) -> Edit:
+    """The same prior with other header entries."""
+
+    def edit(path: Path) -> None:
+        tensors, header = read_tensors(path)
+        write_tensors(path, tensors, header | changes)
+
+    return edit
+
+
+def put_nan(path: Path) -> None:
+    tensors, header = read_tensors(path)
+    tensors["w1"][1, 2] = np.nan
+    write_tensors(path, tensors, header)
+
+
+def drop_weights(path: Path) -> None:
+    tensors, header = read_tensors(path)
+    del tensors["w2"]
+    write_tensors(path, tensors, header)
+
+
+BROKEN_PRIORS = {
+    "missing": (Path.unlink, ("check the path",)),
+    "truncated": (truncate, ("not a complete safetensors file",)),
+    "text": (lambda path: path.write_text("prior"), ("not a complete safetensors file",)),
+    "NaN": (put_nan, ("w1[1, 2] is not finite",)),
+    "unknown key": (resave(colour="red"), ("unknown keys ['colour']",)),
+    "weights left out": (drop_weights, ("missing keys ['w2']",)),
+    "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
+    "newer schema": (resave(schema_version=2), ("schema version 2", "reads 1")),
+    "a policy": (resave(kind="policy"), ("'policy'", "identify")),
+    "other units": (resave(units={"position": "deg"}), ("deg", "rad")),
+    "other period": (resave(period=0.003), ("0.003",)),
+}
+
+
+@pytest.mark.parametrize(("edit", "words"), BROKEN_PRIORS.values(), ids=list(BROKEN_PRIORS))
+def test_a_broken_prior_is_refused_by_whoever_reads_it(
+    refused: Command, tmp_path: Path, prior: Path, pupper_logs: Path, edit: Edit, words: tuple[str, ...]
+):
+    copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
+    edit(copy)
+    out = ("--out", tmp_path / "out")
+    refused("validate", "--priors", copy, *out, words=(str(copy), *words))
+    refused("replay", "--logs", pupper_logs, "--prior", copy, *out, words=(str(copy), *words))
+    refused("walk", "--prior", copy, *out, words=(str(copy), *words))
+    refused("speed", "--prior", copy, "--json", tmp_path / "out", words=(str(copy), *words))
+
+
+def test_a_prior_that_forgot_its_bench_cannot_be_validated(refused: Command, tmp_path: Path, prior: Path):
+    copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
+    resave(provenance={})(copy)
+    refused("validate", "--priors", copy, "--out", tmp_path / "out", words=("mine.safetensors", "bench"))
+
+
+def test_a_bench_of_fewer_motors_than_a_robot_cannot_be_validated(
+    refused: Command, tmp_path: Path, prior_of_bench: MotorPrior
+):
+    facts = prior_of_bench.provenance["bench"] | {"motors": 5}
+    replace(prior_of_bench, provenance={"bench": facts}).save(tmp_path / "few.safetensors")
+    words = ("few.safetensors", "5 motors", "--motors 12")
+    refused("validate", "--priors", tmp_path / "few.safetensors", "--out", tmp_path / "out", words=words)
+
+
+def test_priors_of_different_motors_are_not_compared(
+    refused: Command, tmp_path: Path, prior: Path, prior_of_bench: MotorPrior
+):
+    facts = prior_of_bench.provenance["bench"] | {"seed": 1}
+    replace(prior_of_bench, preset="paper", provenance={"bench": facts}).save(tmp_path / "other.safetensors")
+    paths = (prior, tmp_path / "other.safetensors")
+    refused("validate", "--priors", *paths, "--out", tmp_path / "out", words=("other.safetensors", "same motors"))
+
+
+# Logs of the real robot.
+
+
+def edit_cell(row: int, column: int, value: str) -> Edit:
+    def edit(path: Path) -> None:
+        lines = path.read_text().splitlines()
+        cells = lines[row + 1].split(",")
+        cells[column] = value
+        lines[row + 1] = ",".join(cells)
+        path.write_text("\n".join(lines) + "\n")
+
+    return edit
+
+
+def drop_last_joint(path: Path) -> None:
+    path.write_text("".join(line.rsplit(",", 1)[0] + "\n" for line in path.read_text().splitlines()))
+
+
+def stand_still(path: Path) -> None:
+    header, first, *_ = path.read_text().splitlines()
+    rest = first.split(",", 1)[1]
+    path.write_text("\n".join([header, *(f"{0.01 * row},{rest}" for row in range(20))]) + "\n")
+
+
+BROKEN_PUPPER_LOGS = {
+    "NaN": (edit_cell(4, 14, "nan"), ("row 4", "joint_pos/FR_hip", "nan")),
+    "a word": (edit_cell(4, 14, "fast"), ("row 4", "q_1", "'fast'")),
+    "repeated time": (edit_cell(5, 0, "0.04"), ("row 5", "0.04", "repeats")),
+    "joint count": (drop_last_joint, ("28 columns, expected 29",)),
+    "header only": (lambda path: path.write_text(path.read_text().splitlines()[0] + "\n"), ("no rows",)),
+    "no log": (Path.unlink, ("no log of a real Pupper", "jietan/puppersim")),
+}
+
+
+@pytest.mark.parametrize(("edit", "words"), BROKEN_PUPPER_LOGS.values(), ids=list(BROKEN_PUPPER_LOGS))
+def test_a_broken_pupper_log_is_refused(
+    refused: Command, tmp_path: Path, prior: Path, pupper_logs: Path, edit: Edit, words: tuple[str, ...]
+):
+    log = pupper_logs / "env_real_tiny_log.csv"
+    edit(log)
+    out = ("--out", tmp_path / "out")
+    name = str(log) if log.exists() else str(pupper_logs)
+    refused("replay", "--logs", pupper_logs, "--prior", prior, *out, words=(name, *words))
+    refused("demo", "--logs", pupper_logs, *out, words=(name, *words))
+    if log.exists():
+        refused("logs", "import", "--paths", log, *out, words=(name, *words))
+        refused("logs", "check", "--paths", log, words=(name, *words))
+
+
+def test_a_pupper_log_in_which_nothing_moves_is_refused(
+    refused: Command, motorprior: Command, tmp_path: Path, prior: Path, pupper_logs: Path
+):
+    log = pupper_logs / "env_real_tiny_log.csv"
+    stand_still(log)
+    words = (str(pupper_logs), "tiny", "no joint is excited")
+    refused("replay", "--logs", pupper_logs, "--prior", prior, "--out", tmp_path / "out", words=words)
+    refused("demo", "--logs", pupper_logs, "--out", tmp_path / "out", words=words)
+    outcome = motorprior("logs", "check", "--paths", log)
+    assert outcome.code == 2 and str(log) in outcome.err and "no joint is excited" in outcome.out
+
+
+def test_a_truncated_real_log_is_refused(refused: Command, tmp_path: Path, prior: Path, shared_data: Path):
+    copy = tmp_path / "logs" / "env_real_lr_log.csv.gz"
+    copy.parent.mkdir()
+    copy.write_bytes((shared_data / "pupper_v2" / copy.name).read_bytes()[:5000])
+    words = (str(copy), "truncated", "copy the file again")
+    refused("replay", "--logs", copy.parent, "--prior", prior, "--out", tmp_path / "out", words=words)
+    refused("logs", "check", "--paths", copy, words=words)
+
+
+def test_a_truncated_gzip_is_refused(refused: Command, tmp_path: Path, pupper_logs: Path):
+    log = pupper_logs / "env_real_tiny_log.csv"
+    packed = tmp_path / "env_real_tiny_log.csv.gz"
+    packed.write_bytes(gzip.compress(log.read_bytes())[:-50])
+    refused("logs", "check", "--paths", packed, words=(str(packed), "truncated", "copy the file again"))
+
+
+def test_two_logs_of_one_name_are_not_written_over_each_other(refused: Command, tmp_path: Path, pupper_logs: Path):
+    log = pupper_logs / "env_real_tiny_log.csv"
+    twin = Path(shutil.copy(log, tmp_path / log.name))
+    refused("logs", "import", "--paths", log, twin, "--out", tmp_path / "out", words=(str(twin), str(log), "rename"))
+
+
+# Policies.
+
+
+def write_nan_policy(path: Path) -> None:
+    tensors, header = read_tensors(path)
+    tensors["weights"][3, 4] = np.nan
+    write_tensors(path, tensors, header)
+
+
+BROKEN_POLICIES = {
+    "missing": (Path.unlink, ("cannot read", "check the path")),
+    "truncated": (truncate, ("not a complete safetensors file",)),
+    "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
+    "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
+    "newer schema": (resave(schema_version=2), ("version 2",)),
+    "of nobody": (resave(provenance={}), ("motors",)),
+}
+
+
+@pytest.mark.parametrize(("edit", "words"), BROKEN_POLICIES.values(), ids=list(BROKEN_POLICIES))
+def test_a_broken_policy_is_refused(refused: Command, tmp_path: Path, walk: Path, edit: Edit, words: tuple[str, ...]):
+    copy = shutil.copytree(walk, tmp_path / "walk")
+    edit(copy / "policy.safetensors")
+    words = (str(copy / "policy.safetensors"), *words)
+    refused("transfer", "--walks", copy, "--out", tmp_path / "out", words=words)
+
+
+def test_a_policy_whose_prior_is_gone_or_changed_is_refused(
+    refused: Command, motorprior: Command, tmp_path: Path, prior: Path
+):
+    copy, walk = Path(shutil.copy(prior, tmp_path / "mine.safetensors")), tmp_path / "walk"
+    line = ("walk", "--prior", copy, "--out", walk, "--iterations", 1, "--episode-steps", 5, "--workers", 1)
+    assert motorprior(*line).code == 0
+    for edit in (resave(metrics={"changed": 1.0}), Path.unlink):
+        edit(copy)
+        words = ("policy.safetensors", "mine.safetensors", "put it back")
+        refused("transfer", "--walks", walk, "--out", tmp_path / "out", words=words)
+
+
+# Folders.
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "bench --motors 1 --steps 2",
+        "identify --bench {bench} --steps 1",
+        "validate --priors {prior}",
+        "replay --logs {logs} --prior {prior}",
+        "walk --actuator pd --iterations 1",
+        "transfer --walks {walk}",
+        "logs import --paths {logs}/env_real_tiny_log.csv",
+        "demo",
+    ],
+)
+@pytest.mark.parametrize("below", ["", "run"])
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
+    refused: Command, tmp_path: Path, bench: Path, prior: Path, walk: Path, pupper_logs: Path, line: str, below: str
+):
+    (tmp_path / "file").write_text("in the way")
+    paths = {"bench": bench, "prior": prior, "walk": walk, "logs": pupper_logs}
+    out = tmp_path / "file" / below
+    refused(*line.format(**paths).split(), "--out", out, words=(str(tmp_path / "file"), "another --out folder"))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes anywhere")
+def test_a_read_only_folder_is_refused(refused: Command, tmp_path: Path):
+    (tmp_path / "closed").mkdir(mode=0o500)
+    words = (str(tmp_path / "closed"), "another --out folder")
+    refused("bench", "--motors", 1, "--steps", 2, "--out", tmp_path / "closed", words=words)
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, pupper_logs: Path):
+    log, out = pupper_logs / "env_real_tiny_log.csv", tmp_path / "out"
+    result = in_a_process("logs", "import", "--paths", log, "--out", out, limit=1000)
+    assert result.returncode == 2
+    assert_one_error(result.stderr, (str(out / "env_real_tiny_log.parquet"), "free space"))
+    assert list(out.iterdir()) == []
+
+
+def test_a_report_needs_the_folder_of_a_demo(refused: Command, tmp_path: Path):
+    refused("report", "--run", tmp_path, words=(str(tmp_path), "demo.json", "motorprior demo"))
+    for text in ("{", "[]", '{"seed": 1}'):
+        (tmp_path / "demo.json").write_text(text)
+        refused("report", "--run", tmp_path, words=(str(tmp_path / "demo.json"),))
+
+
+def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_path: Path, prior: Path):
+    walk = tmp_path / "walk"
+    walk.mkdir()
+    shutil.copy(prior, walk / "search.safetensors")
+    truncate(walk / "search.safetensors")
+    line = ("walk", "--actuator", "pd", "--out", walk, "--iterations", 1)
+    refused(*line, words=(str(walk / "search.safetensors"), "delete it"))
+
+
+# The process itself.
+
+
+def test_the_process_says_one_line_and_exits_with_2(tmp_path: Path, bench: Path):
+    copy = shutil.copytree(bench, tmp_path / "bench")
+    BROKEN_LOGS["NaN"][0](copy / "log.parquet")
+    result = in_a_process("identify", "--bench", copy, "--out", tmp_path / "out")
+    assert result.returncode == 2 and result.stdout == "" and result.stderr.count("\n") == 1
+    assert_one_error(result.stderr, ("log.parquet", "row 7", "joint_pos/motor_001", "nan"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bug_is_not_passed_off_as_bad_input(motorprior: Command, monkeypatch: pytest.MonkeyPatch, prior: Path):
+    def bug(config: Speed) -> None:
+        raise KeyError("a bug")
+
+    monkeypatch.setitem(command.RUN, Speed, bug)
+    with pytest.raises(KeyError, match="a bug"):
+        motorprior("speed", "--prior", prior)

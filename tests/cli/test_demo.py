@@ -1,0 +1,112 @@
+"""The demo, as small as it gets: every figure and every chapter, and a second run that finds it all done."""
+
+import math
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from motorprior.artifacts import read_json
+from motorprior.cli.demo import Demo, run_demo
+from motorprior.cli.report import build_report
+
+LOG = "env_real_1_joint_log.csv.gz"
+MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
+CONDITIONS = ("ideal_pd", "paper", "rollout", "oracle")
+WITHOUT_LOGS = (
+    *(f"{figure}/{model}" for figure in ("bench_impact_rmse", "standing_rmse", "hung_rmse") for model in MODELS),
+    *(f"{figure}/{model}" for figure in ("standing_torque_hf", "hung_torque_hf") for model in MODELS),
+    *(f"{figure}/{name}" for figure in ("own_speed", "own_upright") for name in CONDITIONS),
+    *(f"{figure}/{name}" for figure in ("twin_speed", "twin_upright", "twin_drift") for name in CONDITIONS),
+    *("mj_step_share/rollout", "seconds"),
+)
+MEASURED_ANEW = re.compile("seconds|mj_step_share/.*|control_steps_per_s/.*|learned_over_pd")
+CHAPTERS = (
+    *("Bench: motors show themselves", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
+    *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished demo."""
+
+    config: Demo
+    figures: dict[str, float]
+    page: str
+
+
+@pytest.fixture(scope="module")
+def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """With one of the real logs, if they are here."""
+    folder = tmp_path_factory.mktemp("demo")
+    logs: Path | None = folder / "logs"
+    try:
+        shared: Path = request.getfixturevalue("shared_data")
+        (folder / "logs").mkdir()
+        shutil.copy(shared / "pupper_v2" / LOG, folder / "logs")
+    except pytest.skip.Exception:
+        logs = None
+    config = Demo(
+        folder / "run", logs=logs, motors=16, bench_steps=1500, adam_steps=30, iterations=2, seeds=1, workers=1
+    )
+    run_demo(config)
+    return finished(config)
+
+
+def finished(config: Demo) -> Run:
+    return Run(config, read_json(config.out / "figures.json"), (config.out / "report.html").read_text("utf-8"))
+
+
+def modified(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+def test_every_figure_is_a_finite_number(demo: Run):
+    assert set(WITHOUT_LOGS) <= set(demo.figures)
+    assert [name for name, value in demo.figures.items() if type(value) not in (int, float)] == []
+    assert [name for name, value in demo.figures.items() if not math.isfinite(value)] == []
+
+
+def test_real_logs_have_their_figures(demo: Run):
+    if demo.config.logs is None:
+        pytest.skip("real motor logs are not here")
+    assert {f"real_rmse/1_joint/{model}" for model in ("ideal_pd", "physical", "rollout")} <= set(demo.figures)
+
+
+def test_shares_are_shares(demo: Run):
+    shares = [name for name in demo.figures if name.startswith(("own_upright/", "twin_upright/", "mj_step_share/"))]
+    assert [name for name in shares if not 0.0 <= demo.figures[name] <= 1.0] == []
+
+
+def test_the_page_has_every_chapter(demo: Run):
+    titles = re.findall(r"<h2[^>]*>(.*?)</h2>", demo.page, re.DOTALL)
+    assert [chapter for chapter in CHAPTERS if not any(chapter in title for title in titles)] == []
+
+
+def test_the_page_needs_nothing_but_itself(demo: Run):
+    elsewhere = r"""(?:src|href|srcset|data|action)\s*=\s*["']?\s*(?:https?:)?//|url\(\s*["']?\s*(?:https?:)?//|@import"""
+    assert re.findall(elsewhere, demo.page) == []
+
+
+def test_a_second_run_finds_every_stage_done(demo: Run):
+    stages = ("bench", "priors", "validate", "replay", "walk", "transfer")
+    before = {stage: modified(demo.config.out / stage) for stage in stages}
+    run_demo(replace(demo.config, workers=2))
+    assert {stage: modified(demo.config.out / stage) for stage in stages} == before
+    again = finished(demo.config).figures
+    assert again.keys() == demo.figures.keys()
+    changed = {name for name, value in again.items() if value != demo.figures[name]}
+    assert [name for name in changed if not MEASURED_ANEW.fullmatch(name)] == []
+
+
+def test_the_page_of_an_unfinished_demo_says_what_is_missing(demo: Run, tmp_path: Path):
+    run = shutil.copytree(demo.config.out, tmp_path / "run")
+    for stage in ("walk/rollout_0", "transfer"):
+        (run / stage / "stage.json").unlink()
+    page = build_report(run).read_text("utf-8")
+    titles: Callable[[str], str] = lambda text: " ".join(re.findall(r"<h2[^>]*>(.*?)</h2>", text, re.DOTALL))
+    assert "Closed loop on the bench" in titles(page) and "Learning to walk" not in titles(page)

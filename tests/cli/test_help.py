@@ -1,0 +1,95 @@
+"""The command line explains itself, in SI units, without waking the heavy libraries."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motorprior.cli.bench import Bench
+from motorprior.cli.demo import Demo
+from motorprior.cli.identify import Identify
+from motorprior.cli.logs import LogsCheck, LogsImport
+from motorprior.cli.main import RUN, parse
+from motorprior.cli.motors import MotorChoice
+from motorprior.cli.replay import Replay
+from motorprior.cli.report import MakeReport
+from motorprior.cli.speed import Speed
+from motorprior.cli.transfer import Transfer
+from motorprior.cli.validate import Validate
+from motorprior.cli.walk import Walk
+
+COMMANDS = (
+    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate"),
+    *("replay", "walk", "transfer", "report", "speed"),
+)
+WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
+
+
+@pytest.fixture
+def help_of(
+    motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str], tuple[str, dict[str, str]]]:
+    """The help of a sub-command, and of each of its options."""
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(command: str) -> tuple[str, dict[str, str]]:
+        outcome = motorprior(*command.split(), "--help")
+        assert outcome.code == 0, outcome.err
+        plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)
+        pieces = re.split(r"^ *(--[a-z][\w.-]+)", plain, flags=re.MULTILINE)
+        return plain, {name: " ".join(text.split()) for name, text in zip(pieces[1::2], pieces[2::2], strict=True)}
+
+    return run
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_is_explained(help_of: Callable, command: str):
+    text, options = help_of(command)
+    assert text.startswith("usage: motorprior")
+    for option, explained in options.items():
+        assert len(explained.partition(" ")[2].split("(")[0]) > 5, option
+
+
+def test_every_sub_command_is_in_the_help(help_of: Callable):
+    text = help_of("")[0]
+    assert {name.split()[0] for name in COMMANDS if name} == set(re.findall(r"• (\w+)", text))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_quantity_has_its_unit(help_of: Callable, command: str):
+    options = help_of(command)[1]
+    quantities = {name: text for name, text in options.items() if "FLOAT" in text.split(" ")[0]}
+    lacking = {name for name, text in quantities.items() if not re.search(r"\[[^\]]+\]", text)}
+    assert lacking <= WITHOUT_UNIT
+    assert command != "walk" or len(quantities) > 10
+
+
+@pytest.mark.parametrize(
+    ("line", "config"),
+    [
+        ("demo --motors 16", Demo(motors=16)),
+        ("logs import --paths a b --out c", LogsImport((Path("a"), Path("b")), Path("c"))),
+        ("logs check --paths a", LogsCheck((Path("a"),))),
+        ("bench --out a --steps 5", Bench(Path("a"), steps=5)),
+        ("identify --bench a --out b", Identify(Path("a"), Path("b"))),
+        ("validate --priors a b --out c", Validate((Path("a"), Path("b")), Path("c"))),
+        ("replay --logs a --prior b --out c", Replay(Path("a"), Path("b"), Path("c"))),
+        ("walk --out a --actuator pd --kp 8", Walk(Path("a"), MotorChoice("pd", kp=8.0))),
+        ("transfer --walks a --out b", Transfer((Path("a"),), Path("b"))),
+        ("report --run a", MakeReport(Path("a"))),
+        ("speed --prior a", Speed(Path("a"))),
+    ],
+)
+def test_a_command_line_is_its_settings(line: str, config: object):
+    assert parse(line.split()) == config
+    assert type(config) in RUN
+
+
+def test_the_start_does_not_wait_for_heavy_libraries():
+    code = "import sys, motorprior.cli.main; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    assert set(loaded) & {"jax", "optax", "matplotlib", "jinja2", "pyarrow", "scipy.optimize"} == set()

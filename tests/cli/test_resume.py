@@ -1,0 +1,175 @@
+"""Ctrl-C keeps what is finished; the same command again ends at the same bytes as one never stopped."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motorprior.artifacts import read_json, read_tensors
+from motorprior.bench.fleet import SHIPPED
+from motorprior.cli import walk as walk_module
+from motorprior.cli.console import Bar
+
+Command = Callable[..., Any]
+RESULTS = ("policy.safetensors", "curve.json", "stage.json")
+WALK = ("walk", "--actuator", "pd", "--episode-steps", 20, "--iterations", 12)
+"""Twelve: the champion is challenged in the middle and at the end."""
+
+
+def results(folder: Path) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in RESULTS]
+
+
+@pytest.fixture
+def ctrl_c(monkeypatch: pytest.MonkeyPatch, interruptible: None) -> Callable[[int], None]:
+    """Send this process SIGINT at the n-th advance of a progress bar from now on; 0 for never again."""
+
+    def at(advance_number: int) -> None:
+        calls = 0
+
+        def advance(self: Bar, count: int = 1, note: str = "") -> None:
+            nonlocal calls
+            calls += 1
+            if calls == advance_number:
+                signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(Bar, "advance", advance)
+
+    return at
+
+
+@pytest.fixture(scope="module")
+def whole_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A walk that nobody interrupted."""
+    folder = tmp_path_factory.mktemp("whole") / "walk"
+    words = [sys.executable, "-m", "motorprior.cli.main", *map(str, WALK), "--workers", "1", "--out", str(folder)]
+    subprocess.run(words, check=True, capture_output=True)
+    return folder
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("stops", [(1,), (5,), (12,), (4, 6)])
+def test_an_interrupted_walk_ends_at_the_same_bytes(
+    motorprior: Command, ctrl_c: Callable, tmp_path: Path, whole_walk: Path, workers: int, stops: tuple[int, ...]
+):
+    out, iterations = tmp_path / "walk", 0
+    line = (*WALK, "--workers", workers, "--out", out)
+    for stop in stops:
+        ctrl_c(1 + stop)  # the first advance of a bar tells where it starts
+        outcome = motorprior(*line)
+        assert outcome.code == 130
+        assert "run the same command again to continue" in outcome.err and "Traceback" not in outcome.err
+        iterations += stop
+        state, header = read_tensors(out / "search.safetensors")
+        assert int(state["iteration"]) == len(header["curve"]) == iterations
+        assert not (out / "stage.json").exists() and not (out / "policy.safetensors").exists()
+    ctrl_c(0)
+    assert motorprior(*line).code == 0
+    assert results(out) == results(whole_walk)
+    assert sorted(path.name for path in out.iterdir()) == sorted(RESULTS)
+
+
+def test_a_walk_stopped_before_its_first_iteration_starts_anew(
+    motorprior: Command, ctrl_c: Callable, tmp_path: Path, whole_walk: Path
+):
+    line = (*WALK, "--workers", 1, "--out", tmp_path / "walk")
+    ctrl_c(1)
+    assert motorprior(*line).code == 130
+    ctrl_c(0)
+    assert motorprior(*line).code == 0
+    assert results(tmp_path / "walk") == results(whole_walk)
+
+
+def test_a_walk_that_was_killed_continues_from_its_last_checkpoint(
+    motorprior: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, whole_walk: Path
+):
+    line = (*WALK, "--workers", 1, "--out", tmp_path / "walk")
+    monkeypatch.setattr(walk_module, "_CHECKPOINT_EVERY", 5)
+
+    def killed(*args: Any) -> None:
+        raise SystemExit(137)
+
+    with monkeypatch.context() as context:
+        context.setattr(walk_module, "_policy", killed)
+        assert motorprior(*line).code == 137
+    assert int(read_tensors(tmp_path / "walk" / "search.safetensors")[0]["iteration"]) == 10
+    assert motorprior(*line).code == 0
+    assert results(tmp_path / "walk") == results(whole_walk)
+
+
+def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ctrl_c: Callable, tmp_path: Path):
+    line = ("walk", "--actuator", "pd", "--episode-steps", 20, "--workers", 1, "--iterations", 4)
+    ctrl_c(3)
+    assert motorprior(*line, "--kp", 9, "--out", tmp_path / "mixed").code == 130
+    ctrl_c(0)
+    for name in ("mixed", "fresh"):
+        assert motorprior(*line, "--kp", 8, "--out", tmp_path / name).code == 0
+    assert results(tmp_path / "mixed") == results(tmp_path / "fresh")
+
+
+def test_a_process_that_gets_sigint_keeps_a_checkpoint_and_exits_with_130(tmp_path: Path):
+    words = [sys.executable, "-m", "motorprior.cli.main", *map(str, WALK), "--out", str(tmp_path / "walk")]
+    words += ["--iterations", "1000000"]
+    process = subprocess.Popen(
+        words, stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    )
+    assert process.stderr is not None
+    assert "walk: 1000000 iterations" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    said = process.stderr.read()
+    assert process.wait() == 130, said
+    assert said.splitlines()[-1].endswith("run the same command again to continue") and "Traceback" not in said
+    state, header = read_tensors(tmp_path / "walk" / "search.safetensors")
+    assert int(state["iteration"]) == len(header["curve"])
+
+
+def modified(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_finished_stage_is_not_run_again(motorprior: Command, tmp_path: Path, whole_walk: Path):
+    out = shutil.copytree(whole_walk, tmp_path / "walk")
+    before = modified(out)
+    for workers in (1, 2):
+        assert motorprior(*WALK, "--workers", workers, "--out", out).code == 0
+    assert modified(out) == before
+
+
+@pytest.mark.parametrize("change", [("--kp", 9), ("--iterations", 2), ("--search.seed", 1), ("--task.alive", 0)])
+def test_a_changed_setting_runs_it_again(motorprior: Command, tmp_path: Path, whole_walk: Path, change: tuple):
+    out = shutil.copytree(whole_walk, tmp_path / "walk")
+    assert motorprior(*WALK, *change, "--out", out).code == 0
+    assert results(out) != results(whole_walk)
+
+
+def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
+    fleet, out = tmp_path / "mine.toml", tmp_path / "bench"
+    text = (SHIPPED / "pupper_v2.toml").read_text("utf-8")
+    line = ("bench", "--motors", 1, "--steps", 10, "--fleet", fleet, "--out", out)
+    fleet.write_text(text, "utf-8")
+    assert motorprior(*line).code == 0
+    before = modified(out)
+    fleet.write_text(text + "\n# the same numbers, another file\n", "utf-8")
+    assert motorprior(*line).code == 0
+    assert set(before.items()).isdisjoint(modified(out).items())
+
+
+@pytest.mark.parametrize("marker", ["", "{", "[]", "{}"])
+def test_a_damaged_marker_runs_it_again(motorprior: Command, tmp_path: Path, whole_walk: Path, marker: str):
+    out = shutil.copytree(whole_walk, tmp_path / "walk")
+    (out / "stage.json").write_text(marker)
+    assert motorprior(*WALK, "--out", out).code == 0
+    assert results(out) == results(whole_walk)
+
+
+def test_two_inputs_of_one_name_are_told_apart(motorprior: Command, tmp_path: Path, walk: Path):
+    folders = [shutil.copytree(walk, tmp_path / name / "walk") for name in "ab"]
+    assert motorprior("transfer", "--walks", *folders, "--out", tmp_path / "out").code == 0
+    inputs = read_json(tmp_path / "out" / "stage.json")["inputs"]
+    assert sorted(inputs) == [os.fspath(folder / "policy.safetensors") for folder in folders]
