@@ -3,7 +3,6 @@
 import gzip
 import json
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.speed import Speed
 
 Command = Callable[..., Any]
-Edit = Callable[[Path], None]
+Edit = Callable[[Path], object]
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
@@ -54,15 +53,11 @@ def assert_one_error(err: str, words: tuple[str, ...]) -> None:
     assert [word for word in words if word not in message] == [], message
 
 
-def in_a_process(*args: object, limit: int | None = None) -> subprocess.CompletedProcess[str]:
-    """The real thing; no file may grow beyond ``limit`` bytes."""
-
-    def set_limit() -> None:
-        if limit is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    words = [sys.executable, "-m", "motorprior.cli.main", *map(str, args)]
-    return subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=set_limit, env=os.environ)
+def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[str]:
+    """The real thing, after the statement ``first``."""
+    code = f"{first}\nfrom motorprior.cli.main import main\nmain()"
+    words = [sys.executable, "-c", code, *map(str, args)]
+    return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
 # Numbers and names on the command line.
@@ -121,7 +116,9 @@ def test_a_setting_out_of_range_is_named_with_its_bound(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("line", ["walk --search.num-directions 0", "walk --search.seed -1", "walk --search.delta-std 0"])
+@pytest.mark.parametrize(
+    "line", ["walk --search.num-directions 0", "walk --search.seed -1", "walk --search.delta-std 0"]
+)
 def test_settings_of_the_search_that_do_not_fit_are_refused(motorprior: Command, tmp_path: Path, line: str):
     outcome = motorprior(*line.split(), "--actuator", "pd", "--out", tmp_path / "out")
     name = line.split()[1].removeprefix("--search.").replace("-", "_")
@@ -502,7 +499,8 @@ def test_a_read_only_folder_is_refused(refused: Command, tmp_path: Path):
 
 def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, pupper_logs: Path):
     log, out = pupper_logs / "env_real_tiny_log.csv", tmp_path / "out"
-    result = in_a_process("logs", "import", "--paths", log, "--out", out, limit=1000)
+    no_room = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))"  # [bytes per file]
+    result = in_a_process("logs", "import", "--paths", log, "--out", out, first=no_room)
     assert result.returncode == 2
     assert_one_error(result.stderr, (str(out / "env_real_tiny_log.parquet"), "free space"))
     assert list(out.iterdir()) == []

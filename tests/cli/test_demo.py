@@ -3,7 +3,6 @@
 import math
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,6 +60,11 @@ def finished(config: Demo) -> Run:
     return Run(config, read_json(config.out / "figures.json"), (config.out / "report.html").read_text("utf-8"))
 
 
+def chapters(page: str) -> list[str]:
+    titles = re.findall(r"<h2[^>]*>(.*?)</h2>", page, re.DOTALL)
+    return [chapter for chapter in CHAPTERS if any(chapter in title for title in titles)]
+
+
 def modified(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
@@ -83,12 +87,13 @@ def test_shares_are_shares(demo: Run):
 
 
 def test_the_page_has_every_chapter(demo: Run):
-    titles = re.findall(r"<h2[^>]*>(.*?)</h2>", demo.page, re.DOTALL)
-    assert [chapter for chapter in CHAPTERS if not any(chapter in title for title in titles)] == []
+    assert chapters(demo.page) == list(CHAPTERS)
 
 
 def test_the_page_needs_nothing_but_itself(demo: Run):
-    elsewhere = r"""(?:src|href|srcset|data|action)\s*=\s*["']?\s*(?:https?:)?//|url\(\s*["']?\s*(?:https?:)?//|@import"""
+    elsewhere = (
+        r"""(?:src|href|srcset|data|action)\s*=\s*["']?\s*(?:https?:)?//|url\(\s*["']?\s*(?:https?:)?//|@import"""
+    )
     assert re.findall(elsewhere, demo.page) == []
 
 
@@ -103,10 +108,8 @@ def test_a_second_run_finds_every_stage_done(demo: Run):
     assert [name for name in changed if not MEASURED_ANEW.fullmatch(name)] == []
 
 
-def test_the_page_of_an_unfinished_demo_says_what_is_missing(demo: Run, tmp_path: Path):
-    run = shutil.copytree(demo.config.out, tmp_path / "run")
-    for stage in ("walk/rollout_0", "transfer"):
-        (run / stage / "stage.json").unlink()
-    page = build_report(run).read_text("utf-8")
-    titles: Callable[[str], str] = lambda text: " ".join(re.findall(r"<h2[^>]*>(.*?)</h2>", text, re.DOTALL))
-    assert "Closed loop on the bench" in titles(page) and "Learning to walk" not in titles(page)
+def test_the_page_of_an_unfinished_demo_shows_what_is_there(demo: Run, tmp_path: Path):
+    shutil.copytree(demo.config.out / "bench", tmp_path / "bench")
+    shutil.copy(demo.config.out / "demo.json", tmp_path)
+    found = chapters(build_report(tmp_path).read_text("utf-8"))
+    assert CHAPTERS[0] in found and CHAPTERS[1] not in found

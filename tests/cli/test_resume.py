@@ -114,11 +114,10 @@ def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ct
 
 
 def test_a_process_that_gets_sigint_keeps_a_checkpoint_and_exits_with_130(tmp_path: Path):
-    words = [sys.executable, "-m", "motorprior.cli.main", *map(str, WALK), "--out", str(tmp_path / "walk")]
-    words += ["--iterations", "1000000"]
-    process = subprocess.Popen(
-        words, stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
-    )
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in the background
+    code = f"{heard}\nfrom motorprior.cli.main import main\nmain()"
+    words = [sys.executable, "-c", code, *WALK, "--iterations", 1_000_000, "--out", tmp_path / "walk"]
+    process = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     assert "walk: 1000000 iterations" in process.stderr.readline()
     process.send_signal(signal.SIGINT)

@@ -16,9 +16,9 @@ from motorprior.cli.console import CONSOLE
 from motorprior.cli.identify import PRIOR, Identify, run_identify
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.replay import Replay, read_logs, run_replay, show_replay
-from motorprior.cli.report import SETTINGS, build_report
+from motorprior.cli.report import PAGE, SETTINGS, build_report
 from motorprior.cli.speed import measure_speed
-from motorprior.cli.stage import begin
+from motorprior.cli.stage import MARKER, begin
 from motorprior.cli.transfer import Transfer, run_transfer, show_transfer
 from motorprior.cli.validate import Validate, run_validate, show_fidelity
 from motorprior.cli.walk import Walk, run_walk
@@ -94,7 +94,7 @@ def run_demo(config: Demo) -> None:
     figures: dict[str, float] = {}
     _learn(config, clock)
     figures |= clock.run("validate", lambda: _validate(config))
-    build_report(config.out)
+    _page_so_far(config.out)
     if config.logs is not None:
         figures |= clock.run("replay", lambda: _replay(config, config.logs))
     figures |= clock.run("speed", lambda: _speed(config))
@@ -111,11 +111,19 @@ def _learn(config: Demo, clock: _Clock) -> None:
     for preset in ("rollout", "paper"):
         bench = Bench(out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed)
         clock.run(f"bench {preset}", lambda bench=bench: run_bench(bench))
-    CONSOLE.print(f"first pictures: {build_report(out)}")
+    _page_so_far(out)
+    CONSOLE.print(f"first pictures: {out / PAGE}")
     for preset in PRESETS:
         folder = "paper" if preset == "paper" else "rollout"
         identify = Identify(out / "bench" / folder, out / "priors" / preset, preset, config.seed, config.adam_steps)
         clock.run(f"identify {preset}", lambda identify=identify: run_identify(identify))
+        _page_so_far(out)
+
+
+def _page_so_far(out: Path) -> None:
+    """The page anew, unless it is younger than every finished stage: drawing it takes seconds."""
+    page, finished = out / PAGE, max(marker.stat().st_mtime_ns for marker in out.rglob(MARKER))
+    if not page.is_file() or page.stat().st_mtime_ns < finished:
         build_report(out)
 
 
