@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
-WORDS = {"", "kernel_cache", "exceptions", "rotations", "signals", "artifacts", "backend"}  # "" is motorprior/__init__.py
+WORDS = {"", "kernel_cache", "exceptions", "rotations", "signals", "artifacts", "backend"}  # "": __init__.py
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
     *("locomotion", "simulation", "search", "transfer", "hardware", "cli"),

@@ -81,18 +81,14 @@ def check(command: list[str]) -> None:
 
 
 def page_commands() -> list[tuple[str, list[str]]]:
-    return [
-        (page.name, words) for page in PAGES if page.is_file() for words in commands(page.read_text("utf-8"))
-    ]
+    return [(page.name, words) for page in PAGES if page.is_file() for words in commands(page.read_text("utf-8"))]
 
 
 def test_the_readme_shows_commands():
     assert any(page == "README.md" for page, _ in page_commands())
 
 
-@pytest.mark.parametrize(
-    "words", [pytest.param(w, id=f"{page}: {shlex.join(w)}") for page, w in page_commands()]
-)
+@pytest.mark.parametrize("words", [pytest.param(w, id=f"{page}: {shlex.join(w)}") for page, w in page_commands()])
 def test_every_command_exists(words: list[str]):
     check(words)
 
@@ -108,9 +104,7 @@ def test_commands_are_read_out_of_the_text():
     ]
 
 
-@pytest.mark.parametrize(
-    "text", ["make nothing", "pip install 'motorprior[nothing]'", "nothing", "python no.py"]
-)
+@pytest.mark.parametrize("text", ["make nothing", "pip install 'motorprior[nothing]'", "nothing", "python no.py"])
 def test_a_command_that_does_not_exist_is_caught(text: str):
     with pytest.raises(AssertionError):
         check(shlex.split(text))

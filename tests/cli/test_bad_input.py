@@ -74,15 +74,15 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("bench --preset unknown", ("'unknown'", "rollout", "paper")),
         ("bench --fleet unknown", ("'unknown'", "pupper_v2", "mixed")),
         ("bench --fleet nowhere.toml", ("nowhere.toml", ".toml file")),
-        ("identify --bench {bench} --steps 0", ("--steps 0",)),
-        ("identify --bench {bench} --seed -1", ("--seed -1",)),
-        ("identify --bench {bench} --preset unknown", ("'unknown'", "rollout, one_network")),
-        ("validate --priors {prior} --seed -1", ("--seed -1",)),
-        ("validate --priors", ("no prior", "identify")),
-        ("validate --priors {prior} {prior}", ("two priors", "rollout")),
-        ("replay --logs {logs} --prior {prior} --draws 0", ("--draws 0",)),
-        ("replay --logs {logs} --prior {prior} --seed -1", ("--seed -1",)),
-        ("replay --logs {logs} --prior {prior} --fleet unknown", ("'unknown'", "pupper_v2")),
+        ("identify {bench} --steps 0", ("--steps 0",)),
+        ("identify {bench} --seed -1", ("--seed -1",)),
+        ("identify {bench} --preset unknown", ("'unknown'", "rollout, one_network")),
+        ("validate {prior} --seed -1", ("--seed -1",)),
+        ("validate", ("no prior", "identify")),
+        ("validate {prior} {prior}", ("two priors", "rollout")),
+        ("replay {logs} --prior {prior} --draws 0", ("--draws 0",)),
+        ("replay {logs} --prior {prior} --seed -1", ("--seed -1",)),
+        ("replay {logs} --prior {prior} --fleet unknown", ("'unknown'", "pupper_v2")),
         ("walk --actuator pd --iterations 0", ("--iterations 0",)),
         ("walk --actuator pd --iterations -1", ("--iterations -1",)),
         ("walk --actuator pd --episode-steps 0", ("--episode-steps 0",)),
@@ -95,8 +95,8 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("walk --actuator pd --fleet unknown", ("'unknown'", "pupper_v2")),
         ("walk --actuator pd --prior {prior}", ("--prior", "prior.safetensors")),
         ("walk", ("--prior FILE", "pd")),
-        ("transfer --walks", ("no policy", "walk")),
-        ("transfer --walks {walk} --fleet unknown", ("'unknown'", "pupper_v2")),
+        ("transfer", ("no policy", "walk")),
+        ("transfer {walk} --fleet unknown", ("'unknown'", "pupper_v2")),
         ("demo --motors 5", ("--motors 5", "12 or more")),
         ("demo --bench-steps 0", ("--bench-steps 0",)),
         ("demo --adam-steps 0", ("--adam-steps 0",)),
@@ -209,31 +209,31 @@ def test_a_broken_log_is_refused_by_whoever_reads_it(
     copy = shutil.copytree(bench, tmp_path / "bench")
     log = copy / "log.parquet"
     edit(log)
-    refused("identify", "--bench", copy, "--out", tmp_path / "out", words=(str(log), *words))
-    refused("logs", "check", "--paths", log, words=(str(log), *words))
-    refused("logs", "import", "--paths", log, "--out", tmp_path / "out", words=(str(log), *words))
+    refused("identify", copy, "--out", tmp_path / "out", words=(str(log), *words))
+    refused("logs", "check", log, words=(str(log), *words))
+    refused("logs", "import", log, "--out", tmp_path / "out", words=(str(log), *words))
 
 
 def test_a_log_that_was_never_a_motor_log_is_refused(refused: Command, tmp_path: Path):
     pq.write_table(pa.table({"time": [0.0, 1.0]}), tmp_path / "foreign.parquet")
-    refused("logs", "check", "--paths", tmp_path / "foreign.parquet", words=("foreign.parquet", "logs import"))
+    refused("logs", "check", tmp_path / "foreign.parquet", words=("foreign.parquet", "logs import"))
 
 
 def test_a_log_of_the_other_bench_is_refused(refused: Command, tmp_path: Path):
     run_bench(Bench(tmp_path / "bench", preset="paper", motors=2, steps=200))
     words = ("log.parquet", "0.01 s", "0.002 s", "resample")
-    refused("identify", "--bench", tmp_path / "bench", "--out", tmp_path / "out", words=words)
+    refused("identify", tmp_path / "bench", "--out", tmp_path / "out", words=words)
 
 
 def test_a_log_shorter_than_a_window_is_refused(refused: Command, tmp_path: Path):
     run_bench(Bench(tmp_path / "bench", motors=2, steps=50))
     words = ("log.parquet", "84 rows", "record longer")
-    refused("identify", "--bench", tmp_path / "bench", "--out", tmp_path / "out", words=words)
+    refused("identify", tmp_path / "bench", "--out", tmp_path / "out", words=words)
 
 
 def test_no_logs_at_all_are_refused(refused: Command, tmp_path: Path):
-    refused("logs", "check", "--paths", words=("no log given", "give at least one"))
-    refused("logs", "import", "--paths", "--out", tmp_path / "out", words=("no log given", "give at least one"))
+    refused("logs", "check", words=("no log given", "give at least one"))
+    refused("logs", "import", "--out", tmp_path / "out", words=("no log given", "give at least one"))
 
 
 # The facts beside a log.
@@ -262,7 +262,7 @@ def test_a_broken_bench_folder_is_refused(
 ):
     copy = shutil.copytree(bench, tmp_path / "bench")
     edit(copy / "bench.json")
-    refused("identify", "--bench", copy, "--out", tmp_path / "out", words=("bench.json", *words))
+    refused("identify", copy, "--out", tmp_path / "out", words=("bench.json", *words))
 
 
 # Priors.
@@ -312,8 +312,8 @@ def test_a_broken_prior_is_refused_by_whoever_reads_it(
     copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
     edit(copy)
     out = ("--out", tmp_path / "out")
-    refused("validate", "--priors", copy, *out, words=(str(copy), *words))
-    refused("replay", "--logs", pupper_logs, "--prior", copy, *out, words=(str(copy), *words))
+    refused("validate", copy, *out, words=(str(copy), *words))
+    refused("replay", pupper_logs, "--prior", copy, *out, words=(str(copy), *words))
     refused("walk", "--prior", copy, *out, words=(str(copy), *words))
     refused("speed", "--prior", copy, "--json", tmp_path / "out", words=(str(copy), *words))
 
@@ -321,7 +321,7 @@ def test_a_broken_prior_is_refused_by_whoever_reads_it(
 def test_a_prior_that_forgot_its_bench_cannot_be_validated(refused: Command, tmp_path: Path, prior: Path):
     copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
     resave(provenance={})(copy)
-    refused("validate", "--priors", copy, "--out", tmp_path / "out", words=("mine.safetensors", "bench"))
+    refused("validate", copy, "--out", tmp_path / "out", words=("mine.safetensors", "bench"))
 
 
 def test_a_bench_of_fewer_motors_than_a_robot_cannot_be_validated(
@@ -330,7 +330,7 @@ def test_a_bench_of_fewer_motors_than_a_robot_cannot_be_validated(
     facts = prior_of_bench.provenance["bench"] | {"motors": 5}
     replace(prior_of_bench, provenance={"bench": facts}).save(tmp_path / "few.safetensors")
     words = ("few.safetensors", "5 motors", "--motors 12")
-    refused("validate", "--priors", tmp_path / "few.safetensors", "--out", tmp_path / "out", words=words)
+    refused("validate", tmp_path / "few.safetensors", "--out", tmp_path / "out", words=words)
 
 
 def test_priors_of_different_motors_are_not_compared(
@@ -339,7 +339,7 @@ def test_priors_of_different_motors_are_not_compared(
     facts = prior_of_bench.provenance["bench"] | {"seed": 1}
     replace(prior_of_bench, preset="paper", provenance={"bench": facts}).save(tmp_path / "other.safetensors")
     paths = (prior, tmp_path / "other.safetensors")
-    refused("validate", "--priors", *paths, "--out", tmp_path / "out", words=("other.safetensors", "same motors"))
+    refused("validate", *paths, "--out", tmp_path / "out", words=("other.safetensors", "same motors"))
 
 
 # Logs of the real robot.
@@ -384,11 +384,11 @@ def test_a_broken_pupper_log_is_refused(
     edit(log)
     out = ("--out", tmp_path / "out")
     name = str(log) if log.exists() else str(pupper_logs)
-    refused("replay", "--logs", pupper_logs, "--prior", prior, *out, words=(name, *words))
+    refused("replay", pupper_logs, "--prior", prior, *out, words=(name, *words))
     refused("demo", "--logs", pupper_logs, *out, words=(name, *words))
     if log.exists():
-        refused("logs", "import", "--paths", log, *out, words=(name, *words))
-        refused("logs", "check", "--paths", log, words=(name, *words))
+        refused("logs", "import", log, *out, words=(name, *words))
+        refused("logs", "check", log, words=(name, *words))
 
 
 def test_a_pupper_log_in_which_nothing_moves_is_refused(
@@ -397,9 +397,9 @@ def test_a_pupper_log_in_which_nothing_moves_is_refused(
     log = pupper_logs / "env_real_tiny_log.csv"
     stand_still(log)
     words = (str(pupper_logs), "tiny", "no joint is excited")
-    refused("replay", "--logs", pupper_logs, "--prior", prior, "--out", tmp_path / "out", words=words)
+    refused("replay", pupper_logs, "--prior", prior, "--out", tmp_path / "out", words=words)
     refused("demo", "--logs", pupper_logs, "--out", tmp_path / "out", words=words)
-    outcome = motorprior("logs", "check", "--paths", log)
+    outcome = motorprior("logs", "check", log)
     assert outcome.code == 2 and str(log) in outcome.err and "no joint is excited" in outcome.out
 
 
@@ -408,21 +408,21 @@ def test_a_truncated_real_log_is_refused(refused: Command, tmp_path: Path, prior
     copy.parent.mkdir()
     copy.write_bytes((shared_data / "pupper_v2" / copy.name).read_bytes()[:5000])
     words = (str(copy), "truncated", "copy the file again")
-    refused("replay", "--logs", copy.parent, "--prior", prior, "--out", tmp_path / "out", words=words)
-    refused("logs", "check", "--paths", copy, words=words)
+    refused("replay", copy.parent, "--prior", prior, "--out", tmp_path / "out", words=words)
+    refused("logs", "check", copy, words=words)
 
 
 def test_a_truncated_gzip_is_refused(refused: Command, tmp_path: Path, pupper_logs: Path):
     log = pupper_logs / "env_real_tiny_log.csv"
     packed = tmp_path / "env_real_tiny_log.csv.gz"
     packed.write_bytes(gzip.compress(log.read_bytes())[:-50])
-    refused("logs", "check", "--paths", packed, words=(str(packed), "truncated", "copy the file again"))
+    refused("logs", "check", packed, words=(str(packed), "truncated", "copy the file again"))
 
 
 def test_two_logs_of_one_name_are_not_written_over_each_other(refused: Command, tmp_path: Path, pupper_logs: Path):
     log = pupper_logs / "env_real_tiny_log.csv"
     twin = Path(shutil.copy(log, tmp_path / log.name))
-    refused("logs", "import", "--paths", log, twin, "--out", tmp_path / "out", words=(str(twin), str(log), "rename"))
+    refused("logs", "import", log, twin, "--out", tmp_path / "out", words=(str(twin), str(log), "rename"))
 
 
 # Policies.
@@ -449,7 +449,7 @@ def test_a_broken_policy_is_refused(refused: Command, tmp_path: Path, walk: Path
     copy = shutil.copytree(walk, tmp_path / "walk")
     edit(copy / "policy.safetensors")
     words = (str(copy / "policy.safetensors"), *words)
-    refused("transfer", "--walks", copy, "--out", tmp_path / "out", words=words)
+    refused("transfer", copy, "--out", tmp_path / "out", words=words)
 
 
 def test_a_policy_whose_prior_is_gone_or_changed_is_refused(
@@ -461,7 +461,7 @@ def test_a_policy_whose_prior_is_gone_or_changed_is_refused(
     for edit in (resave(metrics={"changed": 1.0}), Path.unlink):
         edit(copy)
         words = ("policy.safetensors", "mine.safetensors", "put it back")
-        refused("transfer", "--walks", walk, "--out", tmp_path / "out", words=words)
+        refused("transfer", walk, "--out", tmp_path / "out", words=words)
 
 
 # Folders.
@@ -471,12 +471,12 @@ def test_a_policy_whose_prior_is_gone_or_changed_is_refused(
     "line",
     [
         "bench --motors 1 --steps 2",
-        "identify --bench {bench} --steps 1",
-        "validate --priors {prior}",
-        "replay --logs {logs} --prior {prior}",
+        "identify {bench} --steps 1",
+        "validate {prior}",
+        "replay {logs} --prior {prior}",
         "walk --actuator pd --iterations 1",
-        "transfer --walks {walk}",
-        "logs import --paths {logs}/env_real_tiny_log.csv",
+        "transfer {walk}",
+        "logs import {logs}/env_real_tiny_log.csv",
         "demo",
     ],
 )
@@ -500,17 +500,17 @@ def test_a_read_only_folder_is_refused(refused: Command, tmp_path: Path):
 def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, pupper_logs: Path):
     log, out = pupper_logs / "env_real_tiny_log.csv", tmp_path / "out"
     no_room = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))"  # [bytes per file]
-    result = in_a_process("logs", "import", "--paths", log, "--out", out, first=no_room)
+    result = in_a_process("logs", "import", log, "--out", out, first=no_room)
     assert result.returncode == 2
     assert_one_error(result.stderr, (str(out / "env_real_tiny_log.parquet"), "free space"))
     assert list(out.iterdir()) == []
 
 
 def test_a_report_needs_the_folder_of_a_demo(refused: Command, tmp_path: Path):
-    refused("report", "--run", tmp_path, words=(str(tmp_path), "demo.json", "motorprior demo"))
+    refused("report", tmp_path, words=(str(tmp_path), "demo.json", "motorprior demo"))
     for text in ("{", "[]", '{"seed": 1}'):
         (tmp_path / "demo.json").write_text(text)
-        refused("report", "--run", tmp_path, words=(str(tmp_path / "demo.json"),))
+        refused("report", tmp_path, words=(str(tmp_path / "demo.json"),))
 
 
 def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_path: Path, prior: Path):
@@ -528,7 +528,7 @@ def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_pa
 def test_the_process_says_one_line_and_exits_with_2(tmp_path: Path, bench: Path):
     copy = shutil.copytree(bench, tmp_path / "bench")
     BROKEN_LOGS["NaN"][0](copy / "log.parquet")
-    result = in_a_process("identify", "--bench", copy, "--out", tmp_path / "out")
+    result = in_a_process("identify", copy, "--out", tmp_path / "out")
     assert result.returncode == 2 and result.stdout == "" and result.stderr.count("\n") == 1
     assert_one_error(result.stderr, ("log.parquet", "row 7", "joint_pos/motor_001", "nan"))
     assert not (tmp_path / "out").exists()

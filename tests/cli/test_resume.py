@@ -169,6 +169,6 @@ def test_a_damaged_marker_runs_it_again(motorprior: Command, tmp_path: Path, who
 
 def test_two_inputs_of_one_name_are_told_apart(motorprior: Command, tmp_path: Path, walk: Path):
     folders = [shutil.copytree(walk, tmp_path / name / "walk") for name in "ab"]
-    assert motorprior("transfer", "--walks", *folders, "--out", tmp_path / "out").code == 0
+    assert motorprior("transfer", *folders, "--out", tmp_path / "out").code == 0
     inputs = read_json(tmp_path / "out" / "stage.json")["inputs"]
     assert sorted(inputs) == [os.fspath(folder / "policy.safetensors") for folder in folders]

@@ -45,9 +45,7 @@ def test_jitter_is_a_warning(make_log):
     log = make_log()
     log.time[::2] += 0.006
     steps_ms = {4.0: 100, 16.0: 99}
-    assert (
-        dict(zip(*np.unique(np.diff(log.time * 1e3).round(6), return_counts=True), strict=True)) == steps_ms
-    )
+    assert dict(zip(*np.unique(np.diff(log.time * 1e3).round(6), return_counts=True), strict=True)) == steps_ms
     assert bad(check_log(log), "rate")[0].value == pytest.approx((16.0 - 4.0) / 4.0)
 
 

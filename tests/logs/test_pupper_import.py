@@ -164,9 +164,7 @@ def test_two_files_of_one_log_are_refused(tmp_path, table):
 def test_a_folder_without_logs_says_where_they_come_from(tmp_path):
     (tmp_path / "env_log_sim_0116.csv.gz").touch()
     for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(
-            LogError, match=r"jietan/puppersim, folder puppersim/data/system_id \(Apache-2\.0\)"
-        ):
+        with pytest.raises(LogError, match=r"jietan/puppersim, folder puppersim/data/system_id \(Apache-2\.0\)"):
             read_pupper_logs(folder)
 
 

@@ -45,9 +45,7 @@ def test_numeric_arrays_come_through(protocol, dtype):
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_numpy_scalars_become_python_numbers(protocol):
-    loaded = load_plain(
-        pickle.dumps([np.float64(0.1), np.float32(0.5), np.int16(-3), np.bool_(True)], protocol)
-    )
+    loaded = load_plain(pickle.dumps([np.float64(0.1), np.float32(0.5), np.int16(-3), np.bool_(True)], protocol))
     assert loaded == [0.1, 0.5, -3, True]
     assert [type(value) for value in loaded] == [float, float, int, bool]
 
@@ -85,9 +83,7 @@ def test_the_file_is_named(tmp_path):
         load_plain(path)
 
 
-@pytest.mark.parametrize(
-    "content", [b"(ios\nsystem\n.", b"(cos\nsystem\no.", b"Pid\n.", b"\x82\x01.", b"\x8f."]
-)
+@pytest.mark.parametrize("content", [b"(ios\nsystem\n.", b"(cos\nsystem\no.", b"Pid\n.", b"\x82\x01.", b"\x8f."])
 def test_other_operations_are_refused(content):
     with pytest.raises(LogError, match=r"operation \w+.* is refused"):
         load_plain(content)

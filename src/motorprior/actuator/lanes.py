@@ -116,7 +116,7 @@ def softsign_layer(
     neurons = outputs.shape[0]
     w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
     for k in range(0, neurons, 4):
-        _four_softsign_neurons(w + 4 * k, neurons, x, count, b + 64 * k, y + 64 * k)
+        _four_softsign_neurons(w + 4 * k, neurons, x, count, b + 64 * k, y + 64 * k)  # pyright: ignore[reportCallIssue]
 
 
 @njit(cache=True, nogil=True)
@@ -125,4 +125,4 @@ def linear_layer(
 ) -> None:
     """Four linear outputs for 16 motors; arguments as for `softsign_layer`, with exactly 4 neurons."""
     w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
-    _four_linear_neurons(w, 4, x, count, b, y)
+    _four_linear_neurons(w, 4, x, count, b, y)  # pyright: ignore[reportCallIssue]

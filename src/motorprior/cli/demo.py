@@ -117,7 +117,8 @@ def _learn(config: Demo, clock: _Clock) -> None:
         folder = "paper" if preset == "paper" else "rollout"
         identify = Identify(out / "bench" / folder, out / "priors" / preset, preset, config.seed, config.adam_steps)
         clock.run(f"identify {preset}", lambda identify=identify: run_identify(identify))
-        _page_so_far(out)
+        if preset == "rollout":  # the one that the page shows
+            _page_so_far(out)
 
 
 def _page_so_far(out: Path) -> None:

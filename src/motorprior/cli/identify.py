@@ -7,6 +7,8 @@ import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import tyro
+
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.cli.bench import FACTS, LOG, read_bench
@@ -21,7 +23,7 @@ PRIOR = "prior.safetensors"
 class Identify:
     """Learn a motor prior from the log of a bench."""
 
-    bench: Path
+    bench: tyro.conf.Positional[Path]
     """Folder that `motorprior bench` wrote."""
     out: Path
     """Folder for prior.safetensors."""

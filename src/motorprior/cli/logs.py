@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from motorprior.cli.console import table
 from motorprior.exceptions import ConfigError, LogError
@@ -20,7 +21,7 @@ from motorprior.robots.pupper_v2 import spec
 class LogsCheck:
     """Log doctor: repeats, gaps, clock, units, range, tracking."""
 
-    paths: tuple[Path, ...]
+    paths: tyro.conf.Positional[tuple[Path, ...]]
     """Motor logs (.parquet) or raw Pupper v2 logs (.csv, .csv.gz, .txt)."""
 
 
@@ -28,7 +29,7 @@ class LogsCheck:
 class LogsImport:
     """Convert raw Pupper v2 logs to motor logs."""
 
-    paths: tuple[Path, ...]
+    paths: tyro.conf.Positional[tuple[Path, ...]]
     """Raw logs (.csv, .csv.gz, or the original .txt pickles)."""
     out: Path
     """Folder for the .parquet files."""

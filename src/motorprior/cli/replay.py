@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
@@ -30,7 +31,7 @@ FIGURES, TRACES = "figures.json", "traces.safetensors"
 class Replay:
     """Replay the commands of real Pupper v2 logs on simulated motors and compare the joint angles."""
 
-    logs: Path
+    logs: tyro.conf.Positional[Path]
     """Folder with the logs: the original pickles of jietan/puppersim, puppersim/data/system_id, or CSV."""
     prior: Path
     """Prior whose draws are replayed."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import tyro
+
 from motorprior.artifacts import read_json
 from motorprior.cli.stage import MARKER
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -18,7 +20,7 @@ PAGE, SETTINGS = "report.html", "demo.json"
 class MakeReport:
     """Write the report of a demo's run folder anew."""
 
-    run: Path
+    run: tyro.conf.Positional[Path]
     """Folder that `motorprior demo --out` wrote."""
 
 

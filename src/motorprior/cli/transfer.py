@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from motorprior.artifacts import read_json, write_json, write_tensors
 from motorprior.bench.fleet import Fleet, load_fleet
@@ -29,7 +30,7 @@ _MEASURES = ("speed", "upright", "drift")
 class Transfer:
     """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise."""
 
-    walks: tuple[Path, ...]
+    walks: tyro.conf.Positional[tuple[Path, ...]]
     """Folders that `motorprior walk` wrote; several seeds of one actuator model are averaged."""
     out: Path
     """Folder for figures.json and the gaits of the report."""

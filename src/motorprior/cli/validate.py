@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
@@ -46,7 +47,7 @@ COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "
 class Validate:
     """Measure how far simulated motors are from the physical ones, in closed loop, on held-out excitation."""
 
-    priors: tuple[Path, ...]
+    priors: tyro.conf.Positional[tuple[Path, ...]]
     """Prior files that `motorprior identify` wrote, all from benches of the same motors."""
     out: Path
     """Folder for figures.json, tuned_pd.json and the traces of the report."""
