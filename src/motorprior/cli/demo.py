@@ -20,7 +20,7 @@ from motorprior.cli.report import PAGE, SETTINGS, build_report
 from motorprior.cli.speed import measure_speed
 from motorprior.cli.stage import MARKER, begin
 from motorprior.cli.transfer import Transfer, run_transfer, show_transfer
-from motorprior.cli.validate import Validate, run_validate, show_fidelity
+from motorprior.cli.validate import TUNED, Validate, run_validate, show_fidelity
 from motorprior.cli.walk import Walk, run_walk
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import ArsConfig
@@ -145,10 +145,12 @@ def _speed(config: Demo) -> dict[str, float]:
 
 def _walks(config: Demo) -> list[Walk]:
     """Every policy to train: the two that matter most with several seeds, first seeds first."""
+    tuned = read_json(config.out / "validate" / TUNED)
     conditions = {
         "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, config.fleet),
         "oracle": MotorChoice("fleet", None, config.fleet),
         "ideal_pd": MotorChoice("pd", None, config.fleet),
+        "tuned_pd": MotorChoice("pd", None, config.fleet, **tuned),
         "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, config.fleet),
     }
     several = ("rollout", "oracle")
