@@ -30,7 +30,7 @@ class Preset:
     taps: tuple[int, ...]
     has_armature: bool
     num_latents: int = 4
-    num_neurons: int = 32
+    num_neurons: int = 24
     kl_weight: float = 1e-3
     window: int = 64
     batch: int = 256

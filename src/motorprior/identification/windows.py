@@ -53,7 +53,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=_window_starts(log, preset, where),
         has_torque=log.joint_torque is not None,
-        scales=_scales(log),
+        scales=_scales(log, where),
     )
 
 
@@ -83,14 +83,22 @@ def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     return every
 
 
-def _scales(log: MotorLog) -> dict[str, float]:
-    error = log.position_target - log.joint_pos
+def _scales(log: MotorLog, where: str) -> dict[str, float]:
+    """Standard deviations of the inputs and the torque; the torque limit has 20 % of room."""
     assert log.joint_vel is not None
-    scales = {"error_scale": float(np.std(error)), "velocity_scale": float(np.std(log.joint_vel))}
-    if log.joint_torque is None:
-        return scales | {"torque_scale": 1.0, "torque_limit": 3.0}
-    limit = 1.2 * float(np.quantile(np.abs(log.joint_torque), 0.9995))
-    return scales | {"torque_scale": float(np.std(log.joint_torque)), "torque_limit": limit}
+    scales = {"error_scale": np.std(log.position_target - log.joint_pos), "velocity_scale": np.std(log.joint_vel)}
+    scales |= {"torque_scale": 1.0, "torque_limit": 3.0}
+    if log.joint_torque is not None:
+        limit = 1.2 * np.quantile(np.abs(log.joint_torque), 0.9995)
+        scales |= {"torque_scale": np.std(log.joint_torque), "torque_limit": limit}
+    for name, value in scales.items():
+        if not value > 0:
+            raise LogError(
+                f"{name} is {value}: that channel is the same in every row",
+                where=where,
+                remedy="record with an excitation that moves the motors",
+            )
+    return {name: float(value) for name, value in scales.items()}
 
 
 def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -40,11 +40,13 @@ class ArsConfig:
         """Refuse settings that do not fit together."""
         if not 1 <= self.num_top_directions <= self.num_directions:
             raise ConfigError(
-                f"num_top_directions {self.num_top_directions} not in 1..num_directions {self.num_directions}"
+                f"num_top_directions {self.num_top_directions} not in 1..num_directions {self.num_directions}",
+                remedy="use at most as many top directions as directions",
             )
         if not (self.step_size > 0.0 and self.delta_std > 0.0 and self.seed >= 0):
             raise ConfigError(
-                f"step_size {self.step_size}, delta_std {self.delta_std} must be > 0, seed {self.seed} >= 0"
+                f"step_size {self.step_size}, delta_std {self.delta_std} must be > 0, seed {self.seed} >= 0",
+                remedy="use values in these ranges",
             )
 
 
