@@ -20,6 +20,8 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log, write_log
 
 LOG, FACTS = "log.parquet", "bench.json"
+MOTORS_STREAM = 11
+"""Tag of the random stream that draws a bench's motors."""
 _FACTS = ("fleet", "motor", "robot", "parameters", "preset", "motors", "steps", "seed")
 
 
@@ -71,7 +73,7 @@ class BenchFacts:
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
     """The motors of a bench with this seed. Held-out motors use another stream of random numbers."""
-    return fleet.sample(np.random.default_rng([seed, 0]), motors)
+    return fleet.sample(np.random.default_rng([seed, MOTORS_STREAM]), motors)
 
 
 def facts_from_json(data: Any, where: str) -> BenchFacts:

@@ -20,13 +20,15 @@ from motorprior.cli.report import PAGE, SETTINGS, build_report
 from motorprior.cli.speed import measure_speed
 from motorprior.cli.stage import MARKER, begin
 from motorprior.cli.transfer import Transfer, run_transfer, show_transfer
-from motorprior.cli.validate import TUNED, Validate, run_validate, show_fidelity
+from motorprior.cli.validate import GAINS_FILE, TUNED, Validate, run_validate, show_fidelity
 from motorprior.cli.walk import Walk, run_walk
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import ArsConfig
 
 FIGURES, TIMES = "figures.json", "seconds.json"
-PRESETS = ("rollout", "paper", "one_network")
+SEEDS_APART = 1000
+"""Policies of different demo seeds share no search seed."""
+PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 Result = TypeVar("Result")
 
 
@@ -51,7 +53,7 @@ class Demo:
     iterations: int = 200
     """ARS iterations per policy."""
     seeds: int = 2
-    """Policies per condition for the rollout prior and the oracle; the other conditions get one."""
+    """Policies per condition."""
     workers: int = 2
     """Threads for walking; the result does not depend on it."""
 
@@ -144,27 +146,25 @@ def _speed(config: Demo) -> dict[str, float]:
 
 
 def _walks(config: Demo) -> list[Walk]:
-    """Every policy to train: the two that matter most with several seeds, first seeds first."""
-    tuned = read_json(config.out / "validate" / TUNED)
+    """Every policy to train, first seeds first."""
+    gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
         "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, config.fleet),
         "oracle": MotorChoice("fleet", None, config.fleet),
-        "ideal_pd": MotorChoice("pd", None, config.fleet),
+        "ideal_pd": MotorChoice("pd", None, config.fleet, **gains),
         "tuned_pd": MotorChoice("pd", None, config.fleet, **tuned),
         "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, config.fleet),
     }
-    several = ("rollout", "oracle")
     return [
         Walk(
             config.out / "walk" / f"{name}_{seed}",
             motors,
             config.iterations,
-            search=ArsConfig(seed=config.seed + seed),
+            search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
             workers=config.workers,
         )
         for seed in range(config.seeds)
         for name, motors in conditions.items()
-        if seed == 0 or name in several
     ]
 
 
@@ -187,5 +187,5 @@ def _say(config: Demo, figures: dict[str, Any], page: Path) -> None:
             "(Apache-2.0): --logs FOLDER"
         )
     show_transfer(figures)
-    print(f"{100 * figures['mj_step_share/rollout']:.0f} % of an episode's time is inside mj_step.")
+    print(f"{100 * figures['mj_step_share/rollout']:.1f} % of an episode's time is inside mj_step.")
     print(f"Report: {page}   Figures: {config.out / FIGURES}   {figures['seconds']:.0f} s")

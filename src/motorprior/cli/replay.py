@@ -90,7 +90,7 @@ def _report_findings(name: str, log: MotorLog) -> None:
 def _replay_all(config: Replay, logs: dict[str, MotorLog], prepared: dict[str, MotorLog], prior: MotorPrior) -> None:
     figures: dict[str, float] = {}
     traces: dict[str, np.ndarray] = {}
-    with bar(f"replay of {len(logs)} real logs", len(logs) * (2 + config.draws)) as progress:
+    with bar(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as progress:
         for name, log in logs.items():
             results = _replay_models(config, log, prepared[name], prior, progress)
             figures |= _log_figures(name, prepared[name], results)
@@ -107,6 +107,7 @@ def _replay_models(
     models: dict[str, list[Actuator]] = {
         "ideal_pd": [nominal_pd(fleet, spec.NUM_JOINTS)],
         "physical": [PhysicalActuator(fleet.center(spec.NUM_JOINTS))],
+        "physical_draws": [PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)) for _ in range(config.draws)],
         prior.preset: [prior.sample(rng, spec.NUM_JOINTS) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}
@@ -147,7 +148,7 @@ def _log_traces(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -
     for model, runs in results.items():
         curves = np.array([run.joint_pos[:, joint] for run in runs])
         traces[f"{name}/model/{model}"] = np.median(curves, axis=0)
-        if len(runs) > 1:
+        if model not in ("ideal_pd", "physical", "physical_draws"):
             traces[f"{name}/low"], traces[f"{name}/high"] = np.quantile(curves, [0.05, 0.95], axis=0)
     return traces
 
@@ -159,26 +160,27 @@ def replay_models(figures: dict[str, float]) -> tuple[list[str], list[str]]:
 
 
 def replay_rows(figures: dict[str, float]) -> list[list[str]]:
-    """Mean joint RMSE per log and model [mrad]; draws as median and 90 % band. Joints follow their log."""
+    """Joint RMSE [mrad] per log, mean over its joints and then each; draws as median and 90 % band."""
     logs, models = replay_models(figures)
     rows = []
     for log in logs:
-        cells = [log]
-        for model in models:
-            cell = f"{1000 * figures[f'real_rmse/{log}/{model}']:.1f}"
-            if f"real_rmse_p05/{log}/{model}" in figures:
-                low, high = (1000 * figures[f"real_rmse_{side}/{log}/{model}"] for side in ("p05", "p95"))
-                cell += f" ({low:.1f}-{high:.1f})"
-            cells.append(cell)
-        rows.append(cells)
+        rows.append([log, "mean", *(_mean_cell(figures, log, model) for model in models)])
         prefix = f"real_joint_rmse/{log}/"
         joints = dict.fromkeys(key.split("/")[2] for key in figures if key.startswith(prefix))
         for joint in joints:
-            rows.append([f"  {joint}", *(f"{1000 * figures[f'{prefix}{joint}/{model}']:.1f}" for model in models)])
+            rows.append([log, joint, *(f"{1000 * figures[f'{prefix}{joint}/{model}']:.1f}" for model in models)])
     return rows
+
+
+def _mean_cell(figures: dict[str, float], log: str, model: str) -> str:
+    cell = f"{1000 * figures[f'real_rmse/{log}/{model}']:.1f}"
+    if f"real_rmse_p05/{log}/{model}" not in figures:
+        return cell
+    low, high = (1000 * figures[f"real_rmse_{side}/{log}/{model}"] for side in ("p05", "p95"))
+    return f"{cell} ({low:.1f}-{high:.1f})"
 
 
 def show_replay(figures: dict[str, float]) -> None:
     """The table on the terminal."""
     models = replay_models(figures)[1]
-    table("Real Pupper logs: joint RMSE [mrad], start included", ["log", *models], replay_rows(figures))
+    table("Real Pupper logs: joint RMSE [mrad], start included", ["log", "joint", *models], replay_rows(figures))

@@ -11,29 +11,27 @@ import tyro
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
-from motorprior.artifacts import read_json, write_json, write_tensors
-from motorprior.bench.dynamometer import run
+from motorprior.actuator.physical import MotorParameters
+from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.cli.bench import BenchFacts, facts_from_json
 from motorprior.cli.bounds import require_seed
 from motorprior.cli.console import Bar, bar, table
+from motorprior.cli.fidelity_traces import write_traces
 from motorprior.cli.motors import load_prior
 from motorprior.cli.stage import begin, description, finish, is_finished
 from motorprior.exceptions import ConfigError
 from motorprior.identification.validate import (
     ModelOfMotors,
     bench_errors,
-    held_out_trials,
-    teacher_forced_torque,
 )
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation.replay import replay
-from motorprior.simulation.world import World, WorldConfig
-from motorprior.transfer.robot_fidelity import robot_fidelity, trot_targets
+from motorprior.transfer.robot_fidelity import robot_fidelity
 
-FIGURES, TRACES, TUNED = "figures.json", "traces.safetensors", "tuned_pd.json"
+FIGURES, TRACES = "figures.json", "traces.safetensors"
+GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"
+"""The PD with the best gains and nothing else, and the PD with armature and delay fitted as well."""
 BENCH_METRICS = {
     "bench_sine_rmse": "sine",
     "bench_gait_rmse": "gait",
@@ -125,19 +123,28 @@ def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
 
 
 def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts) -> None:
-    from motorprior.identification.baselines import fit_tuned_pd  # here: scipy's optimizers take half a second
-
     motors = facts.physical_motors()
-    with bar("tune the PD baseline on the bench log", 200) as progress:
-        log = record(motors, bench_preset("rollout"), facts.steps, facts.seed, facts.fleet)
-        tuned = fit_tuned_pd(log, nominal_pd(facts.fleet, 1), progress.advance)
-    write_json(config.out / TUNED, {name: float(value[0]) for name, value in asdict(tuned).items()})
+    tuned = _tune_baselines(config.out, motors, facts)
     models = _models(facts.fleet, priors, tuned)
     with bar("validate: bench, standing robot, hung robot", 4) as progress:
-        figures = _figures(motors, models, config.seed, progress)
-        _write_traces(config.out / TRACES, motors, models, priors, config.seed)
+        figures = _figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
+        write_traces(config.out / TRACES, motors, models, priors, config.seed)
         progress.advance()
     write_json(config.out / FIGURES, figures)
+
+
+def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts) -> IdealPd:
+    """Fit both PDs to the bench log, write them, and return the tuned one."""
+    # Imported here: scipy's optimizers take half a second.
+    from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, GAINS, fit_pd
+
+    nominal = nominal_pd(facts.fleet, 1)
+    with bar("tune the PD baselines on the bench log", 2 * EVALUATIONS) as progress:
+        log = record(motors, bench_preset("rollout"), facts.steps, facts.seed, facts.fleet)
+        best_gains, tuned = (fit_pd(log, nominal, free, progress.advance) for free in (GAINS, EVERYTHING))
+    for name, model in ((GAINS_FILE, best_gains), (TUNED, tuned)):
+        write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
+    return tuned
 
 
 def _figures(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int, progress: Bar) -> dict[str, float]:
@@ -159,75 +166,27 @@ def _figures(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: in
     return figures
 
 
+def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) -> dict[str, float]:
+    """How the decoded armature compares with the rotors' own: mean ratio, and correlation over the motors."""
+    figures: dict[str, float] = {}
+    for name, prior in priors.items():
+        if prior.network.has_armature:
+            decoded = prior.network.armature(prior.mean)
+            figures[f"armature_ratio/{name}"] = float(np.mean(decoded / motors.armature))
+            if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
+                figures[f"armature_correlation/{name}"] = float(np.corrcoef(decoded, motors.armature)[0, 1])
+    return figures
+
+
 def _finite(value: Any) -> float:
     """Infinity (the simulation broke down) as the largest number JSON can hold."""
     return float(min(value, np.finfo(np.float64).max))
 
 
-def _write_traces(
-    path: Path, motors: MotorParameters, models: dict[str, ModelOfMotors], priors: dict[str, MotorPrior], seed: int
-) -> None:
-    """What the report draws: one bench trial, one robot trial, one torque fit."""
-    index = np.arange(len(motors))
-    case = held_out_trials("impacts", len(motors), seed)[0]
-    truth = run(PhysicalActuator(motors), case)
-    tensors = {
-        "bench/target": case.position_target[:, 0],
-        "bench/external": case.external_torque[:, 0],
-        "bench/truth": truth.joint_pos[:, 0],
-        "bench/torque": truth.joint_torque[:, 0],
-    }
-    for name, model in models.items():
-        tensors[f"bench/model/{name}"] = run(model(index), case).joint_pos[:, 0]
-    for name, prior in priors.items():
-        tensors |= _torque_traces(name, prior, motors, seed)
-    tensors |= _robot_traces(motors, models, seed)
-    header = {"bench_dt": case.dt, "robot_dt": spec.CONTROL_DT, "joint": "FR_knee"}
-    write_tensors(path, tensors, header)
-
-
-def _torque_traces(name: str, prior: MotorPrior, motors: MotorParameters, seed: int) -> dict[str, np.ndarray]:
-    """The prior shown the true history of a sinusoid, at its own period."""
-    case = held_out_trials("sine", len(motors), seed)[1]
-    skip = round(prior.network.period / case.dt)
-    answer = run(PhysicalActuator(motors), case)
-    sparse = type(case)(
-        case.position_target[::skip], case.external_torque[::skip], case.load_inertia, prior.network.period
-    )
-    seen = type(answer)(*(getattr(answer, field)[::skip] for field in ("joint_pos", "joint_vel", "joint_torque")))
-    predicted = teacher_forced_torque(prior.network, prior.mean, sparse, seen)[:, 0]
-    known = ~np.isnan(predicted)
-    time = np.arange(len(predicted)) * prior.network.period
-    return {
-        f"torque/{name}/time": time[known],
-        f"torque/{name}/measured": seen.joint_torque[known, 0],
-        f"torque/{name}/predicted": predicted[known],
-    }
-
-
-def _robot_traces(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int) -> dict[str, np.ndarray]:
-    """The right front knee in a standing trot, positions [rad] and torques [N·m] at 2 ms."""
-    index, targets = np.arange(spec.NUM_JOINTS), trot_targets(np.random.default_rng([seed, 1]), 100)
-    knee, coarse = spec.JOINT_NAMES.index("FR_knee"), World(WorldConfig())
-    fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT))
-    every = round(spec.PHYSICS_DT / spec.TWIN_PHYSICS_DT)
-    truth = replay(fine, PhysicalActuator(motors.take(index)), targets)
-    tensors = {
-        "robot/target": np.repeat(targets[:, knee], coarse.config.substeps),
-        "robot/position/truth": truth.joint_pos[every - 1 :: every, knee],
-        "robot/torque/truth": truth.joint_torque[every - 1 :: every, knee],
-    }
-    for name, model in models.items():
-        played = replay(coarse, model(index), targets, tolerate_fault=True)
-        tensors[f"robot/position/{name}"] = played.joint_pos[:, knee]
-        tensors[f"robot/torque/{name}"] = played.joint_torque[:, knee]
-    return {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in tensors.items()}
-
-
 def show_fidelity(figures: dict[str, float]) -> None:
     """The first two tables, medians, on the terminal."""
     models = [name.split("/")[1] for name in figures if name.startswith("bench_impact_rmse/")]
-    order = ["ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical"]
+    order = ["ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical"]
     models = sorted(models, key=lambda name: order.index(name) if name in order else len(order))
     shown = [[name, *(f"{figures[f'{column}/{name}']:.4f}" for column in COLUMNS)] for name in models]
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]

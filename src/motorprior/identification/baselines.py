@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -12,6 +13,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rmse
 
+EVALUATIONS = 200
 _SEGMENTS = 5
 """Segments of the log that the fit replays: one of each excitation of the bench's wide preset."""
 
@@ -27,32 +29,46 @@ def trials(log: MotorLog, count: int) -> list[tuple[Trial, np.ndarray]]:
     return found
 
 
-def _pd(values: np.ndarray, num_motors: int) -> IdealPd:
-    kp, kd, torque_limit, armature, delay = np.exp(values)
-    return IdealPd.uniform(num_motors, kp, kd, torque_limit, armature, delay)
+GAINS = ("kp", "kd", "torque_limit")
+"""What an ideal PD may choose."""
+EVERYTHING = (*GAINS, "armature", "delay")
+"""What the tuned PD may choose besides."""
+_START = {"armature": 0.001, "delay": 0.008}
 
 
-def fit_tuned_pd(log: MotorLog, start: IdealPd, progress: Callable[[int], None] | None = None) -> IdealPd:
-    """One set of kp, kd, torque limit, armature and delay for all motors: least closed-loop joint RMSE.
+def fit_pd(
+    log: MotorLog, nominal: IdealPd, free: tuple[str, ...], progress: Callable[[int], None] | None = None
+) -> IdealPd:
+    """One PD for all motors with the least closed-loop error on the bench log.
 
-    Nelder-Mead over the logarithms, from ``start`` with 1 g·m² of armature and 8 ms of delay; the objective is the mean
-    over motors of the joint RMSE [rad] when the log's commands and loads are replayed on the dynamometer.
+    Nelder-Mead over the logarithms of the ``free`` constants; the objective is the mean over motors of the joint
+    RMSE [rad] when the log's commands and loads are replayed on the dynamometer.
+
+    Args:
+        log: of a bench.
+        nominal: where kp, kd and torque_limit start; armature and delay start at 1 g·m² and 8 ms if free.
+        free: GAINS or EVERYTHING; the rest stays nominal.
+        progress: called after every evaluation.
 
     Returns:
         A PD for one motor, to be repeated for as many as are simulated.
     """
     cases, count = trials(log, _SEGMENTS), log.num_joints
+    first = np.log([_START.get(name, float(getattr(nominal, name)[0])) for name in free])
+
+    def model(values: np.ndarray) -> IdealPd:
+        chosen = {name: np.array([value]) for name, value in zip(free, np.exp(values), strict=True)}
+        return replace(nominal, **chosen)
 
     def cost(values: np.ndarray) -> float:
-        model = _pd(values, count)
-        errors = [rmse(run(model, trial).joint_pos, truth, axis=0) for trial, truth in cases]
+        motors = repeated(model(values), count)
+        errors = [rmse(run(motors, trial).joint_pos, truth, axis=0) for trial, truth in cases]
         if progress is not None:
             progress(1)
         return float(np.mean(errors))
 
-    first = np.log([start.kp[0], start.kd[0], start.torque_limit[0], 0.001, 0.008])
-    options = {"maxfev": 200, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": _simplex(first)}
-    return _pd(minimize(cost, first, method="Nelder-Mead", options=options).x, 1)
+    options = {"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": _simplex(first)}
+    return model(minimize(cost, first, method="Nelder-Mead", options=options).x)
 
 
 def _simplex(first: np.ndarray) -> np.ndarray:

@@ -38,10 +38,14 @@ class Preset:
     learning_rate: float = 3e-3
 
 
+# paper_wide is the control between paper and rollout: the paper's loss on rollout's data, clock and taps.
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": Preset("rollout", 0.002, (0, 1, 2, 4, 6, 9, 13, 20), has_armature=True),
     "one_network": Preset("rollout", 0.002, (0, 1, 2, 4, 6, 9, 13, 20), has_armature=True, num_latents=0),
+    "paper_wide": Preset(
+        "torque", 0.002, (0, 1, 2, 4, 6, 9, 13, 20), has_armature=False, window=1, batch=1024, steps=4000
+    ),
 }
 
 

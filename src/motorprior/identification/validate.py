@@ -18,7 +18,8 @@ ModelOfMotors = Callable[[np.ndarray], Actuator]
 
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts"), 5)
 """1 s each; loads inside the training range; seeds never used for training."""
-HELD_OUT_SEED = 7_000_000
+HELD_OUT_SEED, BENCH_STREAM = 7_000_000, 17
+"""Together they mark random streams that no training uses."""
 FLOOR_OFFSET = 0.004
 """The floor: the physical motors again, started so far off [rad]."""
 _REPEATS = 4
@@ -29,7 +30,7 @@ def held_out_trials(kind: str, motors: int, seed: int) -> list[Trial]:
     code = HELD_OUT.kinds.index(kind)
     return [
         trial(
-            np.random.default_rng([HELD_OUT_SEED + seed, code, repeat]),
+            np.random.default_rng([HELD_OUT_SEED, seed, code, repeat, BENCH_STREAM]),
             kind,
             HELD_OUT.segment_steps,
             motors,

@@ -48,8 +48,8 @@ def _timed(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def _episode(actuator: Actuator, physics_dt: float) -> tuple[Callable[[], Episode], int]:
-    """A whole episode of the zero policy, reset and all, and how many control steps it lasts."""
+def _episode(actuator: Actuator, physics_dt: float) -> tuple[Callable[[], float], int]:
+    """Times a whole episode of the zero policy, reset and all [s]; and how many control steps it lasts."""
     simulator = WalkSimulator(lambda rng: actuator, WorldConfig(physics_dt=physics_dt), WalkConfig(STEPS))
     weights = np.zeros((ACTION_SIZE, OBSERVATION_SIZE + 1))
     mean, std = np.zeros(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE)
@@ -57,11 +57,11 @@ def _episode(actuator: Actuator, physics_dt: float) -> tuple[Callable[[], Episod
     def run() -> Episode:
         return simulator.run(weights, mean, std, 0)
 
-    return run, run().steps
+    return lambda: _timed(run), run().steps
 
 
-def _engine_alone(actuator: Actuator, steps: int) -> Callable[[], object]:
-    """mj_step on the torques of that very episode, ``steps`` control steps long.
+def _engine_alone(actuator: Actuator, steps: int) -> Callable[[], float]:
+    """Times mj_step, and nothing else, on the torques of that very episode, ``steps`` control steps long [s].
 
     Raises:
         SimulationFault: the recorded torques did not lead to the recorded end, so the timing would mean nothing.
@@ -69,9 +69,9 @@ def _engine_alone(actuator: Actuator, steps: int) -> Callable[[], object]:
     world = World(WorldConfig())
     recorded = replay(world, actuator, zero_policy_targets(steps))
 
-    def run() -> None:
+    def run() -> float:
         world.reset(actuator)
-        _mj_steps(world.arrays, recorded.joint_torque)
+        return _timed(lambda: _mj_steps(world.arrays, recorded.joint_torque))
 
     run()
     if not np.array_equal(world.data.qpos[-spec.NUM_JOINTS :], recorded.joint_pos[-1]):
@@ -93,7 +93,7 @@ def measure(actuators: dict[str, tuple[Actuator, float]], repeats: int = 7) -> d
     """
     episodes = {name: _episode(actuator, dt) for name, (actuator, dt) in actuators.items()}
     steps = {name: length for name, (_, length) in episodes.items()}
-    works: dict[str, Callable[[], object]] = {name: work for name, (work, _) in episodes.items()}
+    works: dict[str, Callable[[], float]] = {name: work for name, (work, _) in episodes.items()}
     steps["mj_step"] = steps["rollout"]
     works["mj_step"] = _engine_alone(actuators["rollout"][0], steps["rollout"])
     for work in works.values():
@@ -101,7 +101,7 @@ def measure(actuators: dict[str, tuple[Actuator, float]], repeats: int = 7) -> d
     seconds: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(repeats):
         for name, work in works.items():
-            seconds[name].append(_timed(work))
+            seconds[name].append(work())
     medians = {name: float(np.median(values)) for name, values in seconds.items()}
     figures = {f"control_steps_per_s/{name}": steps[name] / value for name, value in medians.items()}
     shares = np.array(seconds["mj_step"]) / np.array(seconds["rollout"])

@@ -28,7 +28,8 @@ class LogReplay:
     """One log on one set of motors.
 
     Attributes:
-        joint_pos: (rows, 12) simulated encoder angle [rad] at the log's (kept) times.
+        joint_pos: (rows, 12) simulated angle [rad] at the log's (kept) times: the encoder's for physical motors, the
+            shaft's for a learned prior, which was trained on the shaft and has no encoder.
         rmse: (12,) joint RMSE [rad], start included; NaN for joints that were not excited.
     """
 

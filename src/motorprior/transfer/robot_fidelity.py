@@ -21,6 +21,7 @@ from motorprior.simulation.replay import Replay, replay
 from motorprior.simulation.world import World, WorldConfig
 
 DRAWS = 12
+ROBOT_STREAM = 19
 STEPS = 200
 CUTOFF = 20.0
 """Torque above this frequency [Hz] counts as chatter."""
@@ -63,7 +64,7 @@ def robot_fidelity(motors: MotorParameters, models: dict[str, ModelOfMotors], hu
     fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
     rows: dict[str, list[tuple[float, float, float]]] = {}
     for draw in range(DRAWS):
-        rng = np.random.default_rng([HELD_OUT_SEED + seed, draw])
+        rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
         index = rng.permutation(len(motors))[: spec.NUM_JOINTS]
         targets, physical = trot_targets(rng, STEPS), PhysicalActuator(motors.take(index))
         truth = replay(fine, physical, targets)
