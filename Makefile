@@ -2,9 +2,12 @@
 # make test    ruff, types, tests               make test ARGS="-k layers" passes options on to pytest
 # make lock    requirements.lock from pyproject.toml (needs uv); ARGS=--upgrade renews every pin
 # make clean   removes what the others made, but not runs/
-# Needs Python 3.11, 3.12 or 3.13 and nothing else; another one than `python3`: make PYTHON=python3.12 ...
+# Needs Python 3.11, 3.12 or 3.13 and nothing else: python3 if it is one of these, or else python3.13, python3.12 or
+# python3.11; another one: make PYTHON=/path/to/python ...
 
-PYTHON ?= python3
+FITS := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11; do \
+	$$name -c '$(FITS)' 2>/dev/null && { echo $$name; exit; }; done; echo python3)
 UV ?= uv
 ARGS ?=
 BIN := .venv/bin
@@ -40,5 +43,5 @@ lock:
 		$(ARGS) --output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv build dist .pytest_cache .ruff_cache
+	rm -rf .venv build dist .pytest_cache .ruff_cache .hypothesis
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

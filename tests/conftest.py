@@ -18,8 +18,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real motor logs (`pupper_v2/`, `so101/`, `xl330/`); the test is skipped without it."""
+    """Folder of real motor logs (`pupper_v2/`, `so101/`, `xl330/`); the test is skipped without it.
+
+    MOTORPRIOR_SHARED names it; without the variable it is a folder `shared/data` beside the checkout.
+    """
     folder = Path(os.environ.get("MOTORPRIOR_SHARED") or ROOT.parent / "shared" / "data")
     if not folder.is_dir():
-        pytest.skip(f"real motor logs are not here: {folder} (MOTORPRIOR_SHARED names another folder)")
+        pytest.skip("no real motor logs: MOTORPRIOR_SHARED names their folder, or shared/data beside the checkout")
     return folder

@@ -40,3 +40,13 @@ def test_an_unwritable_home_is_no_error(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     choose_folder()
     assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_a_folder_that_another_process_removes_meanwhile_is_no_error(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kernels = tmp_path / "motorprior" / "kernels"
+    kernels.mkdir(parents=True)
+    (kernels / "gone").symlink_to(tmp_path / "nowhere")  # listed, but stat fails as for a removed folder
+    choose_folder()
+    assert os.environ["NUMBA_CACHE_DIR"].startswith(str(kernels))

@@ -71,7 +71,7 @@ def read_json(path: Path) -> Any:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it anew") from error
 
 
@@ -122,7 +122,7 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             raise ArtifactError(f"tensor {name}{bad} is not finite", where=path, remedy="train it anew")
     try:
         header = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ArtifactError(f"its header is not JSON ({error})", where=path, remedy="write it anew") from error
     if not isinstance(header, dict):
         raise ArtifactError("its header is not a table", where=path, remedy="write it anew")

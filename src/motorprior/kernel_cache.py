@@ -33,9 +33,9 @@ def choose_folder() -> None:
         folder = root / source_digest(Path(__file__).parent)
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
+        os.environ["NUMBA_CACHE_DIR"] = str(folder)
+        others = sorted((path for path in root.iterdir() if path != folder), key=lambda path: path.stat().st_mtime)
+        for old in others[:-KEPT]:
+            shutil.rmtree(old, ignore_errors=True)
+    except (OSError, RuntimeError):  # no home, or another process removes old folders at the same time
         return
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    others = sorted((path for path in root.iterdir() if path != folder), key=lambda path: path.stat().st_mtime)
-    for old in others[:-KEPT]:
-        shutil.rmtree(old, ignore_errors=True)

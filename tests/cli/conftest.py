@@ -49,6 +49,38 @@ def motorprior(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
     return run
 
 
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_one_error(err: str, words: tuple[str, ...]) -> None:
+    assert err.count("error:") == 1 and "Traceback" not in err, err
+    message = err[err.index("error:") :].strip()
+    assert "\n" not in message, "one line"
+    assert " -> " in message, "a remedy"
+    assert [word for word in words if word not in message] == [], message
+
+
+@pytest.fixture
+def one_error() -> Callable[[str, tuple[str, ...]], None]:
+    """Assert that what was printed is one error in one line, with a remedy and these words."""
+    return assert_one_error
+
+
+@pytest.fixture
+def refused(motorprior: Command, tmp_path: Path) -> Callable[..., None]:
+    """Run a command line that must be refused in these words, and leave every file as it was."""
+
+    def run(*args: object, words: tuple[str, ...]) -> None:
+        before = contents(tmp_path)
+        outcome = motorprior(*args)
+        assert outcome.code == 2, outcome.err
+        assert_one_error(outcome.err, words)
+        assert contents(tmp_path) == before
+
+    return run
+
+
 @pytest.fixture
 def interruptible() -> Iterator[None]:
     """Ctrl-C raises KeyboardInterrupt, also where the tests run in the background and it is ignored."""

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.artifacts import read_json
+from motorprior.artifacts import read_json, write_json
+from motorprior.cli import demo as demo_module
 from motorprior.cli.demo import Demo, run_demo
+from motorprior.cli.demo_command import demo_command
 from motorprior.cli.report import build_report
+from motorprior.exceptions import ConfigError
 
 LOG = "env_real_1_joint_log.csv.gz"
 MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
@@ -110,6 +113,99 @@ def test_a_second_run_finds_every_stage_done(demo: Run):
 
 def test_the_page_of_an_unfinished_demo_shows_what_is_there(demo: Run, tmp_path: Path):
     shutil.copytree(demo.config.out / "bench", tmp_path / "bench")
-    shutil.copy(demo.config.out / "demo.json", tmp_path)
+    for name in ("demo.json", "stages.json"):
+        shutil.copy(demo.config.out / name, tmp_path)
     found = chapters(build_report(tmp_path).read_text("utf-8"))
     assert CHAPTERS[0] in found and CHAPTERS[1] not in found
+
+
+STAGES = ("bench", "priors", "validate", "replay", "walk", "transfer")
+
+
+@pytest.fixture
+def moved(demo: Run, tmp_path: Path) -> Demo:
+    """The same demo in a folder of another place."""
+    shutil.copytree(demo.config.out, tmp_path / "elsewhere")
+    return replace(demo.config, out=tmp_path / "elsewhere")
+
+
+def test_a_moved_run_folder_is_still_finished_and_keeps_its_seconds(moved: Demo):
+    before = {stage: modified(moved.out / stage) for stage in STAGES}
+    took = seconds(moved)
+    run_demo(moved)
+    assert {stage: modified(moved.out / stage) for stage in STAGES} == before
+    again = seconds(moved)
+    assert {name: value for name, value in again.items() if name != "speed"} == {
+        name: value for name, value in took.items() if name != "speed"
+    }
+    assert finished(moved).figures["seconds"] == pytest.approx(sum(again.values()))
+
+
+def seconds(config: Demo) -> dict[str, float]:
+    return {name: entry["seconds"] for name, entry in read_json(config.out / "seconds.json").items()}
+
+
+def test_stages_of_other_settings_are_not_shown(moved: Demo, monkeypatch: pytest.MonkeyPatch):
+    def interrupted(config: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as context, pytest.raises(KeyboardInterrupt):
+        context.setattr(demo_module, "run_bench", interrupted)
+        run_demo(replace(moved, seed=moved.seed + 1, logs=None))
+    page = build_report(moved.out).read_text("utf-8")
+    assert chapters(page) == ["Real robot logs"] and "None were given" in page
+
+
+def test_a_replay_of_earlier_logs_is_not_shown_without_logs(moved: Demo):
+    run_demo(replace(moved, logs=None))
+    page = finished(moved).page
+    assert "None were given" in page and "log 1_joint" not in page
+
+
+def damage_curve(run: Path) -> Path:
+    (run / "walk" / "paper_0" / "curve.json").write_text('[{"iteration": 0}]')
+    return run / "walk"
+
+
+def damage_figures(run: Path) -> Path:
+    (run / "transfer" / "figures.json").write_text("[1]")
+    return run / "transfer"
+
+
+def truncate_figures(run: Path) -> Path:
+    (run / "validate" / "figures.json").write_text('{"bench_')
+    return run / "validate"
+
+
+def forget_a_figure(run: Path) -> Path:
+    path = run / "transfer" / "figures.json"
+    figures = read_json(path)
+    del figures["own_speed/rollout"]
+    write_json(path, figures)
+    return run / "transfer"
+
+
+@pytest.mark.parametrize("damage", [damage_curve, damage_figures, truncate_figures, forget_a_figure])
+def test_a_damaged_file_of_a_stage_is_named_with_a_way_out(moved: Demo, damage):
+    folder = damage(moved.out)
+    with pytest.raises(ConfigError) as error:
+        build_report(moved.out)
+    assert str(error.value.where).startswith(str(folder))
+    assert f"delete {folder} and run" in str(error.value)
+
+
+def test_damaged_figures_of_the_run_are_named(moved: Demo):
+    for text in ("{", "[]", '{"seconds": "x"}', "{}"):
+        (moved.out / "figures.json").write_text(text)
+        with pytest.raises(ConfigError, match="run the same demo again"):
+            build_report(moved.out)
+
+
+def test_the_command_names_every_option_that_is_not_the_default(demo: Run):
+    settings = read_json(demo.config.out / "demo.json")
+    words = demo_command(settings | {"logs": "somewhere"})
+    assert words == (
+        "motorprior demo --fleet pupper_v2 --logs FOLDER --seed 0 --motors 16 --bench-steps 1500 "
+        "--adam-steps 30 --iterations 2 --seeds 1"
+    )
+    assert demo_command({}) == "motorprior demo --fleet pupper_v2 --seed 0"

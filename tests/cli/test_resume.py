@@ -1,11 +1,11 @@
 """Ctrl-C keeps what is finished; the same command again ends at the same bytes as one never stopped."""
 
-import os
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,11 @@ import pytest
 
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.fleet import SHIPPED
+from motorprior.bench.record import PRESETS as bench_presets
+from motorprior.cli import stage as stage_module
 from motorprior.cli import walk as walk_module
 from motorprior.cli.console import Bar
+from motorprior.identification.presets import PRESETS as identification_presets
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "stage.json")
@@ -167,8 +170,78 @@ def test_a_damaged_marker_runs_it_again(motorprior: Command, tmp_path: Path, who
     assert results(out) == results(whole_walk)
 
 
-def test_two_inputs_of_one_name_are_told_apart(motorprior: Command, tmp_path: Path, walk: Path):
-    folders = [shutil.copytree(walk, tmp_path / name / "walk") for name in "ab"]
-    assert motorprior("transfer", *folders, "--out", tmp_path / "out").code == 0
-    inputs = read_json(tmp_path / "out" / "stage.json")["inputs"]
-    assert sorted(inputs) == [os.fspath(folder / "policy.safetensors") for folder in folders]
+def test_a_moved_folder_is_still_finished(motorprior: Command, tmp_path: Path, bench: Path):
+    old, new = tmp_path / "old", tmp_path / "new"
+    shutil.copytree(bench, old / "bench")
+    line = ("identify", "bench", "--steps", 1, "--out", "prior")
+    words = [str(old / word) if word in ("bench", "prior") else word for word in line]
+    assert motorprior(*words).code == 0
+    old.rename(new)
+    before = modified(new)
+    words = [str(new / word) if word in ("bench", "prior") else word for word in line]
+    assert motorprior(*words).code == 0
+    assert modified(new) == before
+
+
+def test_a_policy_finds_its_prior_after_both_were_moved(motorprior: Command, tmp_path: Path, prior: Path):
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.mkdir()
+    copy = Path(shutil.copy(prior, old / "mine.safetensors"))
+    line = ("walk", "--prior", copy, "--out", old / "walk", "--iterations", 1, "--episode-steps", 5, "--workers", 1)
+    assert motorprior(*line).code == 0
+    old.rename(new)
+    assert motorprior("transfer", new / "walk", "--out", new / "transfer").code == 0
+
+
+def test_a_policy_that_was_moved_alone_finds_its_prior(motorprior: Command, tmp_path: Path, prior: Path):
+    walk, moved = tmp_path / "walk", tmp_path / "a" / "b" / "walk"
+    line = ("walk", "--prior", prior, "--out", walk, "--iterations", 1, "--episode-steps", 5, "--workers", 1)
+    assert motorprior(*line).code == 0
+    shutil.copytree(walk, moved)
+    assert motorprior("transfer", moved, "--out", tmp_path / "transfer").code == 0
+
+
+def test_inputs_of_one_name_are_told_apart_by_their_contents(motorprior: Command, tmp_path: Path, walk: Path):
+    line = ("walk", "--actuator", "pd", "--kp", 5, "--iterations", 1, "--episode-steps", 5, "--out", tmp_path / "b")
+    assert motorprior(*line).code == 0
+    found = []
+    for folders in ((walk, tmp_path / "b"), (tmp_path / "b", walk)):
+        assert motorprior("transfer", *folders, "--out", tmp_path / "out").code == 0
+        found.append(read_json(tmp_path / "out" / "stage.json")["inputs"])
+    assert len(set(found[0])) == 3 and found[0] != found[1] and sorted(found[0]) == sorted(found[1])
+
+
+@pytest.mark.parametrize("changed", ["a bench preset", "an identification preset", "code"])
+def test_a_changed_recipe_or_code_runs_it_again(
+    motorprior: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, bench: Path, changed: str
+):
+    out = tmp_path / "out"
+    line: tuple = ("bench", "--motors", 1, "--steps", 10, "--out", out)
+    if changed == "an identification preset":
+        line = ("identify", bench, "--steps", 1, "--out", out)
+    assert motorprior(*line).code == 0
+    before = modified(out)
+    assert motorprior(*line).code == 0 and modified(out) == before
+    if changed == "code":
+        monkeypatch.setattr(stage_module, "code_digest", lambda stage: "another")
+    for presets in (bench_presets, identification_presets):
+        if changed != "code":
+            monkeypatch.setitem(presets, "rollout", replace(presets["rollout"], period=0.002 + 1e-12))
+    assert motorprior(*line).code == 0
+    assert set(before.items()).isdisjoint(modified(out).items())
+
+
+def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
+    package = Path(stage_module.__file__).parents[1]
+    code = {}
+    for changed in ("actuator/physical.py", "cli/bench.py", "cli/console.py", "transfer/plots_style.py"):
+        copy = tmp_path / "package" / changed.replace("/", "-")
+        for path in package.rglob("*.py"):
+            target = copy / path.relative_to(package)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(path.read_bytes() + (b"#" if path == package / changed else b""))
+        code[changed] = [stage_module.package_digest(stage, copy) for stage in ("bench", "walk")]
+    now = [stage_module.package_digest(stage, package) for stage in ("bench", "walk")]
+    assert [a == b for a, b in zip(code["actuator/physical.py"], now, strict=True)] == [False, False]
+    assert [a == b for a, b in zip(code["cli/bench.py"], now, strict=True)] == [False, True]
+    assert code["cli/console.py"] == code["transfer/plots_style.py"] == now

@@ -72,7 +72,7 @@ def test_a_robot_told_to_stand_stands(backend: Backend):
 
 
 def test_a_target_is_followed(backend: Backend):
-    backend.reset(0)
+    state = backend.reset(0)
     target = spec.NOMINAL_POSE + np.tile([0.0, 0.2, -0.4], 4)
     for _ in range(100):
         state = backend.step(target)

@@ -130,3 +130,12 @@ def test_the_published_logs_are_usable(pupper_folder):
         for finding in report.of("tracking"):
             assert 0.08 < finding.value < 0.12, (name, finding)
         assert check_log(drop_repeats(log)).of("repeats") == ()
+
+
+@pytest.mark.parametrize("angle", [1e200, -101.0])
+def test_an_angle_no_joint_can_have_is_an_error(make_log, angle):
+    log = make_log()
+    log.joint_pos[7, 0] = angle
+    report = check_log(log)
+    assert not report.usable
+    assert [(finding.check, finding.row) for finding in report.errors] == [("units", 7)]

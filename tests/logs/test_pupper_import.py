@@ -9,7 +9,7 @@ import pytest
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
 from motorprior.logs.pupper_import import CSV_COLUMNS, read_pupper_log, read_pupper_logs
-from motorprior.logs.resampling import repeated_rows
+from motorprior.logs.resampling import drop_repeats, repeated_rows
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
 ROWS = 30
@@ -183,3 +183,13 @@ def test_the_published_logs_read(pupper_folder):
 def test_more_than_half_of_the_0116_rows_repeat(pupper_folder):
     log = read_pupper_log(pupper_folder / "env_log_real_0116.csv.gz")
     assert repeated_rows(log)[1:].mean() == pytest.approx(0.55, abs=0.005)
+
+
+def test_a_log_says_which_file_it_is_from(tmp_path, table):
+    path = write_csv(tmp_path / "mine.csv", csv_lines(table))
+    log = read_pupper_log(path)
+    assert log.source == str(path)
+    log.joint_pos[:] = log.joint_pos[0]
+    with pytest.raises(LogError) as error:
+        drop_repeats(log)
+    assert str(error.value.where) == str(path)

@@ -67,3 +67,12 @@ def test_a_segment_boundary_is_no_repeat(make_log):
 def test_a_log_that_never_moves_cannot_lose_its_repeats(make_log):
     with pytest.raises(LogError, match="all measured angles"):
         drop_repeats(make_log(joint_pos=np.ones((200, 2))))
+
+
+def test_a_gap_too_long_to_fill_is_named_with_its_row_and_its_file(make_log):
+    log = make_log(source="somewhere/mine.csv")
+    log.time[120:] += 1e9
+    with pytest.raises(LogError) as error:
+        resample(log, 0.002)
+    assert str(error.value.where) == "somewhere/mine.csv"
+    assert "row 120 comes 1e+09 s after" in error.value.problem and "segment" in str(error.value.remedy)

@@ -22,7 +22,13 @@ _HEADER = (
     "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", *_SCALES,
     "preset", "robot", "motor", "provenance", "metrics",
 )  # fmt: skip
+_KINDS = {"has_armature": bool, "preset": str, "robot": str, "motor": str, "provenance": dict, "metrics": dict}
+_KIND_NAMES = {bool: "true or false", str: "a text", dict: "a table"}
+_ANEW = "identify it anew"
 _LARGEST_WEIGHT = 1e4
+_SMALLEST_SCALE, _LARGEST_SCALE = 1e-9, 1e9
+_OLDEST_TAP = 10_000
+"""Periods; every motor keeps so much history."""
 
 
 @dataclass(frozen=True)
@@ -119,13 +125,26 @@ def _check_meaning(header: dict[str, Any], path: Path) -> None:
             )
     for key in ("period", *_SCALES):
         value = header[key]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
-            raise ArtifactError(f"{key} = {value!r} is not a positive number", where=path)
-    taps = header["taps"]
-    if not taps or taps[0] != 0 or any(not isinstance(tap, int) for tap in taps) or sorted(set(taps)) != taps:
-        raise ArtifactError(f"taps {taps!r} do not ascend from 0", where=path)
-    if not isinstance(header["has_armature"], bool):
-        raise ArtifactError(f"has_armature = {header['has_armature']!r} is not true or false", where=path)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not _SMALLEST_SCALE <= value <= _LARGEST_SCALE:
+            raise ArtifactError(
+                f"{key} = {str(value)[:40]} is not a number from {_SMALLEST_SCALE:g} to {_LARGEST_SCALE:g}",
+                where=path,
+                remedy=_ANEW,
+            )
+    if not _are_taps(header["taps"]):
+        problem = f"taps {str(header['taps'])[:40]} are not integers that ascend from 0 to {_OLDEST_TAP} at most"
+        raise ArtifactError(problem, where=path, remedy=_ANEW)
+    for key, kind in _KINDS.items():
+        if not isinstance(header[key], kind):
+            raise ArtifactError(f"{key} = {str(header[key])[:40]} is not {_KIND_NAMES[kind]}", where=path, remedy=_ANEW)
+
+
+def _are_taps(taps: object) -> bool:
+    """Whether this is what a history can be made of."""
+    if not isinstance(taps, list) or any(type(tap) is not int for tap in taps):
+        return False
+    return bool(taps) and taps[0] == 0 and taps[-1] <= _OLDEST_TAP and sorted(set(taps)) == taps
 
 
 def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
@@ -145,5 +164,7 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
                 f"{name} holds {np.abs(value).max():.3g}, beyond {_LARGEST_WEIGHT:g}", where=path,
                 remedy="the training diverged: identify it anew",
             )  # fmt: skip
+    if motors == 0:
+        raise ArtifactError("it has 0 training motors", where=path, remedy=_ANEW)
     if neurons == 0 or neurons % 4:
-        raise ArtifactError(f"{neurons} neurons per layer is not a multiple of 4", where=path)
+        raise ArtifactError(f"{neurons} neurons per layer is not a multiple of 4", where=path, remedy=_ANEW)

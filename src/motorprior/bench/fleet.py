@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +40,11 @@ _STRICTLY_POSITIVE = {
     "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
     "stribeck_velocity", "gear_stiffness",
 }  # fmt: skip
+_LARGEST = 1e9
+_LARGEST_OF = {"delay": 1.0, "velocity_filter": 1.0}
+"""Bounds of a number of one parameter; the memory of a motor grows with its delay."""
+_LARGEST_LOG_SPREAD = 3.0
+"""A lognormal parameter varies by a factor of exp(3) = 20."""
 _KEYS = {
     "constant": ({"center"}, set()),
     "uniform": ({"low", "high"}, set()),
@@ -108,33 +116,82 @@ def load_fleet(name_or_path: str) -> Fleet:
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
     """
-    path = Path(name_or_path)
-    if path.suffix != ".toml":
-        path = SHIPPED / f"{name_or_path}.toml"
-    if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
-        raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")
+    path = fleet_path(name_or_path)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+    except (ValueError, RecursionError) as error:  # also a number of more digits than Python reads
         raise ArtifactError(f"not valid TOML ({error})", where=path, remedy="compare with a shipped fleet") from error
     require_keys(data, (*_TEXT_KEYS, *_UNITS), path)
     texts = {key: str(data[key]) for key in _TEXT_KEYS}
     return Fleet(**texts, parameters={name: _distribution(data[name], name, path) for name in _UNITS})
 
 
+def fleet_path(name_or_path: str) -> Path:
+    """The file of a fleet.
+
+    Raises:
+        ArtifactError: there is none.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        path = SHIPPED / f"{name_or_path}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
+        raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")
+    return path
+
+
+def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str) -> Fleet:
+    """The fleet that `Fleet.summary` tells of.
+
+    Raises:
+        ArtifactError: unknown or missing parameters or keys, or a value out of range.
+    """
+    for key, text in (("name", name), ("motor", motor), ("robot", robot)):
+        if not isinstance(text, str):
+            raise ArtifactError(f"{key} {text!r} is not a text", where=where, remedy="record the bench anew")
+    if not isinstance(parameters, Mapping):
+        raise ArtifactError("its parameters are not a table", where=where, remedy="record the bench anew")
+    require_keys(parameters, _UNITS, where)
+    made = {}
+    for parameter in _UNITS:
+        table, place = parameters[parameter], f"{where}[{parameter}]"
+        kind = _known_kind(table, "kind", place)
+        made[parameter] = _checked(kind, {key: table[key] for key in table if key != "kind"}, parameter, place)
+    return Fleet(name, motor, robot, made)
+
+
 def _distribution(table: dict, name: str, path: Path) -> Distribution:
     where = f"{path}[{name}]"
-    kind = table.get("distribution") if isinstance(table, dict) else None
-    if not isinstance(kind, str) or kind not in _KEYS:
-        raise ArtifactError(f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}")
+    kind = _known_kind(table, "distribution", where)
     required, optional = _KEYS[kind]
     numbers = {key: value for key, value in table.items() if key not in ("unit", "source", "distribution")}
     require_keys(table, {"unit", "source", "distribution", *required, *(optional & numbers.keys())}, where)
     if table["unit"] != _UNITS[name]:
         raise ArtifactError(f"unit {table['unit']!r}", where=where, remedy=f"give it in {_UNITS[name]!r}")
+    return _checked(kind, numbers, name, where)
+
+
+def _known_kind(table: object, key: str, where: str) -> str:
+    kind = table.get(key) if isinstance(table, dict) else None
+    if not isinstance(kind, str) or kind not in _KEYS:
+        raise ArtifactError(f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}")
+    return kind
+
+
+def _checked(kind: str, numbers: dict[str, Any], name: str, where: str) -> Distribution:
+    """The distribution of parameter ``name``, if its numbers are those of its kind and in range."""
+    required, optional = _KEYS[kind]
+    require_keys(numbers, required | (optional & numbers.keys()), where)
     for key, value in numbers.items():
         _check_number(key, value, name, where)
+        if kind == "lognormal" and key != "center" and value > _LARGEST_LOG_SPREAD:
+            raise ArtifactError(
+                f"{key} = {value} of a logarithm is above {_LARGEST_LOG_SPREAD:g}", where=where,
+                remedy="give it as a share of the center, for example 0.1",
+            )  # fmt: skip
     if kind == "normal" and name in _STRICTLY_POSITIVE and not numbers.get("minimum", 0.0) > 0:
         raise ArtifactError(
             "a normal distribution can draw values that are not above 0",
@@ -147,8 +204,15 @@ def _distribution(table: dict, name: str, path: Path) -> Distribution:
 
 
 def _check_number(key: str, value: object, name: str, where: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise ArtifactError(f"{key} = {value!r} is not a finite number", where=where, remedy="give a number")
+    if isinstance(value, float) and not isfinite(value):
+        raise ArtifactError(f"{key} = {value!r} is not a finite number", where=where, remedy="give a number")
+    most = _LARGEST_OF.get(name, _LARGEST)
+    if abs(value) > most:
+        raise ArtifactError(
+            f"{key} = {str(value)[:20]} is above {most:g} {_UNITS[name]}", where=where, remedy=f"give {most:g} or less"
+        )
     central = key in ("center", "low", "high")
     if name in _STRICTLY_POSITIVE and central and value <= 0:
         raise ArtifactError(f"{key} = {value} must be above 0", where=where, remedy="give a positive value")

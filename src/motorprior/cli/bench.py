@@ -10,15 +10,17 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import read_json, require_keys, write_json
-from motorprior.bench.fleet import Distribution, Fleet, load_fleet
+from motorprior.bench.fleet import Fleet, fleet_of, load_fleet
 from motorprior.bench.record import bench_preset, record
-from motorprior.cli.bounds import require_at_least, require_seed
+from motorprior.cli.bounds import require_at_least, require_at_most, require_seed
 from motorprior.cli.console import bar
 from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
-from motorprior.exceptions import ArtifactError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log, write_log
 
+MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
+"""Of one bench; so many samples take about 3 GB while they are recorded."""
 LOG, FACTS = "log.parquet", "bench.json"
 MOTORS_STREAM = 11
 """Tag of the random stream that draws a bench's motors."""
@@ -71,6 +73,24 @@ class BenchFacts:
         }
 
 
+def require_bench_size(motors: int, steps: int, steps_option: str = "steps") -> None:
+    """Refuse a bench of no or of too many samples.
+
+    Raises:
+        ConfigError: names the option and its bound.
+    """
+    require_at_least(1, motors=motors)
+    require_at_least(2, **{steps_option: steps})
+    require_at_most(MOST_MOTORS, motors=motors)
+    require_at_most(MOST_STEPS, **{steps_option: steps})
+    if motors * steps > MOST_SAMPLES:
+        option = f"--{steps_option.replace('_', '-')}"
+        raise ConfigError(
+            f"--motors {motors} times {option} {steps} is above {MOST_SAMPLES} samples",
+            remedy="give fewer motors or fewer steps",
+        )
+
+
 def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
     """The motors of a bench with this seed. Held-out motors use another stream of random numbers."""
     return fleet.sample(np.random.default_rng([seed, MOTORS_STREAM]), motors)
@@ -86,18 +106,20 @@ def facts_from_json(data: Any, where: str) -> BenchFacts:
         raise ArtifactError("the facts of its bench are not there", where=where, remedy="record the bench anew")
     require_keys(data, _FACTS, where)
     try:
-        parameters = {
-            name: Distribution(str(entry["kind"]), {k: float(v) for k, v in entry.items() if k != "kind"})
-            for name, entry in data["parameters"].items()
-        }
-        fleet = Fleet(data["fleet"], data["motor"], data["robot"], parameters)
-        facts = BenchFacts(fleet, data["preset"], int(data["motors"]), int(data["steps"]), int(data["seed"]))
-        facts.physical_motors()
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters")
+        for name in ("motors", "steps", "seed"):
+            if type(data[name]) is not int:
+                raise ConfigError(f"{name} is {str(data[name])[:40]!r}, not an integer")
+        require_bench_size(data["motors"], data["steps"])
+        require_seed(data["seed"])
+        if not isinstance(data["preset"], str):
+            raise ConfigError(f"preset is {str(data['preset'])[:40]!r}, not a text")
+    except (ArtifactError, ConfigError) as error:
+        problem = f"{error.where}: {error.problem}" if error.where else error.problem
         raise ArtifactError(
-            f"the motors of its bench cannot be drawn again ({error!r})", where=where, remedy="record the bench anew"
+            f"the motors of its bench cannot be drawn again ({problem})", where=where, remedy="record the bench anew"
         ) from error
-    return facts
+    return BenchFacts(fleet, data["preset"], data["motors"], data["steps"], data["seed"])
 
 
 def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
@@ -123,11 +145,10 @@ def run_bench(config: Bench) -> None:
     Raises:
         ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
     """
-    require_at_least(1, motors=config.motors)
-    require_at_least(2, steps=config.steps)
+    require_bench_size(config.motors, config.steps)
     require_seed(config.seed)
     fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
-    wanted = description("bench", asdict(config), fleet_files(config.fleet))
+    wanted = description("bench", asdict(config), fleet_files(config.fleet), recipe=asdict(preset))
     if is_finished(config.out, wanted):
         return
     begin(config.out)

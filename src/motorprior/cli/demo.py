@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.fleet import load_fleet
-from motorprior.cli.bench import Bench, run_bench
+from motorprior.cli.bench import Bench, require_bench_size, run_bench
 from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE
 from motorprior.cli.identify import PRIOR, Identify, run_identify
-from motorprior.cli.motors import MotorChoice
+from motorprior.cli.motors import MotorChoice, load_robot_fleet
 from motorprior.cli.replay import Replay, read_logs, run_replay, show_replay
 from motorprior.cli.report import PAGE, SETTINGS, build_report
+from motorprior.cli.run_record import RunRecord
 from motorprior.cli.speed import measure_speed
 from motorprior.cli.stage import MARKER, begin
 from motorprior.cli.transfer import Transfer, run_transfer, show_transfer
 from motorprior.cli.validate import GAINS_FILE, TUNED, Validate, run_validate, show_fidelity
 from motorprior.cli.walk import Walk, run_walk
+from motorprior.exceptions import ArtifactError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import ArsConfig
 
-FIGURES, TIMES = "figures.json", "seconds.json"
+FIGURES = "figures.json"
 SEEDS_APART = 1000
 """Policies of different demo seeds share no search seed."""
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -58,41 +57,31 @@ class Demo:
     """Threads for walking; the result does not depend on it."""
 
 
-class _Clock:
-    """Seconds each stage took when it really ran, kept across interruptions."""
-
-    def __init__(self, path: Path):
-        self._path = path
-        self.seconds: dict[str, float] = read_json(path) if path.is_file() else {}
-
-    def run(self, name: str, work: Callable[[], Result]) -> Result:
-        """Run a stage; a stage found finished keeps the time it took then."""
-        started = time.monotonic()
-        result = work()
-        took = time.monotonic() - started
-        self.seconds[name] = max(took, self.seconds.get(name, 0.0))
-        write_json(self._path, self.seconds)
-        return result
-
-
-def run_demo(config: Demo) -> None:
+def run_demo(config: Demo, started: float | None = None) -> None:
     """Run every stage that is not finished, and the report after each.
+
+    Args:
+        config: settings.
+        started: time.monotonic() when the process began, so that ``seconds`` counts imports; now if not given.
 
     Raises:
         MotorPriorError: a stage cannot run; what is finished stays.
     """
     require_at_least(spec.NUM_JOINTS, motors=config.motors)
-    require_at_least(2, bench_steps=config.bench_steps)
+    require_bench_size(config.motors, config.bench_steps, "bench_steps")
     require_at_least(1, iterations=config.iterations, seeds=config.seeds, workers=config.workers)
     require_at_least(1, adam_steps=config.adam_steps)
     require_seed(config.seed)
-    load_fleet(config.fleet)
+    load_robot_fleet(config.fleet)
     if config.logs is not None:
         read_logs(config.logs)
     begin(config.out)
     settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
-    write_json(config.out / SETTINGS, settings)
-    clock = _Clock(config.out / TIMES)
+    _write_if_changed(config.out / SETTINGS, settings)
+    (config.out / FIGURES).unlink(missing_ok=True)  # or the page would show those of other settings
+    clock = RunRecord(
+        config.out, {name: settings[name] for name in settings if name not in ("out", "workers")}, started
+    )
     figures: dict[str, float] = {}
     _learn(config, clock)
     figures |= clock.run("validate", lambda: _validate(config))
@@ -102,13 +91,14 @@ def run_demo(config: Demo) -> None:
     figures |= clock.run("speed", lambda: _speed(config))
     walks = [clock.run(f"walk {walk.out.name}", lambda walk=walk: _walk(walk)) for walk in _walks(config)]
     figures |= clock.run("transfer", lambda: _transfer(config, walks))
-    figures["seconds"] = sum(clock.seconds.values())
-    write_json(config.out / FIGURES, figures)
+    write_json(config.out / FIGURES, figures)  # the page shows some
     page = build_report(config.out)
+    figures["seconds"] = clock.total()
+    write_json(config.out / FIGURES, figures)
     _say(config, figures, page)
 
 
-def _learn(config: Demo, clock: _Clock) -> None:
+def _learn(config: Demo, clock: RunRecord) -> None:
     out = config.out
     for preset in ("rollout", "paper"):
         bench = Bench(out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed)
@@ -124,10 +114,18 @@ def _learn(config: Demo, clock: _Clock) -> None:
 
 
 def _page_so_far(out: Path) -> None:
-    """The page anew, unless it is younger than every finished stage: drawing it takes seconds."""
-    page, finished = out / PAGE, max(marker.stat().st_mtime_ns for marker in out.rglob(MARKER))
-    if not page.is_file() or page.stat().st_mtime_ns < finished:
+    """The page anew, unless it is younger than settings and every finished stage: drawing it takes seconds."""
+    page, sources = out / PAGE, (out / SETTINGS, *out.rglob(MARKER))
+    if not page.is_file() or page.stat().st_mtime_ns < max(path.stat().st_mtime_ns for path in sources):
         build_report(out)
+
+
+def _write_if_changed(path: Path, value: Any) -> None:
+    """JSON; its time stays that of the last change."""
+    with suppress(ArtifactError):  # none there, or a damaged one
+        if read_json(path) == value:
+            return
+    write_json(path, value)
 
 
 def _validate(config: Demo) -> dict[str, float]:

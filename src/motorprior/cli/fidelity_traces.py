@@ -20,6 +20,7 @@ from motorprior.transfer.robot_fidelity import trot_targets
 TORQUE_STREAM, TROT_STREAM = 41, 43
 """Tags of random streams; never zero, since numpy ignores trailing zeros of a seed."""
 
+
 def write_traces(
     path: Path, motors: MotorParameters, models: dict[str, ModelOfMotors], priors: dict[str, MotorPrior], seed: int
 ) -> None:
@@ -76,5 +77,3 @@ def _robot_traces(motors: MotorParameters, models: dict[str, ModelOfMotors], see
         tensors[f"robot/position/{name}"] = played.joint_pos[:, knee]
         tensors[f"robot/torque/{name}"] = played.joint_torque[:, knee]
     return {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in tensors.items()}
-
-

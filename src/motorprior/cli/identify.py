@@ -52,14 +52,19 @@ def run_identify(config: Identify) -> None:
     if config.steps is not None:
         preset = replace(preset, steps=config.steps)
     log, facts = read_bench(config.bench)
-    wanted = description("identify", asdict(config), [config.bench / LOG, config.bench / FACTS])
+    inputs = [config.bench / LOG, config.bench / FACTS]
+    wanted = description("identify", asdict(config), inputs, recipe=asdict(preset))
     if is_finished(config.out, wanted):
         return
     data = training_data(log, preset, str(config.bench / LOG))
     begin(config.out)
     started = time.monotonic()
     with bar(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as progress:
-        found = identify(data, preset, config.seed, lambda done, of, loss: progress.advance(CHUNK, f"loss {loss:.4f}"))
+
+        def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
+            progress.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
+
+        found = identify(data, preset, config.seed, report)
     seconds = time.monotonic() - started
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": config.seed}

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
+import time
+from functools import partial
 from typing import Annotated
+
+_STARTED = time.monotonic()
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
@@ -38,7 +42,7 @@ Command = (
     | Annotated[Speed, tyro.conf.subcommand("speed")]
 )
 RUN = {
-    Demo: run_demo,
+    Demo: partial(run_demo, started=_STARTED),
     LogsImport: run_logs_import,
     LogsCheck: run_logs_check,
     Bench: run_bench,
@@ -62,6 +66,15 @@ def parse(args: list[str]) -> object:
     return tyro.cli(Command, prog="motorprior", args=args, description=__doc__)  # pyright: ignore
 
 
+def _outside(error: OSError | MemoryError) -> str:
+    """One line on what the machine refused."""
+    if isinstance(error, MemoryError):
+        detail = " ".join(str(error).split())
+        return f"not enough memory{f' ({detail})' if detail else ''} -> use smaller numbers, or a larger machine"
+    where = f"{error.filename}: " if error.filename is not None else ""
+    return f"{where}{error.strerror or error} -> check the path, its permissions and the free space"
+
+
 def main() -> None:
     """Run a command line; exit code 2 and one line on bad input, 130 when interrupted."""
     try:
@@ -69,6 +82,9 @@ def main() -> None:
         RUN[type(config)](config)
     except MotorPriorError as error:
         CONSOLE.print(f"error: {error}", style="bold red", markup=False, soft_wrap=True)
+        raise SystemExit(2) from None
+    except (OSError, MemoryError) as error:  # what no check can foresee: a folder that goes away, a full memory
+        CONSOLE.print(f"error: {_outside(error)}", style="bold red", markup=False, soft_wrap=True)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         CONSOLE.print("interrupted: finished stages are kept, run the same command again to continue")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,13 +12,14 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.artifacts import require_keys
-from motorprior.bench.fleet import load_fleet
+from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.stage import digest, fleet_files
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.mujoco_backend import DrawMotors
 
+_LARGEST = 1e9
 LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
@@ -31,10 +34,37 @@ def load_prior(path: Path, physics_dt: float = spec.PHYSICS_DT) -> MotorPrior:
     try:
         prior = MotorPrior.load(path)
         prior.require(spec.ROBOT_NAME, physics_dt)
+        _require_all_motors(prior)
     except (ArtifactError, ConfigError) as error:
         remedy = error.remedy or "use a prior that `motorprior identify` wrote"
         raise type(error)(error.problem, where=path, remedy=remedy) from error
     return prior
+
+
+def _require_all_motors(prior: MotorPrior) -> None:
+    """Refuse a prior that does not hold one mean per motor of the bench it says it is from."""
+    bench = prior.provenance.get("bench")
+    said = bench.get("motors") if isinstance(bench, dict) else None
+    if said is not None and said != len(prior.mean):
+        raise ArtifactError(
+            f"it has {len(prior.mean)} training motors, its bench {str(said)[:20]}", remedy="identify it anew"
+        )
+
+
+def load_robot_fleet(name_or_path: str) -> Fleet:
+    """A fleet whose motors are those of this robot.
+
+    Raises:
+        ArtifactError: see `load_fleet`.
+        ConfigError: a fleet of another robot.
+    """
+    fleet = load_fleet(name_or_path)
+    if fleet.robot != spec.ROBOT_NAME:
+        raise ConfigError(
+            f"the fleet is of robot {fleet.robot!r}, not {spec.ROBOT_NAME!r}", where=name_or_path,
+            remedy=f"use a fleet of {spec.ROBOT_NAME}",
+        )  # fmt: skip
+    return fleet
 
 
 @dataclass(frozen=True)
@@ -78,7 +108,7 @@ class MotorChoice:
 
     def gains(self) -> tuple[float, float]:
         """Kp [N·m/rad] and kd [N·m·s/rad] to set on the robot: the nominal ones of the fleet, or those given."""
-        center = load_fleet(self.fleet).center(1)
+        center = load_robot_fleet(self.fleet).center(1)
         kp = float(center.kp[0]) if self.kp is None else self.kp
         return kp, float(center.kd[0]) if self.kd is None else self.kd
 
@@ -94,7 +124,7 @@ class MotorChoice:
                 f"--actuator {self.actuator} has no use for --prior", where=self.prior, remedy="leave one of them out"
             )
         if self.actuator == "fleet":
-            fleet = load_fleet(self.fleet)
+            fleet = load_robot_fleet(self.fleet)
             return lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))
         if self.actuator == "pd":
             return self._pd()
@@ -104,7 +134,7 @@ class MotorChoice:
         return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
 
     def _pd(self) -> DrawMotors:
-        center = load_fleet(self.fleet).center(1)
+        center = load_robot_fleet(self.fleet).center(1)
         kp, kd = self.gains()
         limit = float(center.torque_limit[0]) if self.torque_limit is None else self.torque_limit
         require_at_least(0, kp=kp, kd=kd, torque_limit=limit, armature=self.armature, delay=self.delay)
@@ -112,31 +142,63 @@ class MotorChoice:
         model = IdealPd.uniform(spec.NUM_JOINTS, kp, kd, limit, self.armature, self.delay)
         return lambda rng: model
 
-    def as_json(self) -> dict[str, Any]:
-        """For a policy's provenance; the prior by path and digest."""
-        values = asdict(self)
-        values["prior"] = None if self.prior is None else str(self.prior.resolve())
-        values["prior_sha256"] = None if self.prior is None else digest(self.prior)
+    def as_json(self, folder: Path) -> dict[str, Any]:
+        """For the provenance of a policy in ``folder``; the prior by digest and by two paths."""
+        values = asdict(self) | dict.fromkeys(_PRIOR_KEYS)
+        if self.prior is not None:
+            values["prior"] = str(self.prior.resolve())
+            values["prior_beside"] = os.path.relpath(self.prior.resolve(), folder.resolve())
+            values["prior_sha256"] = digest(self.prior)
         return values
 
 
-def choice_from_json(data: Any, where: str) -> MotorChoice:
+_PRIOR_KEYS = ("prior", "prior_beside", "prior_sha256")
+"""The absolute path; the path from the policy's folder, which is tried first, so that both can be moved; the digest."""
+_NUMBERS = {"kp": True, "kd": True, "torque_limit": True, "armature": False, "delay": False}
+"""Numbers of a choice, and whether they may be left out."""
+
+
+def choice_from_json(data: Any, policy: Path) -> MotorChoice:
     """Read what `MotorChoice.as_json` wrote.
 
+    Args:
+        data: the provenance of the motors.
+        policy: the file it stands in.
+
     Raises:
-        ArtifactError: unknown or missing keys.
+        ArtifactError: unknown or missing keys, or a value of another type.
         ConfigError: the prior is gone or is not the one the policy was trained on.
     """
     if not isinstance(data, dict):
-        raise ArtifactError("it does not say which motors it walked on", where=where, remedy="train it anew")
+        raise ArtifactError("it does not say which motors it walked on", where=policy, remedy="train it anew")
     fields = set(MotorChoice.__dataclass_fields__)
-    require_keys(data, {*fields, "prior_sha256"}, where)
-    values = {name: data[name] for name in fields}
-    if data["prior"] is not None:
-        values["prior"] = Path(data["prior"])
-        if not values["prior"].is_file() or digest(values["prior"]) != data["prior_sha256"]:
-            raise ConfigError(
-                f"the prior it was trained on, {data['prior']}, is gone or has changed", where=where,
-                remedy="put it back, or train the policy anew",
-            )  # fmt: skip
+    require_keys(data, {*fields, *_PRIOR_KEYS}, policy)
+    for name in sorted(data):
+        if not _has_type(name, data[name]):
+            problem = f"{name} = {str(data[name])[:40]} of its motors makes no sense"
+            raise ArtifactError(problem, where=policy, remedy="train it anew")
+    prior = None if data["prior"] is None else _find_prior(data, policy)
+    values: dict[str, Any] = {name: data[name] for name in fields}
+    values["prior"] = prior
     return MotorChoice(**values)
+
+
+def _has_type(name: str, value: Any) -> bool:
+    if name in _NUMBERS:
+        if value is None:
+            return _NUMBERS[name]
+        return type(value) in (int, float) and abs(value) < _LARGEST and isfinite(value)
+    if name in _PRIOR_KEYS:
+        return value is None or isinstance(value, str)
+    return isinstance(value, str) and (name != "actuator" or value in ("prior", "pd", "fleet"))
+
+
+def _find_prior(data: dict[str, Any], policy: Path) -> Path:
+    beside = [policy.parent / data["prior_beside"]] if data["prior_beside"] is not None else []
+    for path in (*beside, Path(data["prior"])):
+        if path.is_file() and digest(path) == data["prior_sha256"]:
+            return path
+    raise ConfigError(
+        f"the prior it was trained on, {data['prior']}, is gone or has changed", where=policy,
+        remedy="put it back, or train the policy anew",
+    )  # fmt: skip

@@ -11,12 +11,11 @@ import tyro
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.artifacts import read_json, write_json, write_tensors
-from motorprior.bench.fleet import load_fleet
+from motorprior.artifacts import write_json, write_tensors
 from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE, Bar, bar, table
-from motorprior.cli.motors import load_prior
-from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
+from motorprior.cli.motors import load_prior, load_robot_fleet
+from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished, read_figures
 from motorprior.cli.validate import nominal_pd
 from motorprior.logs.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -53,7 +52,7 @@ def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
     """
     require_at_least(1, draws=config.draws)
     require_seed(config.seed)
-    load_fleet(config.fleet)
+    load_robot_fleet(config.fleet)
     logs, prepared = read_logs(config.logs)
     for name, log in logs.items():
         _report_findings(name, log)
@@ -64,7 +63,7 @@ def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
         begin(config.out)
         _replay_all(config, logs, prepared, prior)
         finish(config.out, wanted)
-    figures = read_json(config.out / FIGURES)
+    figures = read_figures(config.out / FIGURES)
     if show:
         show_replay(figures)
     return figures
@@ -102,7 +101,7 @@ def _replay_all(config: Replay, logs: dict[str, MotorLog], prepared: dict[str, M
 def _replay_models(
     config: Replay, log: MotorLog, prepared: MotorLog, prior: MotorPrior, progress: Bar
 ) -> dict[str, list[LogReplay]]:
-    fleet = load_fleet(config.fleet)
+    fleet = load_robot_fleet(config.fleet)
     rng = np.random.default_rng(config.seed)
     models: dict[str, list[Actuator]] = {
         "ideal_pd": [nominal_pd(fleet, spec.NUM_JOINTS)],

@@ -11,6 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.cli.bench import read_bench
 from motorprior.cli.replay import replay_models, replay_rows
+from motorprior.cli.run_record import belongs
 from motorprior.cli.transfer import TRANSFER_COLUMNS, conditions_in, transfer_rows
 from motorprior.cli.validate import COLUMNS
 from motorprior.cli.walk import CURVE
@@ -190,7 +191,7 @@ def walk(run: Path) -> list[Section]:
     """Learning curves."""
     curves: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for folder in sorted((run / "walk").iterdir()):
-        if (folder / CURVE).is_file():
+        if belongs(run, f"walk/{folder.name}") and (folder / CURVE).is_file():
             points = read_json(folder / CURVE)
             iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
             curves.setdefault(folder.name.rsplit("_", 1)[0], []).append((iteration, returns))
@@ -234,14 +235,6 @@ def _gait(tensors: dict[str, np.ndarray], header: dict[str, Any], name: str) -> 
         return []
     moving = Picture(f"{title}: first 2.5 s.", title, gait_animation(body, dt, title, color=color), "gif")
     return [moving, picture(gait_strip(body, dt, title, color=color), f"{title}: frames.", title)]
-
-
-def command(settings: dict[str, Any]) -> str:
-    """What makes this page."""
-    words = ["motorprior demo", f"--fleet {settings['fleet']}", f"--seed {settings['seed']}"]
-    if settings["logs"] is not None:
-        words.append("--logs FOLDER")
-    return " ".join(words)
 
 
 def highlights(figures: dict[str, float]) -> tuple[tuple[str, str], ...]:

@@ -10,9 +10,8 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.artifacts import write_json
-from motorprior.bench.fleet import load_fleet
 from motorprior.cli.console import bar, table
-from motorprior.cli.motors import load_prior
+from motorprior.cli.motors import load_prior, load_robot_fleet
 from motorprior.cli.validate import nominal_pd
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.speed import measure
@@ -32,7 +31,7 @@ class Speed:
 
 def measure_speed(prior_path: Path, fleet_name: str) -> dict[str, float]:
     """The figures of `simulation.speed.measure`, for one core."""
-    prior, fleet = load_prior(prior_path), load_fleet(fleet_name)
+    prior, fleet = load_prior(prior_path), load_robot_fleet(fleet_name)
     actuators: dict[str, tuple[Actuator, float]] = {
         "ideal_pd": (nominal_pd(fleet, spec.NUM_JOINTS), spec.PHYSICS_DT),
         "rollout": (prior.sample(np.random.default_rng(0), spec.NUM_JOINTS), spec.PHYSICS_DT),

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.artifacts import read_json, write_json, write_tensors
-from motorprior.bench.fleet import Fleet, load_fleet
+from motorprior.artifacts import write_json, write_tensors
+from motorprior.bench.fleet import Fleet
 from motorprior.cli.console import bar, table
-from motorprior.cli.motors import MotorChoice, choice_from_json
-from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
+from motorprior.cli.motors import MotorChoice, choice_from_json, load_robot_fleet
+from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished, read_figures
 from motorprior.cli.walk import POLICY
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
+from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 from motorprior.transfer.study import DRAWS, Walking, evaluate
@@ -44,40 +45,64 @@ def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
     Raises:
         ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
     """
-    fleet = load_fleet(config.fleet)
+    fleet = load_robot_fleet(config.fleet)
     files = [folder / POLICY for folder in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     wanted = description("transfer", asdict(config), [*files, *fleet_files(config.fleet)])
     if not is_finished(config.out, wanted):
-        policies = [(Policy.load(path), path) for path in files]
-        choices = [choice_from_json(policy.provenance.get("motors"), str(path)) for policy, path in policies]
+        walkers = [_walker(path) for path in files]
         begin(config.out)
-        _evaluate_all(config, [policy for policy, _ in policies], choices, fleet)
+        _evaluate_all(config, walkers, fleet)
         finish(config.out, wanted)
-    figures = read_json(config.out / FIGURES)
+    figures = read_figures(config.out / FIGURES)
     if show:
         show_transfer(figures)
     return figures
 
 
-def _evaluate_all(config: Transfer, policies: list[Policy], choices: list[MotorChoice], fleet: Fleet) -> None:
+@dataclass(frozen=True)
+class _Walker:
+    """A policy, the name of what it was trained on, and the simulation it was trained in."""
+
+    policy: Policy
+    condition: str
+    own: WalkSimulator
+
+
+def _walker(path: Path) -> _Walker:
+    """Everything a policy needs; refuses what cannot run here.
+
+    Raises:
+        ArtifactError, ConfigError: a damaged policy, one of another control period, or motors that are gone.
+    """
+    policy = Policy.load(path)
+    policy.require_clock(spec.CONTROL_DT, path)
+    choice = choice_from_json(policy.provenance.get("motors"), path)
+    try:
+        return _Walker(policy, choice.condition(), _own_simulator(choice))
+    except (ArtifactError, ConfigError) as error:
+        problem = f"the motors it was trained on: {error.problem}"
+        where = path if error.where is None else f"{path}: {error.where}"
+        raise type(error)(problem, where=where, remedy=error.remedy) from error
+
+
+def _evaluate_all(config: Transfer, walkers: list[_Walker], fleet: Fleet) -> None:
     rows: dict[str, list[dict[str, Walking]]] = {}
     traces: dict[str, np.ndarray] = {}
     twin = twin_simulator(fleet)
-    with bar(f"transfer: {len(policies)} policies x {DRAWS} draws", 2 * DRAWS * len(policies)) as progress:
-        for policy, choice in zip(policies, choices, strict=True):
-            condition = choice.condition()
-            own, own_trace = evaluate(policy, _own_simulator(policy, choice), progress.advance)
-            there, twin_trace = evaluate(policy, twin, progress.advance)
-            rows.setdefault(condition, []).append({"own": own, "twin": there})
-            traces.setdefault(f"own/{condition}", own_trace)
-            traces.setdefault(f"twin/{condition}", twin_trace)
+    with bar(f"transfer: {len(walkers)} policies x {DRAWS} draws", 2 * DRAWS * len(walkers)) as progress:
+        for walker in walkers:
+            own, own_trace = evaluate(walker.policy, walker.own, progress.advance)
+            there, twin_trace = evaluate(walker.policy, twin, progress.advance)
+            rows.setdefault(walker.condition, []).append({"own": own, "twin": there})
+            traces.setdefault(f"own/{walker.condition}", own_trace)
+            traces.setdefault(f"twin/{walker.condition}", twin_trace)
     write_json(config.out / FIGURES, _figures(rows))
-    write_tensors(config.out / TRACES, traces, {"control_dt": policies[0].control_dt})
+    write_tensors(config.out / TRACES, traces, {"control_dt": spec.CONTROL_DT})
 
 
-def _own_simulator(policy: Policy, choice: MotorChoice) -> WalkSimulator:
+def _own_simulator(choice: MotorChoice) -> WalkSimulator:
     return WalkSimulator(choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), WalkConfig(DURATION_STEPS))
 
 

@@ -12,7 +12,7 @@ import tyro
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters
-from motorprior.artifacts import read_json, write_json
+from motorprior.artifacts import write_json
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.cli.bench import BenchFacts, facts_from_json
@@ -20,7 +20,7 @@ from motorprior.cli.bounds import require_seed
 from motorprior.cli.console import Bar, bar, table
 from motorprior.cli.fidelity_traces import write_traces
 from motorprior.cli.motors import load_prior
-from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.cli.stage import begin, description, finish, is_finished, read_figures
 from motorprior.exceptions import ConfigError
 from motorprior.identification.validate import (
     ModelOfMotors,
@@ -116,7 +116,7 @@ def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
         begin(config.out)
         _measure(config, priors, facts)
         finish(config.out, wanted)
-    figures = read_json(config.out / FIGURES)
+    figures = read_figures(config.out / FIGURES)
     if show:
         show_fidelity(figures)
     return figures

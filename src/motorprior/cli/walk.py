@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors
-from motorprior.cli.bounds import require_at_least
+from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.console import bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, finish, is_finished
@@ -27,6 +27,7 @@ from motorprior.simulation.world import WorldConfig
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
 _CHECKPOINT_EVERY = 20
+MOST_WORKERS = 1024
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,13 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     """
     require_at_least(1, iterations=config.iterations, episode_steps=config.episode_steps, workers=config.workers)
     require_at_least(0, **{f"task.{name}": value for name, value in asdict(config.task).items()})
+    require_at_most(MOST_WORKERS, workers=config.workers)
+    draw = config.motors.drawer()
     settings = asdict(config)
-    for free in ("workers", "out"):
-        del settings[free]
+    del settings["workers"]  # the result does not depend on it
     wanted = description("walk", settings, config.motors.inputs())
     if is_finished(config.out, wanted):
         return
-    draw = config.motors.drawer()
     world = WorldConfig(physics_dt=config.motors.physics_dt)
     walk = WalkConfig(config.episode_steps, config.task)
     begin(config.out)
@@ -112,7 +113,7 @@ def _policy(config: Walk, champion: Champion) -> Policy:
         kd=np.full(spec.NUM_JOINTS, kd),
         control_dt=spec.CONTROL_DT,
         provenance={
-            "motors": config.motors.as_json(),
+            "motors": config.motors.as_json(config.out),
             "search": asdict(config.search),
             "task": asdict(config.task),
             "iterations": config.iterations,

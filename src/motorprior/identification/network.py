@@ -60,6 +60,12 @@ def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
     return jnp.exp(parameters["log_armature"] + z @ parameters["armature_slope"])
 
 
+def import_parameters(network: LatentNetwork) -> Parameters:
+    """The pytree of a network that `export` made, float32."""
+    names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
+    return {name: jnp.asarray(getattr(network, name), jnp.float32) for name in names}
+
+
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network for simulation."""
     values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}

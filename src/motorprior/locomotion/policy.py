@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES, NUM_JOINTS, ROBOT_NAME
 
 OBSERVATION_SIZE = 18
@@ -135,6 +135,19 @@ class Policy:
         if problem:
             raise ArtifactError(problem, where=where, remedy=f"use a policy trained for {ROBOT_NAME}")
 
+    def require_clock(self, control_dt: float, where: str | Path | None = None) -> None:
+        """Refuse to run at another rate than the policy learned: its low-pass and its trot count control steps.
+
+        Raises:
+            ConfigError: it was trained with another control period than ``control_dt`` [s].
+        """
+        if not math.isclose(self.control_dt, control_dt, rel_tol=1e-9):
+            raise ConfigError(
+                f"trained with a control period of {self.control_dt:g} s, here it is {control_dt:g} s",
+                where=where,
+                remedy=f"train a policy at {control_dt:g} s",
+            )
+
     def save(self, path: Path) -> None:
         """Write the policy as one file, atomically."""
         self.check(path)
@@ -166,11 +179,12 @@ class Policy:
             )
         require_keys(header, _HEADER_KEYS, path)
         require_keys(tensors, _TENSOR_SHAPES, path)
+        names = header["joint_names"]
         policy = cls(
             **tensors,
             control_dt=header["control_dt"],
             robot=header["robot"],
-            joint_names=tuple(header["joint_names"] or ()),
+            joint_names=tuple(names) if isinstance(names, list) else (names,),
             provenance=header["provenance"],
         )
         policy.check(path)

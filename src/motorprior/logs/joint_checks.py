@@ -8,6 +8,8 @@ from motorprior.logs.findings import Finding
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 
 MAX_ANGLE = 2.0 * np.pi
+WILD_ANGLE = 100.0
+"""[rad]; no joint turns so far: a damaged number, and no unit or unwrapping makes sense of it."""
 EXCITED_STD = 1e-3
 STUCK_RATIO = 0.1
 ANGLES = ("position_target", "joint_pos")
@@ -15,26 +17,26 @@ _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
 
 def units(log: MotorLog) -> list[Finding]:
-    """Angles beyond one turn: degrees, or an encoder that wrapped."""
+    """Angles beyond one turn: degrees, or an encoder that wrapped. Beyond 100 rad the log cannot be used."""
     found = []
     for channel in ANGLES:
         size = np.abs(getattr(log, channel))
         for column, joint in enumerate(log.joint_names):
             row = int(np.argmax(size[:, column]))
             if size[row, column] > MAX_ANGLE:
-                found.append(
-                    Finding(
-                        "warning",
-                        "units",
-                        float(size[row, column]),
-                        MAX_ANGLE,
-                        f"{channel}/{joint} is {size[row, column]:.4g} rad in row {row}, beyond one turn",
-                        "convert degrees to rad, or unwrap the angle",
-                        joint,
-                        row,
-                    )
-                )
+                found.append(_unit_finding(channel, joint, row, float(size[row, column])))
     return found
+
+
+def _unit_finding(channel: str, joint: str, row: int, size: float) -> Finding:
+    described = f"{channel}/{joint} is {size:.4g} rad in row {row}"
+    if size > WILD_ANGLE:
+        remedy = "remove the row, or copy the log again; convert degrees to rad"
+        return Finding(
+            "error", "units", size, WILD_ANGLE, f"{described}, beyond {WILD_ANGLE:g} rad", remedy, joint, row
+        )
+    remedy = "convert degrees to rad, or unwrap the angle"
+    return Finding("warning", "units", size, MAX_ANGLE, f"{described}, beyond one turn", remedy, joint, row)
 
 
 def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:

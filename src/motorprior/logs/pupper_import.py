@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.logs.checks import require_plausible_angles
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
 from motorprior.logs.restricted_unpickler import load_plain
@@ -19,7 +20,6 @@ from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
 ROBOT = "pupper_v2"
 MOTOR = "DJI M2006 P36 + C610"
-ORIGIN = "jietan/puppersim, folder puppersim/data/system_id"
 GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
 CSV_SUFFIXES = (".csv.gz", ".csv")
 PICKLE_SUFFIXES = (".txt",)
@@ -60,7 +60,7 @@ def read_pupper_log(path: str | Path) -> MotorLog:
         joint_names=JOINT_NAMES,
         robot=ROBOT,
         motor=MOTOR,
-        source=f"{ORIGIN}, {path.name}",
+        source=str(path),
     )
     return checked(log, where=path)
 
@@ -71,7 +71,8 @@ def read_pupper_logs(directory: str | Path) -> dict[str, MotorLog]:
     Replays in simulation (``*_sim_*``) and other files are left out.
 
     Raises:
-        LogError: no such folder, no log in it, two files of one name, or a log that cannot be read.
+        LogError: no such folder, no log in it, two files of one name, or a log that cannot be read or whose
+            angles no joint can have.
     """
     directory = Path(directory)
     if not directory.is_dir():
@@ -90,7 +91,10 @@ def read_pupper_logs(directory: str | Path) -> dict[str, MotorLog]:
         paths[name] = path
     if not paths:
         raise LogError("no log of a real Pupper (env_*real_*) in this folder", where=directory, remedy=GET_LOGS)
-    return {name: read_pupper_log(path) for name, path in paths.items()}
+    logs = {name: read_pupper_log(path) for name, path in paths.items()}
+    for name, log in logs.items():
+        require_plausible_angles(log, paths[name])
+    return logs
 
 
 def short_name(path: Path) -> str | None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, checked
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, checked, time_steps
 
 HELD = ("position_target", "load_inertia", "segment")
 """Channels that keep their value until the next row; the others are interpolated."""
@@ -32,8 +32,13 @@ def resample(log: MotorLog, period: float) -> MotorLog:
     if not (math.isfinite(period) and period > 0.0):
         raise LogError(f"period {period} s, it must be positive", remedy="give seconds, for example 0.002")
     if log.duration / period > MAX_ROWS:
+        rows, steps = time_steps(log)
+        gap = int(np.argmax(steps))
         raise LogError(
-            f"period {period} s makes more than {MAX_ROWS} rows of {log.duration:g} s", remedy="give seconds"
+            f"row {rows[gap]} comes {steps[gap]:g} s after the row before; a row every {period:g} s makes more than "
+            f"{MAX_ROWS} rows of {log.duration:g} s",
+            where=log.source,
+            remedy="start a new segment after the gap, or choose a longer period",
         )
     parts = [_resample_segment(segment, period) for segment in log.segments()]
     merged = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
