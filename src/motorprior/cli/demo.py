@@ -130,7 +130,7 @@ def _write_if_changed(path: Path, value: Any) -> None:
 
 def _validate(config: Demo) -> dict[str, float]:
     priors = tuple(config.out / "priors" / preset / PRIOR for preset in PRESETS)
-    return run_validate(Validate(priors, config.out / "validate", config.seed), show=False)
+    return run_validate(Validate(priors, config.out / "validate", config.seed, held_out=False), show=False)
 
 
 def _replay(config: Demo, logs: Path | None) -> dict[str, float]:
@@ -147,11 +147,11 @@ def _walks(config: Demo) -> list[Walk]:
     """Every policy to train, first seeds first."""
     gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
-        "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, config.fleet),
-        "oracle": MotorChoice("fleet", None, config.fleet),
-        "ideal_pd": MotorChoice("pd", None, config.fleet, **gains),
-        "tuned_pd": MotorChoice("pd", None, config.fleet, **tuned),
-        "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, config.fleet),
+        "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, fleet=config.fleet),
+        "oracle": MotorChoice("fleet", fleet=config.fleet),
+        "ideal_pd": MotorChoice("pd", fleet=config.fleet, **gains),
+        "tuned_pd": MotorChoice("pd", fleet=config.fleet, **tuned),
+        "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, fleet=config.fleet),
     }
     return [
         Walk(

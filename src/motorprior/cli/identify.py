@@ -45,6 +45,7 @@ def run_identify(config: Identify) -> None:
     require_seed(config.seed)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.presets import identification_preset
+    from motorprior.identification.reference import reference_metrics
     from motorprior.identification.train import CHUNK, identify
     from motorprior.identification.windows import training_data
 
@@ -67,6 +68,7 @@ def run_identify(config: Identify) -> None:
         found = identify(data, preset, config.seed, report)
     seconds = time.monotonic() - started
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+    metrics |= reference_metrics(found.network, data, preset, found.mean, log)
     provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": config.seed}
     prior = MotorPrior(
         found.network, found.mean, found.log_var, config.preset, facts.fleet.robot, facts.fleet.motor,

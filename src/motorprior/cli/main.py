@@ -15,6 +15,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import tyro  # noqa: E402
 
+from motorprior.cli.adapt import Adapt, run_adapt  # noqa: E402
 from motorprior.cli.bench import Bench, run_bench  # noqa: E402
 from motorprior.cli.console import CONSOLE  # noqa: E402
 from motorprior.cli.demo import Demo, run_demo  # noqa: E402
@@ -35,6 +36,7 @@ Command = (
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Identify, tyro.conf.subcommand("identify")]
     | Annotated[Validate, tyro.conf.subcommand("validate")]
+    | Annotated[Adapt, tyro.conf.subcommand("adapt")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Walk, tyro.conf.subcommand("walk")]
     | Annotated[Transfer, tyro.conf.subcommand("transfer")]
@@ -48,6 +50,7 @@ RUN = {
     Bench: run_bench,
     Identify: run_identify,
     Validate: run_validate,
+    Adapt: run_adapt,
     Replay: run_replay,
     Walk: run_walk,
     Transfer: run_transfer,

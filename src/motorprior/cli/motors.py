@@ -8,7 +8,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.artifacts import require_keys
@@ -75,6 +78,8 @@ class MotorChoice:
     """prior: samples of a learned prior; pd: an ideal PD; fleet: physical motors (the oracle)."""
     prior: Path | None = None
     """Prior file, for --actuator prior."""
+    posterior: Path | None = None
+    """Posterior of one motor or of the robot's twelve, written by `motorprior adapt`: walk on those motors only."""
     fleet: str = "pupper_v2"
     """Fleet of the physical motors, and of the PD's nominal gains."""
     kp: float | None = None
@@ -103,14 +108,13 @@ class MotorChoice:
 
     def inputs(self) -> list[Path]:
         """Files the choice depends on."""
-        files = [self.prior] if self.actuator == "prior" and self.prior is not None else []
-        return files + fleet_files(self.fleet)
+        files = [self.prior, self.posterior] if self.actuator == "prior" else []
+        return [file for file in files if file is not None] + fleet_files(self.fleet)
 
-    def gains(self) -> tuple[float, float]:
-        """Kp [N·m/rad] and kd [N·m·s/rad] to set on the robot: the nominal ones of the fleet, or those given."""
+    def robot_gains(self) -> tuple[float, float]:
+        """Kp [N·m/rad] and kd [N·m·s/rad] that the robot's own motors run with: the nominal ones of the fleet."""
         center = load_robot_fleet(self.fleet).center(1)
-        kp = float(center.kp[0]) if self.kp is None else self.kp
-        return kp, float(center.kd[0]) if self.kd is None else self.kd
+        return float(center.kp[0]), float(center.kd[0])
 
     def drawer(self) -> DrawMotors:
         """A function that draws twelve motors.
@@ -119,10 +123,11 @@ class MotorChoice:
             ConfigError: a prior is missing, or one was given for nothing, or a PD constant is out of range.
             ArtifactError: a file cannot be read.
         """
-        if self.actuator != "prior" and self.prior is not None:
-            raise ConfigError(
-                f"--actuator {self.actuator} has no use for --prior", where=self.prior, remedy="leave one of them out"
-            )
+        for name, file in (("prior", self.prior), ("posterior", self.posterior)):
+            if self.actuator != "prior" and file is not None:
+                raise ConfigError(
+                    f"--actuator {self.actuator} has no use for --{name}", where=file, remedy="leave one of them out"
+                )
         if self.actuator == "fleet":
             fleet = load_robot_fleet(self.fleet)
             return lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))
@@ -131,11 +136,15 @@ class MotorChoice:
         if self.prior is None:
             raise ConfigError("--actuator prior needs --prior FILE", remedy="identify one, or use --actuator pd")
         prior = load_prior(self.prior, self.physics_dt)
-        return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
+        if self.posterior is None:
+            return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
+        posterior = _load_posterior(self.posterior, self.prior, prior)
+        return lambda rng: posterior.sample(prior, rng, spec.NUM_JOINTS)
 
     def _pd(self) -> DrawMotors:
         center = load_robot_fleet(self.fleet).center(1)
-        kp, kd = self.gains()
+        kp = float(center.kp[0]) if self.kp is None else self.kp
+        kd = float(center.kd[0]) if self.kd is None else self.kd
         limit = float(center.torque_limit[0]) if self.torque_limit is None else self.torque_limit
         require_at_least(0, kp=kp, kd=kd, torque_limit=limit, armature=self.armature, delay=self.delay)
         require_at_most(LONGEST_DELAY, delay=self.delay)
@@ -143,16 +152,31 @@ class MotorChoice:
         return lambda rng: model
 
     def as_json(self, folder: Path) -> dict[str, Any]:
-        """For the provenance of a policy in ``folder``; the prior by digest and by two paths."""
-        values = asdict(self) | dict.fromkeys(_PRIOR_KEYS)
-        if self.prior is not None:
-            values["prior"] = str(self.prior.resolve())
-            values["prior_beside"] = os.path.relpath(self.prior.resolve(), folder.resolve())
-            values["prior_sha256"] = digest(self.prior)
+        """For the provenance of a policy in ``folder``; prior and posterior by digest and by two paths."""
+        values = asdict(self) | dict.fromkeys(_FILE_KEYS)
+        for name, file in (("prior", self.prior), ("posterior", self.posterior)):
+            if file is not None:
+                values[name] = str(file.resolve())
+                values[f"{name}_beside"] = os.path.relpath(file.resolve(), folder.resolve())
+                values[f"{name}_sha256"] = digest(file)
         return values
 
 
-_PRIOR_KEYS = ("prior", "prior_beside", "prior_sha256")
+def _load_posterior(path: Path, prior_path: Path, prior: MotorPrior) -> MotorPosterior:
+    """A posterior of that very prior, of one motor or of the robot's.
+
+    Raises:
+        ArtifactError: a file that is no posterior.
+        ConfigError: of another prior, or of another number of motors.
+    """
+    posterior = MotorPosterior.load(path)
+    if posterior.prior_sha256 != digest(prior_path):
+        raise ConfigError(f"it is no posterior of {prior_path}", where=path, remedy="adapt that prior to the log anew")
+    posterior.sample(prior, np.random.default_rng(0), spec.NUM_JOINTS)
+    return posterior
+
+
+_FILE_KEYS = tuple(f"{name}{ending}" for name in ("prior", "posterior") for ending in ("", "_beside", "_sha256"))
 """The absolute path; the path from the policy's folder, which is tried first, so that both can be moved; the digest."""
 _NUMBERS = {"kp": True, "kd": True, "torque_limit": True, "armature": False, "delay": False}
 """Numbers of a choice, and whether they may be left out."""
@@ -172,14 +196,14 @@ def choice_from_json(data: Any, policy: Path) -> MotorChoice:
     if not isinstance(data, dict):
         raise ArtifactError("it does not say which motors it walked on", where=policy, remedy="train it anew")
     fields = set(MotorChoice.__dataclass_fields__)
-    require_keys(data, {*fields, *_PRIOR_KEYS}, policy)
+    require_keys(data, {*fields, *_FILE_KEYS}, policy)
     for name in sorted(data):
         if not _has_type(name, data[name]):
             problem = f"{name} = {str(data[name])[:40]} of its motors makes no sense"
             raise ArtifactError(problem, where=policy, remedy="train it anew")
-    prior = None if data["prior"] is None else _find_prior(data, policy)
     values: dict[str, Any] = {name: data[name] for name in fields}
-    values["prior"] = prior
+    for name in ("prior", "posterior"):
+        values[name] = None if data[name] is None else _find(name, data, policy)
     return MotorChoice(**values)
 
 
@@ -188,17 +212,17 @@ def _has_type(name: str, value: Any) -> bool:
         if value is None:
             return _NUMBERS[name]
         return type(value) in (int, float) and abs(value) < _LARGEST and isfinite(value)
-    if name in _PRIOR_KEYS:
+    if name in _FILE_KEYS:
         return value is None or isinstance(value, str)
     return isinstance(value, str) and (name != "actuator" or value in ("prior", "pd", "fleet"))
 
 
-def _find_prior(data: dict[str, Any], policy: Path) -> Path:
-    beside = [policy.parent / data["prior_beside"]] if data["prior_beside"] is not None else []
-    for path in (*beside, Path(data["prior"])):
-        if path.is_file() and digest(path) == data["prior_sha256"]:
+def _find(name: str, data: dict[str, Any], policy: Path) -> Path:
+    beside = [policy.parent / data[f"{name}_beside"]] if data[f"{name}_beside"] is not None else []
+    for path in (*beside, Path(data[name])):
+        if path.is_file() and digest(path) == data[f"{name}_sha256"]:
             return path
     raise ConfigError(
-        f"the prior it was trained on, {data['prior']}, is gone or has changed", where=policy,
+        f"the {name} it was trained on, {data[name]}, is gone or has changed", where=policy,
         remedy="put it back, or train the policy anew",
     )  # fmt: skip

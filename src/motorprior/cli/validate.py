@@ -51,6 +51,10 @@ class Validate:
     """Folder for figures.json, tuned_pd.json and the traces of the report."""
     seed: int = 0
     """Draws the held-out excitation."""
+    held_out: bool = True
+    """Measure on motors nobody trained on, too, and whether the prior's draws are like them (a minute more)."""
+    adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
+    """Lengths of log [s] from which held-out motors are adapted to."""
 
 
 def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFacts]:
@@ -130,7 +134,32 @@ def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts)
         figures = _figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
         write_traces(config.out / TRACES, motors, models, priors, config.seed)
         progress.advance()
+    if config.held_out:
+        figures |= _held_out_figures(config, priors, facts, tuned, figures)
     write_json(config.out / FIGURES, figures)
+
+
+def _held_out_figures(
+    config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts, tuned: IdealPd, train: dict[str, float]
+) -> dict[str, float]:
+    """The same metrics as METRIC/MODEL/held_out beside METRIC/MODEL/train; adaptation and distribution of rollout."""
+    from motorprior.cli import held_out  # here: it imports JAX
+
+    paths = dict(zip(priors, config.priors, strict=True))
+    figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in COLUMNS}
+    with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
+        motors = held_out.held_out_motors(facts)
+        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, paths, motors, facts)
+        progress.advance()
+        found = _figures(motors, models, config.seed, progress)
+        figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in COLUMNS}
+        if "rollout" in priors:
+            prior, path = priors["rollout"], paths["rollout"]
+            figures |= held_out.adaptation_figures(
+                prior, path, facts, config.adapt_seconds, config.seed, progress.advance
+            )
+            figures |= held_out.distribution_figures(prior, facts)
+    return figures
 
 
 def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts) -> IdealPd:
@@ -184,11 +213,22 @@ def _finite(value: Any) -> float:
 
 
 def show_fidelity(figures: dict[str, float]) -> None:
-    """The first two tables, medians, on the terminal."""
-    models = [name.split("/")[1] for name in figures if name.startswith("bench_impact_rmse/")]
-    order = ["ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical"]
-    models = sorted(models, key=lambda name: order.index(name) if name in order else len(order))
-    shown = [[name, *(f"{figures[f'{column}/{name}']:.4f}" for column in COLUMNS)] for name in models]
-    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]
+    """The first two tables, medians, on the terminal; held-out motors and the distribution, where measured."""
     title = "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor"
+    _show_table(title, figures, "")
+    if "two_sample_auc" not in figures:
+        return
+    _show_table("The same on held-out motors, known from 10 s of log each", figures, "/held_out")
+    names = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample", "energy_distance")
+    rows = [[name, f"{value:.3f}"] for name, value in figures.items() if name.startswith(names)]
+    table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
+
+
+def _show_table(title: str, figures: dict[str, float], ending: str) -> None:
+    order = ["ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical"]
+    prefix = "bench_impact_rmse/"
+    found = [name.removeprefix(prefix) for name in figures if name.startswith(prefix) and name.count("/") == 1]
+    models = sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+    shown = [[name, *(f"{figures[f'{column}/{name}{ending}']:.4f}" for column in COLUMNS)] for name in models]
+    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]
     table(title, ["model", *titles], shown)

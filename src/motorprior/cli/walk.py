@@ -104,7 +104,7 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
 
 
 def _policy(config: Walk, champion: Champion) -> Policy:
-    kp, kd = config.motors.gains()
+    kp, kd = config.motors.robot_gains()
     return Policy(
         weights=champion.weights,
         observation_mean=champion.mean,

@@ -32,7 +32,7 @@ class ArsConfig:
 
     num_directions: int = 16
     num_top_directions: int = 8
-    step_size: float = 0.03
+    step_size: float = 0.02
     delta_std: float = 0.03
     seed: int = 0
 

@@ -1,0 +1,106 @@
+"""What is known of particular motors: the posterior of z, as a file. One motor, or the twelve of a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_tensors, require_keys, write_tensors
+from motorprior.exceptions import ArtifactError, ConfigError
+
+SCHEMA_VERSION = 1
+_HEADER = ("schema_version", "kind", "joint_names", "prior_sha256", "seconds", "surprise")
+
+
+@dataclass(frozen=True)
+class MotorPosterior:
+    """Of M motors, Z latents.
+
+    Attributes:
+        mean: (M, Z).
+        covariance: (M, Z, Z).
+        joint_names: M names, those of the log.
+        prior_sha256: digest of the prior whose z this is.
+        seconds: how much log was used.
+        surprise: (M,) probability that a motor of the prior's fleet fits its log as badly.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    joint_names: tuple[str, ...]
+    prior_sha256: str
+    seconds: float
+    surprise: tuple[float, ...]
+
+    def sample(self, prior: MotorPrior, rng: np.random.Generator, count: int) -> LatentActuator:
+        """``count`` motors: each joint its own, or, of a single motor, ``count`` draws of it.
+
+        Raises:
+            ConfigError: neither one motor nor ``count``.
+        """
+        if len(self.mean) not in (1, count):
+            raise ConfigError(
+                f"the posterior is of {len(self.mean)} motors, the robot has {count}",
+                remedy=f"adapt to one motor, or to all {count} in the robot's order",
+            )
+        factors = np.linalg.cholesky(self.covariance)
+        noise = rng.standard_normal((count, self.mean.shape[1]))
+        return LatentActuator(prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise))
+
+    def save(self, path: Path) -> None:
+        """Write one safetensors file, atomically."""
+        header = {
+            "schema_version": SCHEMA_VERSION,
+            "kind": "motor posterior",
+            "joint_names": list(self.joint_names),
+            "prior_sha256": self.prior_sha256,
+            "seconds": self.seconds,
+            "surprise": list(self.surprise),
+        }
+        write_tensors(path, {"mean": self.mean, "covariance": self.covariance}, header)
+
+    @classmethod
+    def load(cls, path: Path) -> MotorPosterior:
+        """Read a posterior.
+
+        Raises:
+            ArtifactError: another kind or schema, unknown or missing keys, or shapes that do not fit.
+        """
+        tensors, header = read_tensors(path)
+        if header.get("kind") != "motor posterior" or header.get("schema_version") != SCHEMA_VERSION:
+            raise ArtifactError(
+                f"kind {header.get('kind')!r}, schema {header.get('schema_version')!r} is not a motor posterior of "
+                f"schema {SCHEMA_VERSION}",
+                where=path,
+                remedy="write it with `motorprior adapt`",
+            )
+        require_keys(header, _HEADER, path)
+        require_keys(tensors, ("mean", "covariance"), path)
+        posterior = cls(
+            tensors["mean"],
+            tensors["covariance"],
+            tuple(header["joint_names"]),
+            header["prior_sha256"],
+            header["seconds"],
+            tuple(header["surprise"]),
+        )
+        posterior._check(path)
+        return posterior
+
+    def _check(self, path: Path) -> None:
+        names, (motors, latents) = self.joint_names, (*self.mean.shape, 0, 0)[:2]
+        fits = self.mean.ndim == 2 and self.covariance.shape == (motors, latents, latents) and motors > 0
+        if not fits or len(names) != motors or len(self.surprise) != motors:
+            raise ArtifactError(
+                f"mean {self.mean.shape}, covariance {self.covariance.shape} and {len(names)} joints do not fit",
+                where=path,
+                remedy="write it with `motorprior adapt`",
+            )
+        if not all(np.all(np.linalg.eigvalsh(one) > 0) for one in self.covariance):
+            raise ArtifactError(
+                "a covariance is not positive definite", where=path, remedy="write it with `motorprior adapt`"
+            )

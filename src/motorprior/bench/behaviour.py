@@ -1,0 +1,221 @@
+"""What a motor does on a standard bench, in numbers with units: the same trials for physical and learned motors.
+
+Every trial runs on the virtual dynamometer (`dynamometer.run`) at PERIOD. Wherever nothing else is said the joint
+carries LOAD_INERTIA and a light hanging weight, external torque = -PRESS, which presses the gear to one side: a joint
+that floats in its backlash answers chaotically, and no model could be compared with it. Features, in this order:
+
+    gain, lag     at FREQUENCIES: |H| [-] and delay [s] of the first harmonic of joint_pos to AMPLITUDE·sin(2π·f·t)
+    rise time     10 → 90 % of the joint's own final displacement after a step of STEP [s]
+    overshoot     (highest - final joint_pos) / STEP with HEAVY_INERTIA [-]
+    dead band     half the width of the hysteresis of joint_pos under a slow triangle of the target [rad]
+    breakaway     external torque at which a held joint has given way by GIVE [N·m], mean of both directions
+    stall torque  steady torque on a blocked joint, the target led to STALL_ERROR ahead of it [N·m]
+    peak speed    fastest SPEED_WINDOW of a step of FAST_STEP with a nearly bare joint [rad/s]
+
+A motor that fails a trial gets the trial's end of the scale, never NaN (see each function). Values are rounded to
+RESOLUTION, what a good bench reads: without it a two-sample test tells an overshoot of 0 from one of 0.0003, which
+no robot feels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.bench.dynamometer import Response, Trial, run
+
+PERIOD = 0.002
+"""Sample period of all trials [s]."""
+LOAD_INERTIA, HEAVY_INERTIA = 0.003, 0.03
+"""A leg; a leg that carries its share of the standing robot, where motors begin to overshoot [kg·m²]."""
+PRESS = 0.05
+"""Torque that keeps the gear pressed, below the friction of most motors [N·m]."""
+FREQUENCIES = (1, 2, 4, 8)
+"""[Hz]; whole cycles fit into SINE_WINDOW."""
+AMPLITUDE = 0.15
+"""[rad]"""
+SINE_SETTLE, SINE_WINDOW = 1.0, 1.0
+"""[s]"""
+UNMOVED_GAIN = 1e-3
+"""Below this gain there is no phase to read [-]."""
+STEP, STEP_SETTLE, STEP_DURATION, STEP_FINAL = 0.3, 0.3, 1.2, 0.1
+"""[rad], [s], [s], [s]"""
+CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
+"""[rad/s], [rad], [rad]: the target goes from -reach to +reach and back, read while |target| < window."""
+GIVE, RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.01, 0.5, 0.2, 1.5
+"""[rad], [s], [N·m/s], [N·m]"""
+STALL_ERROR, STALL_INERTIA, STALL_LEAD, STALL_HOLD, STALL_FINAL = 0.6, 1e5, 1.5, 0.3, 0.1
+"""[rad], [kg·m²], [s], [s], [s]"""
+FAST_STEP, FAST_INERTIA, FAST_DURATION, SPEED_WINDOW = 1.2, 3e-4, 0.8, 0.02
+"""[rad], [kg·m²], [s], [s]"""
+RESOLUTION = {
+    "gain": 1e-3, "lag": 2e-4, "rise time": 1e-3, "overshoot": 5e-3,
+    "dead band": 2e-4, "breakaway": 2e-3, "stall torque": 2e-3, "peak speed": 0.02,
+}  # fmt: skip
+"""In the unit of the feature."""
+
+
+@dataclass(frozen=True)
+class Behaviours:
+    """Features of n motors.
+
+    Attributes:
+        names: F names.
+        units: F units.
+        values: (n, F), finite, multiples of RESOLUTION.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+
+
+def behaviours(actuator: Actuator) -> Behaviours:
+    """All features of ``actuator``'s motors. Deterministic; 52 s of bench time, 1 to 4 s for 256 physical motors."""
+    waves = [frequency_response(actuator, frequency) for frequency in FREQUENCIES]
+    columns = [
+        *((f"gain {f} Hz", "-", gain) for f, (gain, _) in zip(FREQUENCIES, waves, strict=True)),
+        *((f"lag {f} Hz", "s", lag) for f, (_, lag) in zip(FREQUENCIES, waves, strict=True)),
+        ("rise time", "s", rise_time(actuator)),
+        ("overshoot", "-", overshoot(actuator)),
+        ("dead band", "rad", dead_band(actuator)),
+        ("breakaway", "N·m", breakaway(actuator)),
+        ("stall torque", "N·m", stall_torque(actuator)),
+        ("peak speed", "rad/s", peak_speed(actuator)),
+    ]
+    names, units, values = zip(*columns, strict=True)
+    steps = np.array([RESOLUTION[name.removesuffix(" Hz").rstrip("0123456789 ")] for name in names])
+    return Behaviours(names, units, np.round(np.stack(values, axis=1) / steps) * steps)
+
+
+def _count(duration: float) -> int:
+    return round(duration / PERIOD)
+
+
+def _respond(actuator: Actuator, target: np.ndarray, external: np.ndarray | float, inertia: float) -> Response:
+    """All motors on one command: target (steps,) [rad], external torque (steps,) or constant [N·m]."""
+    shape = (len(target), actuator.num_motors)
+    torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
+    load = np.full(actuator.num_motors, inertia)
+    return run(actuator, Trial(np.broadcast_to(target[:, None], shape), torque, load, PERIOD))
+
+
+def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gain [-] and lag [s] at ``frequency`` [Hz], both (n,).
+
+    joint_pos = c + a·sin(ωt) + b·cos(ωt) by least squares over whole cycles, after SINE_SETTLE;
+    gain = √(a² + b²) / AMPLITUDE, lag = atan2(-b, a) / ω taken from [-1/4, 3/4) of a cycle. A joint that does not
+    move (gain below UNMOVED_GAIN) has a lag of 3/4 of a cycle, the end of the scale.
+    """
+    time = np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD
+    angle = 2 * np.pi * frequency * time
+    joint_pos = _respond(actuator, AMPLITUDE * np.sin(angle), -PRESS, LOAD_INERTIA).joint_pos
+    late = angle[_count(SINE_SETTLE) :]
+    basis = np.stack([np.ones_like(late), np.sin(late), np.cos(late)], axis=1)
+    _, a, b = np.linalg.lstsq(basis, joint_pos[_count(SINE_SETTLE) :], rcond=None)[0]
+    gain = np.hypot(a, b) / AMPLITUDE
+    cycle = np.mod(np.arctan2(-b, a) / (2 * np.pi) + 0.25, 1.0) - 0.25
+    return gain, np.where(gain < UNMOVED_GAIN, 0.75, cycle) / frequency
+
+
+def _step(actuator: Actuator, inertia: float) -> np.ndarray:
+    """(steps, n) joint_pos [rad] from the sample before a step of STEP on, with ``inertia`` [kg·m²]."""
+    before = _count(STEP_SETTLE)
+    target = np.zeros(before + _count(STEP_DURATION))
+    target[before:] = STEP
+    return _respond(actuator, target, -PRESS, inertia).joint_pos[before:]
+
+
+def rise_time(actuator: Actuator) -> np.ndarray:
+    """(n,) time from the first passage of 10 % of final - start to that of 90 % [s], between samples by interpolation.
+
+    Final: mean of the last STEP_FINAL. A motor whose final displacement is below 10 % of STEP has not answered: its
+    rise time is STEP_DURATION.
+    """
+    joint_pos = _step(actuator, LOAD_INERTIA)
+    moved = joint_pos[-_count(STEP_FINAL) :].mean(axis=0) - joint_pos[0]
+    answered = moved > 0.1 * STEP
+    progress = (joint_pos - joint_pos[0]) / np.where(answered, moved, 1.0)
+    return np.where(answered, _passage(progress, 0.9) - _passage(progress, 0.1), STEP_DURATION)
+
+
+def overshoot(actuator: Actuator) -> np.ndarray:
+    """(n,) (highest joint_pos before the last STEP_FINAL - mean of that) / STEP [-], not below 0.
+
+    0 for a motor that does not move, but for a bounce in its play; 0 for one that still rises at the end.
+    """
+    joint_pos, late = _step(actuator, HEAVY_INERTIA), _count(STEP_FINAL)
+    return np.maximum(joint_pos[:-late].max(axis=0) - joint_pos[-late:].mean(axis=0), 0.0) / STEP
+
+
+def _passage(signal: np.ndarray, level: float) -> np.ndarray:
+    """(n,) time [s] at which (steps, n) ``signal`` first reaches ``level``; its duration if it never does."""
+    reached = signal >= level
+    index = np.argmax(reached, axis=0)
+    motors = np.arange(signal.shape[1])
+    above, below = signal[index, motors], signal[np.maximum(index - 1, 0), motors]
+    back = np.where(above > below, (above - level) / np.where(above > below, above - below, 1.0), 0.0)
+    return np.where(reached.any(axis=0), index - back, len(signal)) * PERIOD
+
+
+def dead_band(actuator: Actuator) -> np.ndarray:
+    """(n,) half-width of the position hysteresis [rad].
+
+    The target creeps from -CREEP_REACH to +CREEP_REACH and back against a light brake, external torque =
+    -PRESS·sign(target velocity), so that the joint trails by friction/kp + PRESS/kp + half the play:
+    (mean joint_pos on the way down - mean on the way up)/2 while |target| < CREEP_WINDOW. A joint that does not
+    follow (it travels less than CREEP_WINDOW) has CREEP_REACH, which also bounds the others.
+    """
+    leg = _count(2 * CREEP_REACH / CREEP_SPEED)
+    up = np.linspace(-CREEP_REACH, CREEP_REACH, leg)
+    target, brake = np.concatenate([up, up[::-1]]), np.repeat([-PRESS, PRESS], leg)
+    joint_pos = _respond(actuator, target, brake, LOAD_INERTIA).joint_pos
+    read = np.abs(up) < CREEP_WINDOW
+    half = 0.5 * (joint_pos[leg:][read].mean(axis=0) - joint_pos[:leg][read].mean(axis=0))
+    follows = np.ptp(joint_pos, axis=0) >= CREEP_WINDOW
+    return np.where(follows, np.clip(half, -CREEP_REACH, CREEP_REACH), CREEP_REACH)
+
+
+def breakaway(actuator: Actuator) -> np.ndarray:
+    """(n,) torque to which a joint that holds target 0 gives way [N·m], mean of both directions.
+
+    After RAMP_SETTLE under PRESS, which takes up the play, the external torque rises from PRESS to RAMP_TOP at
+    RAMP_RATE; read when joint_pos has moved by GIVE since. It counts dry friction and the controller's
+    kp·GIVE: (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction) for a stiff gear. The play is not in
+    it, but for the blow with which it is taken up (up to a tenth). A joint that never gives way has RAMP_TOP.
+    """
+    still = _count(RAMP_SETTLE)
+    ramp = np.arange(PRESS, RAMP_TOP, RAMP_RATE * PERIOD)
+    external = np.concatenate([np.full(still, PRESS), ramp])
+    read = []
+    for sign in (1.0, -1.0):
+        joint_pos = _respond(actuator, np.zeros(len(external)), sign * external, LOAD_INERTIA).joint_pos[still:]
+        read.append(PRESS + RAMP_RATE * _passage(sign * (joint_pos - joint_pos[0]), GIVE))
+    return np.minimum(np.mean(read, axis=0), RAMP_TOP)
+
+
+def stall_torque(actuator: Actuator) -> np.ndarray:
+    """(n,) mean joint_torque of the last STALL_FINAL on a blocked joint (an inertia of STALL_INERTIA) [N·m].
+
+    The target is led to STALL_ERROR in STALL_LEAD and held; a jump would wind the gear up by the rotor's momentum, and
+    stiction would keep it. (torque_limit - coulomb - stribeck_torque) / (1 + load_friction) for a physical motor. A
+    learned one is asked for a hold that its logs may not contain, and is bounded by its own torque_limit.
+    """
+    lead = np.linspace(0.0, STALL_ERROR, _count(STALL_LEAD))
+    target = np.concatenate([lead, np.full(_count(STALL_HOLD), STALL_ERROR)])
+    torque = _respond(actuator, target, 0.0, STALL_INERTIA).joint_torque
+    return torque[-_count(STALL_FINAL) :].mean(axis=0)
+
+
+def peak_speed(actuator: Actuator) -> np.ndarray:
+    """(n,) largest mean speed over SPEED_WINDOW [rad/s] in the step -FAST_STEP/2 → FAST_STEP/2, load FAST_INERTIA.
+
+    A window, because a light joint that bounces in its backlash has speeds of its own.
+    """
+    before, width = _count(STEP_SETTLE), _count(SPEED_WINDOW)
+    target = np.full(before + _count(FAST_DURATION), 0.5 * FAST_STEP)
+    target[:before] *= -1.0
+    joint_pos = _respond(actuator, target, -PRESS, FAST_INERTIA).joint_pos[before:]
+    return (joint_pos[width:] - joint_pos[:-width]).max(axis=0) / SPEED_WINDOW

@@ -1,0 +1,103 @@
+"""Fidelity on motors nobody trained on, how fast a prior adapts to them, and whether its draws are like them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.bench.behaviour import behaviours
+from motorprior.bench.record import PRESETS, record
+from motorprior.cli.adapt import FALSE_ALARMS, adapt_to
+from motorprior.cli.bench import BenchFacts
+from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
+from motorprior.logs.motor_log import MotorLog
+
+HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
+"""Tags of random streams."""
+ADAPTED_SECONDS = 10.0
+"""Log from which held-out motors are known in the fidelity table [s]."""
+POPULATION = 256
+
+
+def held_out_motors(facts: BenchFacts) -> MotorParameters:
+    """As many motors of the same fleet as stood on the bench, but others."""
+    return facts.fleet.sample(np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]), facts.motors)
+
+
+def held_out_log(prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float) -> MotorLog:
+    """A bench log of these motors at the prior's clock, with an excitation nobody trained on."""
+    preset = next(preset for preset in PRESETS.values() if preset.period == prior.network.period)
+    return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
+
+
+def adapted_models(
+    priors: dict[str, MotorPrior], paths: dict[str, Path], motors: MotorParameters, facts: BenchFacts
+) -> dict[str, ModelOfMotors]:
+    """Every prior as a model of held-out motors: at the mean of the posterior after ADAPTED_SECONDS."""
+    models: dict[str, ModelOfMotors] = {}
+    for name, prior in priors.items():
+        z = np.zeros((len(motors), prior.network.num_latents))
+        if prior.network.num_latents:
+            log = held_out_log(prior, motors, facts, ADAPTED_SECONDS)
+            z = adapt_to(prior, paths[name], log, "held-out log")[0].mean
+        models[name] = lambda index, prior=prior, z=z: LatentActuator(prior.network, z[index])
+    return models
+
+
+def adaptation_figures(
+    prior: MotorPrior,
+    path: Path,
+    facts: BenchFacts,
+    seconds: tuple[float, ...],
+    seed: int,
+    progress: Callable[[], None],
+) -> dict[str, float]:
+    """How close held-out motors come to the training motors' error, and what the bands promise.
+
+    Returns:
+        ``adapt_rmse_ratio/S``: median closed-loop RMSE on gait + impacts after S seconds of log, over the training
+        motors' own; ``adapt_false_alarms/S``: share of held-out motors called unlike the fleet; and, for the longest
+        S up to ADAPTED_SECONDS, ``coverage50`` and ``coverage90``.
+    """
+    from motorprior.identification.coverage import coverage
+
+    train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed)["impacts"]["prior"]
+    motors, figures = held_out_motors(facts), {}
+    for length in sorted(seconds):
+        log = held_out_log(prior, motors, facts, length)
+        found, surprising = adapt_to(prior, path, log, "held-out log")
+        model: ModelOfMotors = lambda index, z=found.mean: LatentActuator(prior.network, z[index])  # noqa: E731
+        error = bench_errors(motors, {"prior": model}, seed)["impacts"]["prior"]
+        figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
+        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(surprising < FALSE_ALARMS))
+        if length <= ADAPTED_SECONDS:
+            figures |= coverage(prior.network, prior.metrics, found, motors, seed)
+        progress()
+    return figures
+
+
+def distribution_figures(prior: MotorPrior, facts: BenchFacts) -> dict[str, float]:
+    """POPULATION draws of the prior against as many held-out physical motors, by their behaviour.
+
+    Returns:
+        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect), and ``behaviour_median_ratio/F``.
+    """
+    from motorprior.identification.distribution import energy_distance, two_sample_auc
+
+    rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
+    drawn = behaviours(prior.sample(rng, POPULATION))
+    physical = behaviours(PhysicalActuator(facts.fleet.sample(rng, POPULATION)))
+    figures = {
+        "two_sample_auc": float(two_sample_auc(drawn.values, physical.values, facts.seed)),
+        "energy_distance": float(energy_distance(drawn.values, physical.values)),
+    }
+    medians = [np.median(one.values, axis=0) for one in (drawn, physical)]
+    for name, ours, theirs in zip(drawn.names, *medians, strict=True):
+        if theirs != 0:
+            figures[f"behaviour_median_ratio/{name}"] = float(ours / theirs)
+    return figures

@@ -1,0 +1,141 @@
+"""The posterior of z for new motors, from seconds of log, with the network as it is.
+
+    minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·∇²loss(z)/T)⁻¹
+
+loss is the objective the prior was trained with, mean over N windows that do not overlap; T, the prior's own loss on
+its training motors, makes a window that is fitted as well as theirs count as one observation (a generalised
+posterior with a Laplace approximation). Z is small, so the Hessian is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.network import import_parameters
+from motorprior.identification.objectives import OBJECTIVES
+from motorprior.identification.presets import Preset
+from motorprior.identification.windows import TrainingData
+
+STEPS, LEARNING_RATE = 150, 0.1
+STARTS, SCREENED_WINDOWS = 32, 24
+"""The descent begins at the best of so many draws of N(0, I), judged by so many windows: there are many valleys."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Of M motors, Z latents.
+
+    Attributes:
+        mean: (M, Z).
+        covariance: (M, Z, Z).
+        loss: (M,) mean loss per window at the mean.
+        windows: N, windows per motor.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    loss: np.ndarray
+    windows: int
+
+
+def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
+    """(M, N, length, channels): windows whose free parts do not overlap, the history of each before it."""
+    length = preset.taps[-1] + preset.window
+    starts, last = [], -preset.window
+    for start in data.starts:
+        if start >= last + preset.window or start < last:
+            starts.append(int(start))
+            last = int(start)
+    return np.stack([data.series[:, start : start + length] for start in starts], axis=1)
+
+
+def adapt(
+    network: LatentNetwork, data: TrainingData, preset: Preset, temperature: float, steps: int = STEPS
+) -> Posterior:
+    """Posterior of every motor in ``data``, whose scales must be the network's.
+
+    Args:
+        network: of the prior.
+        data: logs of the new motors, stacked.
+        preset: the prior's recipe.
+        temperature: T, the prior's final training loss.
+        steps: Adam steps towards the mode.
+    """
+    windows = jnp.asarray(tiled_windows(data, preset))
+    count, loss = windows.shape[1], motor_loss(network, preset)
+
+    def energy(z: jnp.ndarray, motor_windows: jnp.ndarray) -> jnp.ndarray:
+        return count * loss(z, motor_windows) / temperature + 0.5 * jnp.sum(z**2)
+
+    modes = _descend(energy, windows, _best_starts(loss, windows, network.num_latents), steps)
+    curvature = jax.jit(jax.vmap(jax.hessian(loss)))(modes, windows)
+    losses = jax.jit(jax.vmap(loss))(modes, windows)
+    covariance = _laplace(np.asarray(curvature, np.float64) * count / temperature)
+    return Posterior(np.asarray(modes, np.float64), covariance, np.asarray(losses, np.float64), count)
+
+
+def motor_loss(network: LatentNetwork, preset: Preset):
+    """The objective of one motor: (z (Z,), windows (N, length, channels)) -> mean loss per window."""
+    parameters = import_parameters(network)
+    objective = OBJECTIVES[preset.objective](preset, scales_of(network))
+
+    def loss(z: jnp.ndarray, windows: jnp.ndarray) -> jnp.ndarray:
+        return objective(parameters, windows, jnp.broadcast_to(z, (windows.shape[0], z.shape[0])))
+
+    return loss
+
+
+def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
+    """(M, N) loss of every window that does not overlap the next, motors at latents z (M, Z)."""
+    loss = motor_loss(network, preset)
+    windows = jnp.asarray(tiled_windows(data, preset))
+    single = jax.vmap(lambda one, rows: jax.vmap(lambda row: loss(one, row[None]))(rows))
+    return np.asarray(jax.jit(single)(jnp.asarray(z, jnp.float32), windows), np.float64)
+
+
+def _best_starts(loss, windows: jnp.ndarray, latents: int) -> jnp.ndarray:
+    """(M, Z) of STARTS draws (the first is 0) the one with the least loss on evenly spread windows."""
+    draws = np.random.default_rng(0).standard_normal((STARTS, latents))
+    draws[0] = 0.0
+    candidates = jnp.asarray(draws, jnp.float32)
+    picked = np.linspace(0, windows.shape[1] - 1, min(SCREENED_WINDOWS, windows.shape[1])).astype(int)
+    screen = jax.vmap(jax.vmap(loss, in_axes=(0, None)), in_axes=(None, 0))
+    losses = jax.jit(screen)(candidates, windows[:, picked])
+    return candidates[jnp.argmin(losses, axis=1)]
+
+
+def _descend(energy, windows: jnp.ndarray, start: jnp.ndarray, steps: int) -> jnp.ndarray:
+    """(M, Z) modes of all motors at once."""
+    optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, steps))
+
+    @jax.jit
+    def descend(z: jnp.ndarray) -> jnp.ndarray:
+        def step(state, _):
+            z, optimiser_state = state
+            # One scale per motor: the energies of motors differ by the number of their windows only.
+            gradient = jax.vmap(jax.grad(energy))(z, windows) / windows.shape[1]
+            updates, optimiser_state = optimiser.update(gradient, optimiser_state)
+            return (z + updates, optimiser_state), None
+
+        (z, _), _ = jax.lax.scan(step, (z, optimiser.init(z)), None, length=steps)
+        return z
+
+    return descend(start)
+
+
+def _laplace(precision: np.ndarray) -> np.ndarray:
+    """(M, Z, Z) covariance (I + P)⁻¹, negative curvature counted as none."""
+    values, vectors = np.linalg.eigh(0.5 * (precision + precision.transpose(0, 2, 1)))
+    inverse = 1.0 / (1.0 + np.maximum(values, 0.0))
+    return np.einsum("mij,mj,mkj->mik", vectors, inverse, vectors)
+
+
+def scales_of(network: LatentNetwork) -> dict[str, float]:
+    """The scales that the objectives need."""
+    return {name: getattr(network, name) for name in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}

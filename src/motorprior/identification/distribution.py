@@ -1,0 +1,174 @@
+"""Is a motor prior a distribution of motors? Two-sample statistics of behaviour features, and the posterior's shape.
+
+Features of different units are standardised by what both samples hold together, without looking at who is who:
+
+    x' = (x - median) / (IQR / 1.349),   the standard deviation where the IQR is 0, 1 where that is 0 too,
+
+so that every result is invariant to the units of the features, and a permutation test stays exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_CLIP = 4.0
+"""Bound of a standardised feature in the classifier: one diverged motor must not be all it sees."""
+_RIDGE = 0.02
+"""Penalty per training motor on the squared weights of the classifier."""
+_FOLDS, _REPEATS = 5, 4
+_NEWTON_STEPS = 8
+
+
+def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both samples (n, F) and (m, F) in units of their pooled robust spread [-]; see the module."""
+    pooled = np.concatenate([a, b])
+    low, middle, high = np.quantile(pooled, [0.25, 0.5, 0.75], axis=0)
+    deviation = pooled.std(axis=0)
+    spread = np.where(high > low, (high - low) / 1.349, np.where(deviation > 0, deviation, 1.0))
+    return (a - middle) / spread, (b - middle) / spread
+
+
+def _distances(points: np.ndarray) -> np.ndarray:
+    """(N, N) Euclidean distances of (N, F) points."""
+    return np.sqrt(np.sum(np.square(points[:, None, :] - points[None, :, :]), axis=2))
+
+
+def _energy(distances: np.ndarray, in_a: np.ndarray) -> np.ndarray:
+    """(P,) energy distances of P ways (P, N) to call some of the N points a and the others b.
+
+    2·E|X - Y| - E|X - X'| - E|Y - Y'| = -wᵀDw with w = 1/n on a, -1/m on b.
+    """
+    count = in_a.sum(axis=1, keepdims=True)
+    weights = np.where(in_a, 1.0 / count, -1.0 / (in_a.shape[1] - count))
+    return np.maximum(-np.sum(weights @ distances * weights, axis=1), 0.0)
+
+
+def energy_distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Energy distance of two samples (n, F) and (m, F), standardised [-], without the square root.
+
+    2·E|X - Y| - E|X - X'| - E|Y - Y'| over all pairs, also of a point with itself (Székely & Rizzo, Energy statistics,
+    J. Stat. Plan. Inference 143, 2013): never negative, and above 0 by O(1/n + 1/m) for equal distributions;
+    `permutation_p_value` says what is to be expected.
+    """
+    return float(_energy(_distances(np.concatenate(standardise(a, b))), _labels(len(a), len(b))[None])[0])
+
+
+def permutation_p_value(a: np.ndarray, b: np.ndarray, seed: int, permutations: int = 200) -> float:
+    """Probability of so large an energy distance if a and b were of one distribution [-].
+
+    (1 + number of permuted labellings at least as far apart) / (1 + permutations): uniform under the null.
+    """
+    distances = _distances(np.concatenate(standardise(a, b)))
+    labels, rng = _labels(len(a), len(b)), np.random.default_rng(seed)
+    shuffled = np.stack([labels, *(rng.permutation(labels) for _ in range(permutations))])
+    observed, *null = _energy(distances, shuffled)
+    return (1 + int(np.sum(np.array(null) >= observed - 1e-12))) / (1 + permutations)
+
+
+def _labels(count_a: int, count_b: int) -> np.ndarray:
+    """(n + m,) True for the first sample."""
+    return np.arange(count_a + count_b) < count_a
+
+
+def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
+    """How well a classifier tells a motor of ``a`` (n, F) from one of ``b`` (m, F): area under the ROC curve [-].
+
+    0.5: not at all; 1: always (Lopez-Paz & Oquab, Revisiting Classifier Two-Sample Tests, ICLR 2017). Ridge
+    logistic regression on the standardised features, their squares and pairwise products sees differences of
+    location, scale and correlation. Cross-validated in stratified folds; the AUC of a fold is that of its
+    held-out motors, the result the mean over folds and repeats. For equal distributions it scatters around 0.5 by
+    1.0 to 1.4 times `auc_spread` (measured, 14 features, 64 and 256 motors).
+
+    Raises:
+        ValueError: a sample has fewer motors than folds.
+    """
+    if min(len(a), len(b)) < _FOLDS:
+        raise ValueError(f"{min(len(a), len(b))} motors in a sample, fewer than the {_FOLDS} folds")
+    features = _quadratic(np.clip(np.concatenate(standardise(a, b)), -_CLIP, _CLIP))
+    labels, rng, areas = _labels(len(a), len(b)), np.random.default_rng(seed), []
+    for _ in range(_REPEATS):
+        fold = np.concatenate([rng.permutation(np.arange(count) % _FOLDS) for count in (len(a), len(b))])
+        for held_out in range(_FOLDS):
+            test = fold == held_out
+            weights = _fit_logistic(features[~test], labels[~test])
+            areas.append(area_under_curve(features[test & labels] @ weights, features[test & ~labels] @ weights))
+    return float(np.mean(areas))
+
+
+def auc_spread(count_a: int, count_b: int) -> float:
+    """Standard deviation of an AUC of n against m motors of one distribution [-]: √((n + m + 1) / (12·n·m)).
+
+    That of a fixed score (Mann & Whitney, 1947); a cross-validated classifier's is somewhat larger.
+    """
+    return float(np.sqrt((count_a + count_b + 1) / (12 * count_a * count_b)))
+
+
+def feature_auc(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(F,) P(a's value > b's) + P(equal)/2 of each feature alone [-]: below 0.5 where ``a`` is too low, above too high.
+
+    Blind to a wrong spread or correlation, but it says where a `two_sample_auc` near 1 comes from.
+    """
+    return np.array([area_under_curve(one, other) for one, other in zip(a.T, b.T, strict=True)])
+
+
+def area_under_curve(positive: np.ndarray, negative: np.ndarray) -> float:
+    """P(score of a positive > score of a negative) + P(equal)/2 [-], by ranks: the area under the ROC curve."""
+    _, place, uses = np.unique(np.concatenate([positive, negative]), return_inverse=True, return_counts=True)
+    middle_rank = np.cumsum(uses) - 0.5 * (uses - 1)
+    n, m = len(positive), len(negative)
+    return float((middle_rank[place[:n]].sum() - 0.5 * n * (n + 1)) / (n * m))
+
+
+def _quadratic(features: np.ndarray) -> np.ndarray:
+    """(N, 1 + F + F·(F+1)/2): 1, the features, their squares and products, the latter to unit spread."""
+    first, second = np.triu_indices(features.shape[1])
+    products = features[:, first] * features[:, second]
+    products = (products - products.mean(axis=0)) / np.maximum(products.std(axis=0), 1.0)
+    return np.concatenate([np.ones((len(features), 1)), features, products], axis=1)
+
+
+def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """(K,) weights of ridge logistic regression of (N,) labels on (N, K) features by Newton's method; 1 is column 0.
+
+    Each class has half of the total weight, so that unequal samples do not move the intercept.
+    """
+    penalty = np.full(features.shape[1], _RIDGE * len(features))
+    penalty[0] = 1e-6
+    share = np.where(labels, 0.5 / labels.mean(), 0.5 / (1.0 - labels.mean()))
+    weights = np.zeros(features.shape[1])
+    for _ in range(_NEWTON_STEPS):
+        probability = 0.5 * (1.0 + np.tanh(0.5 * np.clip(features @ weights, -30.0, 30.0)))
+        gradient = features.T @ (share * (probability - labels)) + penalty * weights
+        curvature = (features.T * (share * probability * (1.0 - probability))) @ features + np.diag(penalty)
+        weights = weights - np.linalg.solve(curvature, gradient)
+    return weights
+
+
+@dataclass(frozen=True)
+class AggregatePosterior:
+    """The mixture of the training motors' posteriors, by its moments.
+
+    Attributes:
+        mean: (Z,) [-]; 0 for a prior that fits.
+        covariance: (Z, Z) [-]; the identity for a prior that fits.
+        kl: KL(N(mean, covariance) ‖ N(0, I)) [nat].
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    kl: float
+
+
+def aggregate_posterior_summary(mean: np.ndarray, log_var: np.ndarray) -> AggregatePosterior:
+    """Moments of 1/M·Σᵢ N(μᵢ, σᵢ²) with μ = ``mean`` (M, Z), log σ² = ``log_var`` (M, Z), and how far from N(0, I).
+
+    mean = avg μ, covariance = diag(avg σ²) + avg (μ - mean)(μ - mean)ᵀ,
+    kl = (tr covariance + |mean|² - Z - log det covariance) / 2 [nat].
+    """
+    center = mean.mean(axis=0)
+    covariance = np.diag(np.exp(log_var).mean(axis=0)) + (mean - center).T @ (mean - center) / len(mean)
+    log_determinant = np.linalg.slogdet(covariance)[1]
+    kl = 0.5 * (np.trace(covariance) + center @ center - len(center) - log_determinant)
+    return AggregatePosterior(center, covariance, float(kl))

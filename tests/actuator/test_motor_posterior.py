@@ -1,0 +1,71 @@
+"""The posterior of particular motors: what it samples, and what its loader refuses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.exceptions import ArtifactError, ConfigError
+
+
+@pytest.fixture
+def prior() -> MotorPrior:
+    rng = np.random.default_rng(0)
+    network = LatentNetwork(
+        rng.normal(size=(4, 4)), rng.normal(size=(2, 4)), np.zeros(4), np.eye(4), np.zeros(4), np.ones(4),
+        np.array(0.0), np.array(-6.0), np.zeros(2), (0, 1), 0.002, 0.1, 1.0, 1.0, 2.0, True,
+    )  # fmt: skip
+    return MotorPrior(network, np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
+
+
+def posterior(motors: int) -> MotorPosterior:
+    covariance = np.tile(np.array([[0.04, 0.01], [0.01, 0.09]]), (motors, 1, 1))
+    mean = np.arange(2.0 * motors).reshape(motors, 2)
+    names = tuple(f"joint{index}" for index in range(motors))
+    return MotorPosterior(mean, covariance, names, "digest", 10.0, (0.5,) * motors)
+
+
+def test_samples_have_the_posteriors_moments(prior: MotorPrior):
+    rng = np.random.default_rng(0)
+    z = np.stack([posterior(12).sample(prior, rng, 12).z for _ in range(4000)])
+    np.testing.assert_allclose(z.mean(axis=0), posterior(12).mean, atol=0.02)
+    np.testing.assert_allclose(np.cov(z[:, 5].T), posterior(12).covariance[5], atol=0.01)
+
+
+def test_a_single_motor_stands_for_every_joint_and_another_number_is_refused(prior: MotorPrior):
+    z = posterior(1).sample(prior, np.random.default_rng(0), 5000).z
+    np.testing.assert_allclose(z.mean(axis=0), posterior(1).mean[0], atol=0.02)
+    with pytest.raises(ConfigError, match="3 motors, the robot has 12"):
+        posterior(3).sample(prior, np.random.default_rng(0), 12)
+
+
+def test_a_round_trip_is_exact(tmp_path: Path):
+    posterior(2).save(tmp_path / "p.safetensors")
+    loaded = MotorPosterior.load(tmp_path / "p.safetensors")
+    np.testing.assert_array_equal(loaded.mean, posterior(2).mean)
+    np.testing.assert_array_equal(loaded.covariance, posterior(2).covariance)
+    assert (loaded.joint_names, loaded.surprise, loaded.seconds) == (("joint0", "joint1"), (0.5, 0.5), 10.0)
+
+
+@pytest.mark.parametrize(
+    ("tensors", "header", "word"),
+    [
+        ({}, {"kind": "motor prior"}, "motor prior"),
+        ({}, {"schema_version": 2}, "schema"),
+        ({}, {"extra": 1}, "extra"),
+        ({"covariance": np.zeros((2, 2, 2))}, {}, "positive definite"),
+        ({"covariance": np.eye(2)}, {}, "fit"),
+        ({}, {"joint_names": ["one"]}, "fit"),
+    ],
+)
+def test_a_loader_refuses_what_does_not_fit(tmp_path: Path, tensors: dict, header: dict, word: str):
+    path = tmp_path / "p.safetensors"
+    posterior(2).save(path)
+    good_tensors, good_header = read_tensors(path)
+    write_tensors(path, good_tensors | tensors, good_header | header)
+    with pytest.raises(ArtifactError, match=word):
+        MotorPosterior.load(path)

@@ -1,0 +1,124 @@
+"""Behaviour features against closed forms: second-order response, friction, saturation; and no NaN, ever."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.bench import behaviour
+from motorprior.bench.behaviour import behaviours
+from motorprior.bench.fleet import load_fleet
+
+KP, KD, ARMATURE = np.array([8.0, 12.0]), np.array([0.8, 0.9]), np.array([0.002, 0.004])
+
+
+def pd(delay=0.0, kd=KD, limit=50.0):
+    return IdealPd(KP, kd, np.full(2, limit), ARMATURE, np.full(2, delay))
+
+
+def central(**changes):
+    """Two central motors of the fleet, changed."""
+    motors = load_fleet("pupper_v2").center(2)
+    return replace(motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()})
+
+
+@pytest.mark.parametrize("frequency", behaviour.FREQUENCIES)
+@pytest.mark.parametrize("delay", [0.0, 0.012])
+def test_gain_and_lag_are_those_of_the_second_order_system(frequency, delay):
+    s = 2j * np.pi * frequency
+    inertia = behaviour.LOAD_INERTIA + ARMATURE
+    expected = KP * np.exp(-s * delay) / (inertia * s**2 + KD * s + KP)
+    gain, lag = behaviour.frequency_response(pd(delay), frequency)
+    np.testing.assert_allclose(gain, np.abs(expected), rtol=0.03)
+    phase = np.mod(-np.angle(expected), 2 * np.pi)
+    np.testing.assert_allclose(lag, phase / (2 * np.pi * frequency), atol=0.0015)  # a target holds for 2 ms
+
+
+def test_rise_time_of_an_overdamped_system():
+    kd = np.array([3.0, 4.0])
+    inertia = behaviour.LOAD_INERTIA + ARMATURE
+    poles = np.array([np.sort(np.roots([j, d, k]).real) for j, d, k in zip(inertia, kd, KP, strict=True)])
+    fast, slow = -poles[:, 0], -poles[:, 1]
+    time = np.arange(0.0, 1.2, 1e-4)[:, None]
+    progress = 1 - (fast * np.exp(-slow * time) - slow * np.exp(-fast * time)) / (fast - slow)
+    progress /= progress[-1000:].mean(axis=0)  # to the final value as it is defined: the mean of the last 0.1 s
+    expected = [np.interp(0.9, p, time[:, 0]) - np.interp(0.1, p, time[:, 0]) for p in progress.T]
+    np.testing.assert_allclose(behaviour.rise_time(pd(kd=kd)), expected, atol=0.002)
+    np.testing.assert_allclose(behaviour.overshoot(pd(kd=kd)), 0.0, atol=5e-3)
+
+
+def test_overshoot_of_an_underdamped_system():
+    kd = np.array([0.3, 0.35])
+    inertia = behaviour.HEAVY_INERTIA + ARMATURE
+    ratio = kd / (2 * np.sqrt(KP * inertia))
+    expected = np.exp(-np.pi * ratio / np.sqrt(1 - ratio**2))
+    np.testing.assert_allclose(behaviour.overshoot(pd(kd=kd)), expected, atol=0.01)
+
+
+def test_stall_torque_is_the_limit_of_a_pd_and_the_limit_less_friction_of_a_motor():
+    np.testing.assert_allclose(behaviour.stall_torque(pd(limit=1.3)), 1.3, rtol=1e-6)
+    np.testing.assert_allclose(behaviour.stall_torque(pd()), KP * behaviour.STALL_ERROR, rtol=1e-3)
+    motors = central(coulomb=[0.05, 0.2], load_friction=[0.0, 0.3], backlash=0.0)
+    expected = (motors.torque_limit - motors.coulomb - motors.stribeck_torque) / (1 + motors.load_friction)
+    np.testing.assert_allclose(behaviour.stall_torque(PhysicalActuator(motors)), expected, rtol=0.02)
+
+
+def test_breakaway_is_friction_plus_the_spring_of_the_controller():
+    motors = central(coulomb=[0.1, 0.25], load_friction=[0.0, 0.2], backlash=0.0, encoder_zero=0.0, kd=0.0)
+    motors = replace(motors, gear_stiffness=np.full(2, 600.0))
+    expected = (motors.coulomb + motors.stribeck_torque + motors.kp * behaviour.GIVE) / (1 - motors.load_friction)
+    np.testing.assert_allclose(behaviour.breakaway(PhysicalActuator(motors)), expected, rtol=0.05)
+
+
+def test_play_is_in_the_dead_band_and_not_in_the_breakaway():
+    motors = PhysicalActuator(central(backlash=[0.0, 0.03]))
+    band = behaviour.dead_band(motors)
+    assert band[1] - band[0] == pytest.approx(0.015, abs=0.002)
+    torque = behaviour.breakaway(motors)
+    assert torque[1] == pytest.approx(torque[0], rel=0.1)
+
+
+def test_dead_band_is_friction_and_brake_over_kp():
+    motors = central(coulomb=[0.05, 0.2], load_friction=0.0, backlash=0.0, stribeck_torque=0.0, encoder_zero=0.02)
+    measured = behaviour.dead_band(PhysicalActuator(motors))
+    wound = behaviour.PRESS / motors.gear_stiffness
+    creep = (motors.kd + motors.viscous_damping) * behaviour.CREEP_SPEED / motors.kp + motors.delay * 0.04
+    expected = (motors.coulomb + behaviour.PRESS) / motors.kp + wound + creep
+    np.testing.assert_allclose(measured, expected, atol=0.001)
+
+
+def test_a_motor_that_fails_a_trial_gets_the_end_of_the_scale():
+    stuck = behaviours(PhysicalActuator(central(coulomb=20.0, gear_stiffness=600.0)))
+    row = dict(zip(stuck.names, stuck.values[0], strict=True))
+    assert np.isfinite(stuck.values).all()
+    assert (row["rise time"], row["overshoot"]) == (
+        pytest.approx(behaviour.STEP_DURATION),
+        pytest.approx(0.0, abs=0.02),
+    )
+    assert (row["dead band"], row["breakaway"]) == (
+        pytest.approx(behaviour.CREEP_REACH),
+        pytest.approx(behaviour.RAMP_TOP),
+    )
+    assert (row["stall torque"], row["gain 1 Hz"]) == (0.0, pytest.approx(0.0, abs=0.01))
+    limp = behaviours(IdealPd.uniform(1, kp=0.0, kd=0.0, torque_limit=1.0))
+    assert np.isfinite(limp.values).all()
+
+
+def test_features_are_rounded_named_and_belong_to_their_motor():
+    motors = load_fleet("mixed").sample(np.random.default_rng(4), 3)
+    every = behaviours(PhysicalActuator(motors))
+    alone = behaviours(PhysicalActuator(motors.take(np.array([2]))))
+    np.testing.assert_array_equal(every.values[2], alone.values[0])
+    assert every.values.shape == (3, len(every.names)) == (3, len(every.units)) == (3, 14)
+    assert every.names[:2] == ("gain 1 Hz", "gain 2 Hz")
+    np.testing.assert_allclose(every.values[:, 0] * 1000, np.round(every.values[:, 0] * 1000), atol=1e-9)
+
+
+def test_a_faster_motor_is_faster_and_a_softer_one_gains_less():
+    motors = PhysicalActuator(central(kp=[7.0, 11.0], torque_limit=[1.0, 2.0]))
+    slow, fast = behaviour.peak_speed(motors)
+    assert fast > 1.2 * slow
+    soft, hard = behaviour.frequency_response(motors, 4)[0]
+    assert hard > soft

@@ -1,0 +1,99 @@
+"""From a log of new motors to a posterior that walk and transfer accept, and what is refused on the way."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.cli.bench import Bench, run_bench
+from motorprior.cli.identify import Identify, run_identify
+from motorprior.logs.parquet_io import read_log, write_log
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Benches of training motors and of new ones, and two priors."""
+    root = tmp_path_factory.mktemp("adapt")
+    run_bench(Bench(root / "bench", motors=12, steps=2000))
+    run_bench(Bench(root / "new", motors=12, steps=1200, seed=5))
+    run_bench(Bench(root / "few", motors=3, steps=1200, seed=5))
+    run_bench(Bench(root / "slow", motors=2, steps=200, seed=5, preset="paper"))
+    run_identify(Identify(root / "bench", root / "prior", steps=80))
+    run_identify(Identify(root / "bench", root / "other", steps=80, seed=1))
+    run_identify(Identify(root / "bench", root / "plain", preset="one_network", steps=20))
+    return root
+
+
+def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, motorprior):
+    prior, out = folder / "prior" / "prior.safetensors", tmp_path / "posterior"
+    first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
+    assert first.code == 0 and "motor_011" in first.out
+    found = MotorPosterior.load(out / "posterior.safetensors")
+    assert found.mean.shape == (12, 4) and found.seconds == pytest.approx(2.4, abs=0.01)
+    written = (out / "posterior.safetensors").stat().st_mtime_ns
+    assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
+    assert (out / "posterior.safetensors").stat().st_mtime_ns == written
+    choice = ("--actuator", "prior", "--prior", prior, "--posterior", out / "posterior.safetensors")
+    assert motorprior("walk", *choice, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk").code == 0
+    assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
+
+
+def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
+    volumes = []
+    for seconds in (1.0, 2.4):
+        out = tmp_path / f"{seconds}"
+        line = ("adapt", folder / "prior" / "prior.safetensors", folder / "new" / "log.parquet", "--seconds", seconds)
+        assert motorprior(*line, "--out", out).code == 0
+        volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors").covariance))
+    assert np.median(volumes[1] / volumes[0]) < 1.0
+
+
+def test_what_cannot_be_adapted_to_is_refused(folder: Path, tmp_path: Path, refused):
+    prior, out = folder / "prior" / "prior.safetensors", ("--out", tmp_path / "out")
+    refused("adapt", prior, folder / "slow" / "log.parquet", *out, words=("log.parquet", "period", "0.002"))
+    refused("adapt", prior, folder / "nowhere.parquet", *out, words=("nowhere.parquet", "no such file"))
+    refused("adapt", prior, folder / "new" / "log.parquet", "--seconds", -1, *out, words=("--seconds",))
+    plain = folder / "plain" / "prior.safetensors"
+    refused("adapt", plain, folder / "new" / "log.parquet", *out, words=("prior.safetensors", "no latents"))
+
+
+def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, motorprior):
+    log = read_log(folder / "few" / "log.parquet")
+    shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
+    write_log(tmp_path / "shaken.parquet", replace(log, joint_pos=shaken))
+    line = ("adapt", folder / "prior" / "prior.safetensors", tmp_path / "shaken.parquet", "--out", tmp_path / "out")
+    outcome = motorprior(*line)
+    assert outcome.code == 2 and "unlike any the prior was trained on" in outcome.err
+    assert not (tmp_path / "out").exists()
+    assert motorprior(*line, "--anyway").code == 0 and (tmp_path / "out" / "posterior.safetensors").is_file()
+
+
+def test_a_posterior_of_another_prior_or_robot_does_not_walk(folder: Path, tmp_path: Path, motorprior, refused):
+    prior, few = folder / "prior" / "prior.safetensors", tmp_path / "few"
+    assert motorprior("adapt", prior, folder / "few" / "log.parquet", "--out", few).code == 0
+    posterior, out = few / "posterior.safetensors", ("--out", tmp_path / "walk")
+    refused("walk", "--prior", prior, "--posterior", posterior, *out, words=("3 motors", "12"))
+    other = folder / "other" / "prior.safetensors"
+    refused(
+        "walk", "--prior", other, "--posterior", posterior, *out, words=("posterior.safetensors", "no posterior of")
+    )
+    line = ("walk", "--actuator", "pd", "--posterior", posterior)
+    refused(*line, *out, words=("posterior.safetensors", "--posterior"))
+
+
+def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):
+    from motorprior.artifacts import read_json
+
+    line = ("validate", folder / "prior" / "prior.safetensors", "--adapt-seconds", 1, "--out", tmp_path / "v")
+    assert motorprior(*line).code == 0
+    figures = read_json(tmp_path / "v" / "figures.json")
+    for metric in ("bench_impact_rmse", "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf"):
+        for model in ("ideal_pd", "tuned_pd", "rollout", "physical"):
+            assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
+            assert np.isfinite(figures[f"{metric}/{model}/held_out"])
+    assert figures["bench_impact_rmse/ideal_pd/held_out"] != figures["bench_impact_rmse/ideal_pd/train"]
+    assert 0.0 <= figures["coverage50"] <= figures["coverage90"] <= 1.0
+    assert 0.0 <= figures["two_sample_auc"] <= 1.0 and figures["energy_distance"] > 0.0
+    assert figures["adapt_rmse_ratio/1"] > 0.0 and 0.0 <= figures["adapt_false_alarms/1"] <= 1.0
