@@ -23,7 +23,7 @@ from motorprior.cli.validate import Validate
 from motorprior.cli.walk import Walk
 
 COMMANDS = (
-    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate"),
+    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "adapt"),
     *("replay", "walk", "transfer", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}

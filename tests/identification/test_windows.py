@@ -55,7 +55,6 @@ def test_series_are_the_channels_in_order():
     for index, column in enumerate(columns):
         assert column is not None
         np.testing.assert_array_equal(data.series[..., index], column.T.astype(np.float32))
-    assert data.has_torque
 
 
 def test_scales_are_the_spread_of_the_log():
@@ -70,7 +69,7 @@ def test_scales_are_the_spread_of_the_log():
 
 def test_a_rollout_needs_no_torque():
     data = training_data(a_log(joint_torque=None), PRESET, "log")
-    assert not data.has_torque and np.all(data.series[..., 3] == 0.0)
+    assert np.all(data.series[..., 3] == 0.0)
 
 
 @pytest.mark.parametrize(

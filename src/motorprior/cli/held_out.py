@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.record import PRESETS, record
 from motorprior.cli.adapt import FALSE_ALARMS, adapt_to
@@ -81,23 +82,34 @@ def adaptation_figures(
     return figures
 
 
-def distribution_figures(prior: MotorPrior, facts: BenchFacts) -> dict[str, float]:
-    """POPULATION draws of the prior against as many held-out physical motors, by their behaviour.
+def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) -> dict[str, float]:
+    """POPULATION draws of the prior against as many held-out physical motors, by their behaviour on a bench.
+
+    Writes the quantiles of every feature as a PNG.
 
     Returns:
-        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect), and ``behaviour_median_ratio/F``.
+        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect) and ``energy_p_value``; per feature F
+        ``behaviour_auc/F`` (0.5 is perfect, above it the prior's values are larger); and ``aggregate_posterior_kl``,
+        of the training motors' posteriors to N(0, I) [nat].
     """
-    from motorprior.identification.distribution import energy_distance, two_sample_auc
+    from motorprior.identification import distribution
+    from motorprior.transfer.plots_distribution import feature_quantiles
+    from motorprior.transfer.plots_style import png_bytes
 
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
     drawn = behaviours(prior.sample(rng, POPULATION))
     physical = behaviours(PhysicalActuator(facts.fleet.sample(rng, POPULATION)))
+    shown = feature_quantiles(
+        drawn.names, drawn.units, drawn.values, physical.values, "draws of the prior", "held-out physical motors"
+    )
+    with atomic_path(picture) as temporary:
+        temporary.write_bytes(png_bytes(shown))
+    one, other = drawn.values, physical.values
     figures = {
-        "two_sample_auc": float(two_sample_auc(drawn.values, physical.values, facts.seed)),
-        "energy_distance": float(energy_distance(drawn.values, physical.values)),
+        "two_sample_auc": float(distribution.two_sample_auc(one, other, facts.seed)),
+        "energy_distance": float(distribution.energy_distance(one, other)),
+        "energy_p_value": float(distribution.permutation_p_value(one, other, facts.seed)),
+        "aggregate_posterior_kl": float(distribution.aggregate_posterior_summary(prior.mean, prior.log_var).kl),
     }
-    medians = [np.median(one.values, axis=0) for one in (drawn, physical)]
-    for name, ours, theirs in zip(drawn.names, *medians, strict=True):
-        if theirs != 0:
-            figures[f"behaviour_median_ratio/{name}"] = float(ours / theirs)
-    return figures
+    separate = distribution.feature_auc(one, other)
+    return figures | {f"behaviour_auc/{name}": float(value) for name, value in zip(drawn.names, separate, strict=True)}

@@ -29,7 +29,7 @@ from motorprior.identification.validate import (
 from motorprior.robots.pupper_v2 import spec
 from motorprior.transfer.robot_fidelity import robot_fidelity
 
-FIGURES, TRACES = "figures.json", "traces.safetensors"
+FIGURES, TRACES, QUANTILES = "figures.json", "traces.safetensors", "behaviour_quantiles.png"
 GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"
 """The PD with the best gains and nothing else, and the PD with armature and delay fitted as well."""
 BENCH_METRICS = {
@@ -158,7 +158,7 @@ def _held_out_figures(
             figures |= held_out.adaptation_figures(
                 prior, path, facts, config.adapt_seconds, config.seed, progress.advance
             )
-            figures |= held_out.distribution_figures(prior, facts)
+            figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
     return figures
 
 

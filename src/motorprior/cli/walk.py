@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors
+from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.console import bar
 from motorprior.cli.motors import MotorChoice
@@ -152,8 +152,3 @@ def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
     return new_search(config.search), Champion.nobody(), []
-
-
-def read_curve(folder: Path) -> list[dict]:
-    """The learning curve of a finished walk."""
-    return read_json(folder / CURVE)

@@ -19,13 +19,11 @@ class TrainingData:
         series: (M, R, 6) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
             has none), external_torque, load_inertia.
         starts: (S,) first rows of the windows that lie inside one segment.
-        has_torque: whether the torque channel was recorded.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
     """
 
     series: np.ndarray
     starts: np.ndarray
-    has_torque: bool
     scales: dict[str, float]
 
 
@@ -52,7 +50,6 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=_window_starts(log, preset, where),
-        has_torque=log.joint_torque is not None,
         scales=_scales(log, where),
     )
 

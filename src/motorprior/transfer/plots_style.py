@@ -23,6 +23,7 @@ MODEL_COLORS = {
     "tuned_pd": "#a8672c",
     "one_network": "#1a9a8b",
     "paper": "#cf3b3b",
+    "paper_wide": "#e08a1e",
     "rollout": "#2563c9",
 }
 """One colour per actuator model, in every plot and every table."""
@@ -36,6 +37,7 @@ MODEL_LABELS = {
     "tuned_pd": "tuned PD",
     "one_network": "one network",
     "paper": "paper",
+    "paper_wide": "paper, wide",
     "rollout": "rollout",
 }
 """What the reader sees."""
