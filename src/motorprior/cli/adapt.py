@@ -21,7 +21,7 @@ from motorprior.logs.parquet_io import read_log
 
 POSTERIOR = "posterior.safetensors"
 FALSE_ALARMS = 0.01
-"""A log is called unlike the prior's fleet below this probability; so is about this share of the fleet's own motors."""
+"""About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,12 @@ def run_adapt(config: Adapt) -> None:
         for name, loss, chance, mean in zip(log.joint_names, found.loss, surprising, found.mean, strict=True)
     ]
     table("Posterior of z", ["motor", "loss", "P(as bad)", "mean"], rows)
-    strangers = [name for name, chance in zip(log.joint_names, surprising, strict=True) if chance < FALSE_ALARMS]
+    bound = FALSE_ALARMS / log.num_joints
+    strangers = [name for name, chance in zip(log.joint_names, surprising, strict=True) if chance < bound]
     if strangers and not config.anyway:
         raise LogError(
             f"motors {strangers} are unlike any the prior was trained on: a motor of its fleet fits as badly with a "
-            f"chance below {FALSE_ALARMS:.0%}",
+            f"chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
             where=config.log,
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or give --anyway",
         )
