@@ -64,6 +64,18 @@ def bench_preset(name: str) -> BenchPreset:
     return PRESETS[name]
 
 
+def preset_of_period(period: float) -> BenchPreset:
+    """The preset that samples every ``period`` [s].
+
+    Raises:
+        ConfigError: none does.
+    """
+    for preset in PRESETS.values():
+        if preset.period == period:
+            return preset
+    raise ConfigError(f"no bench preset samples every {period:g} s", remedy="identify with a shipped recipe")
+
+
 def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
     """One excitation for ``motors`` motors, each with its own signal and load."""
     targets = [_EXCITATIONS[kind](rng, steps, preset.period) for _ in range(motors)]

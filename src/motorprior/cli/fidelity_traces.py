@@ -10,7 +10,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
-from motorprior.bench.record import PRESETS, trial
+from motorprior.bench.record import preset_of_period, trial
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, held_out_trials, teacher_forced_torque
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.replay import replay
@@ -46,7 +46,7 @@ def write_traces(
 def _torque_traces(name: str, prior: MotorPrior, motors: MotorParameters, seed: int) -> dict[str, np.ndarray]:
     """The prior shown the true history of 1 s of a sinusoid, on the bench and at the clock of its own logs."""
     period = prior.network.period
-    preset = next(preset for preset in PRESETS.values() if preset.period == period)
+    preset = preset_of_period(period)
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
     case = trial(rng, "sine", round(1.0 / period) + prior.network.taps[-1], len(motors), preset, hold=False)
     answer = run(PhysicalActuator(motors), case)

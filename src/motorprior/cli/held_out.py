@@ -12,7 +12,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
-from motorprior.bench.record import PRESETS, record
+from motorprior.bench.record import preset_of_period, record
 from motorprior.cli.adapt import FALSE_ALARMS, adapt_to
 from motorprior.cli.bench import BenchFacts
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
@@ -32,7 +32,7 @@ def held_out_motors(facts: BenchFacts) -> MotorParameters:
 
 def held_out_log(prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float) -> MotorLog:
     """A bench log of these motors at the prior's clock, with an excitation nobody trained on."""
-    preset = next(preset for preset in PRESETS.values() if preset.period == prior.network.period)
+    preset = preset_of_period(prior.network.period)
     return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
 
 

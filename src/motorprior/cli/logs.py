@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from motorprior.cli.console import table
@@ -55,8 +54,7 @@ def run_logs_check(config: LogsCheck) -> None:
     unusable = []
     for path in config.paths:
         log = read_any(path)
-        limits = np.stack([spec.JOINT_LOWER, spec.JOINT_UPPER], axis=1)
-        report = check_log(log, limits if log.joint_names == spec.JOINT_NAMES else None)
+        report = check_log(log, spec.JOINT_LIMITS if log.joint_names == spec.JOINT_NAMES else None)
         rows = [[found.severity, found.check, found.message, found.remedy] for found in report.findings]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "finding", "remedy"], rows)

@@ -18,10 +18,11 @@ from motorprior.cli.motors import load_prior, load_robot_fleet
 from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished, read_figures
 from motorprior.cli.validate import nominal_pd
 from motorprior.logs.checks import check_log
+from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.pupper_import import read_pupper_logs
 from motorprior.robots.pupper_v2 import spec
-from motorprior.transfer.real_replay import LogReplay, excited_joints, prepare, replay_log
+from motorprior.transfer.real_replay import LogReplay, prepare, replay_log
 
 FIGURES, TRACES = "figures.json", "traces.safetensors"
 
@@ -80,8 +81,7 @@ def read_logs(folder: Path) -> tuple[dict[str, MotorLog], dict[str, MotorLog]]:
 
 
 def _report_findings(name: str, log: MotorLog) -> None:
-    limits = np.stack([spec.JOINT_LOWER, spec.JOINT_UPPER], axis=1)
-    for finding in check_log(log, limits).findings:
+    for finding in check_log(log, spec.JOINT_LIMITS).findings:
         if finding.severity != "info":
             CONSOLE.print(f"log {name}: {finding.severity}: {finding.message}")
 
@@ -127,7 +127,7 @@ def _log_figures(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) 
         if len(runs) > 1:
             figures[f"real_rmse_p05/{name}/{model}"] = float(np.quantile(mean, 0.05))
             figures[f"real_rmse_p95/{name}/{model}"] = float(np.quantile(mean, 0.95))
-        for joint in np.flatnonzero(excited_joints(log)):
+        for joint in excited_joints(log):
             key = f"real_joint_rmse/{name}/{spec.JOINT_NAMES[joint]}/{model}"
             figures[key] = float(np.median(per_joint[:, joint]))
     return figures
@@ -135,7 +135,7 @@ def _log_figures(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) 
 
 def _log_traces(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
     """The first excited knee (or joint) of a log, for the report; draws as median and 90 % band."""
-    excited = np.flatnonzero(excited_joints(log))
+    excited = excited_joints(log)
     knees = [joint for joint in excited if spec.JOINT_NAMES[joint].endswith("knee")]
     joint = int(knees[0] if knees else excited[0])
     traces = {

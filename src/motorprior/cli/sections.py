@@ -13,7 +13,7 @@ from motorprior.cli.bench import read_bench
 from motorprior.cli.replay import replay_models, replay_rows
 from motorprior.cli.run_record import belongs
 from motorprior.cli.transfer import TRANSFER_COLUMNS, conditions_in, transfer_rows
-from motorprior.cli.validate import COLUMNS
+from motorprior.cli.validate import COLUMNS, MODELS
 from motorprior.cli.walk import CURVE
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import skeleton
@@ -21,7 +21,6 @@ from motorprior.transfer import plots
 from motorprior.transfer.gait_picture import gait_animation, gait_strip
 from motorprior.transfer.report import Picture, Section, Table, picture
 
-MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical")
 _LATENT_COLOURS = ("kp", "coulomb", "load_friction", "armature", "delay", "encoder_zero")
 
 

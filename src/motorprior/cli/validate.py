@@ -41,6 +41,10 @@ BENCH_METRICS = {
 COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
 
 
+MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical")
+"""Actuator models in the order of every table."""
+
+
 @dataclass(frozen=True)
 class Validate:
     """Measure how far simulated motors are from the physical ones, in closed loop, on held-out excitation."""
@@ -225,10 +229,9 @@ def show_fidelity(figures: dict[str, float]) -> None:
 
 
 def _show_table(title: str, figures: dict[str, float], ending: str) -> None:
-    order = ["ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical"]
     prefix = "bench_impact_rmse/"
     found = [name.removeprefix(prefix) for name in figures if name.startswith(prefix) and name.count("/") == 1]
-    models = sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+    models = sorted(found, key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
     shown = [[name, *(f"{figures[f'{column}/{name}{ending}']:.4f}" for column in COLUMNS)] for name in models]
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]
     table(title, ["model", *titles], shown)

@@ -9,6 +9,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.exceptions import LogError
+from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.robots.pupper_v2 import spec
@@ -19,8 +20,6 @@ COMMAND_PERIOD = 0.002
 """Commands are held on this grid [s]; the logs' own rows come every 1.5-10 ms."""
 _LEAD_IN = 1.0
 """The robot stands in its nominal pose for so long [s] before the commands begin, as the real one did."""
-EXCITED = 0.001
-"""A joint whose command varies by less (standard deviation, rad) does not count."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +46,9 @@ def prepare(log: MotorLog, where: str) -> MotorLog:
         raise LogError(
             f"joints {list(log.joint_names)} are not the Pupper's", where=where, remedy=f"needs {spec.JOINT_NAMES}"
         )
-    if not excited_joints(log).any():
+    if not excited_joints(log).size:
         raise LogError("no joint is excited", where=where, remedy="record with a moving command")
     return drop_repeats(log)
-
-
-def excited_joints(log: MotorLog) -> np.ndarray:
-    """(12,) whether the command of a joint moves."""
-    return np.std(log.position_target, axis=0) > EXCITED
 
 
 def replay_log(log: MotorLog, actuator: Actuator, prepared: MotorLog) -> LogReplay:
@@ -70,4 +64,5 @@ def replay_log(log: MotorLog, actuator: Actuator, prepared: MotorLog) -> LogRepl
     measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
     simulated = np.stack([np.interp(prepared.time, grid.time, column) for column in measured.T], axis=1)
     error = np.sqrt(np.mean((simulated - prepared.joint_pos) ** 2, axis=0))
-    return LogReplay(simulated, np.where(excited_joints(log), error, np.nan))
+    excited = np.isin(np.arange(log.num_joints), excited_joints(log))
+    return LogReplay(simulated, np.where(excited, error, np.nan))

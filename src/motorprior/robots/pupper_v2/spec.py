@@ -24,7 +24,8 @@ NOMINAL_POSE = np.tile([0.0, 0.6, -1.2], 4)
 
 JOINT_LOWER = np.tile([-0.785, -1.309, -2.880], 4)
 JOINT_UPPER = np.tile([0.785, 4.451, 2.880], 4)
-"""Joint limits [rad] (puppersim URDF)."""
+JOINT_LIMITS = np.stack([JOINT_LOWER, JOINT_UPPER], axis=1)
+"""Joint limits [rad] (puppersim URDF), and both as (12, 2)."""
 
 CONTROL_DT = 0.01
 """Policy period [s] (puppersim: 100 Hz)."""
