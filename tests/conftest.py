@@ -9,10 +9,21 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NPROC"):
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["MPLBACKEND"] = "Agg"
 
+from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
 
+import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
+from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor  # noqa: E402
+from motorprior.actuator.latent import LatentNetwork  # noqa: E402
+
+SMALL_SERVO = {
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
+    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
+    "backlash": 0.015, "gear_damping": 0.03,
+}  # fmt: skip
+"""A small geared servo, in SI units."""
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -26,3 +37,35 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no real motor logs: MOTORPRIOR_SHARED names their folder, or shared/data beside the checkout")
     return folder
+
+
+@pytest.fixture(scope="session")
+def grey_network() -> Callable[..., LatentNetwork]:
+    """Make a grey box: `grey_network(spread=…, network=…, coulomb=…, …)`.
+
+    ``spread`` is the standard deviation of the logarithms of the constants per latent, ``network`` that of the weights
+    (0: silent), and constants by name are those of the central motor, in SI units; 0 gives the smallest number there is
+    room for, e^-50.
+    """
+
+    def make(
+        spread: float = 0.2, network: float = 0.0, latents: int = 3, seed: int = 0, torque_limit: float = 3.0, **constants: float
+    ) -> LatentNetwork:
+        rng, neurons, taps = np.random.default_rng(seed), 8, (0, 2, 5)
+        values = SMALL_SERVO | constants
+        center = np.log([max(values.get(name, 1.0), np.exp(-50.0)) for name in PARAMETERS])
+        center[-1] = values.get("encoder_zero", 0.0) / ZERO_SCALE
+        slope = spread * rng.standard_normal((latents, len(PARAMETERS)))
+
+        def weights(*shape: int) -> np.ndarray:
+            return network * rng.standard_normal(shape)
+
+        return LatentNetwork(
+            w1=weights(2 * len(taps), neurons), v1=weights(latents, neurons), b1=weights(neurons),
+            w2=weights(neurons, neurons), b2=weights(neurons), w3=weights(neurons), b3=weights()[()] * np.ones(()),
+            log_armature=np.array(-6.0), armature_slope=np.zeros(latents), taps=taps, period=0.002, error_scale=0.1,
+            velocity_scale=2.0, torque_scale=0.3, torque_limit=torque_limit, has_armature=False,
+            motor=GearedMotor(center, slope),
+        )  # fmt: skip
+
+    return make

@@ -6,6 +6,8 @@ a positive torque [N·m] accelerates the joint in its positive direction; ``arma
 ``damping`` [N·m·s/rad] belong to the physics engine, which integrates them implicitly, so that
 
     (joint_inertia + armature)·ddq = torque - damping·dq + everything else.
+
+An actuator may renew its damping every step (a gear that touches): engines read it from ``ActuatorArrays.damping``.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 
-IDEAL_PD, LATENT, PHYSICAL = 0, 1, 2
+IDEAL_PD, LATENT, PHYSICAL, GREY_BOX = 0, 1, 2, 3
 
 
 class ActuatorArrays(NamedTuple):
@@ -31,7 +33,9 @@ class ActuatorArrays(NamedTuple):
     memory: np.ndarray
     """(rows, n) float64, state."""
     clock: np.ndarray
-    """(2,) int64: steps since reset; steps per renewal (latent) or substeps per step (physical)."""
+    """(2,) int64: steps since reset; steps per renewal (learned) or substeps per step (physical)."""
+    damping: np.ndarray
+    """(n,) float64: damping [N·m·s/rad] that the engine integrates implicitly in the coming step."""
     weights: np.ndarray
     """flat float32: the layers' matrices, row-major."""
     taps: np.ndarray
@@ -57,14 +61,17 @@ def require_step(physics_dt: float, longest: float = np.inf) -> None:
         )
 
 
-def empty_arrays(kind: int, parameters: np.ndarray, memory_rows: int, renewal: int) -> ActuatorArrays:
-    """Arrays of a kind that needs no network."""
+def empty_arrays(
+    kind: int, parameters: np.ndarray, memory_rows: int, renewal: int, damping: np.ndarray | None = None
+) -> ActuatorArrays:
+    """Arrays of a kind that needs no network; ``damping`` (n,) is zero if not given."""
     nothing = np.zeros((0, 0, 16), np.float32)
     return ActuatorArrays(
         kind=kind,
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
         memory=np.zeros((memory_rows, parameters.shape[1])),
         clock=np.array([0, renewal], dtype=np.int64),
+        damping=np.zeros(parameters.shape[1]) if damping is None else np.array(damping, dtype=np.float64),
         weights=np.zeros(0, np.float32),
         taps=np.zeros(0, np.int64),
         biases=nothing,
@@ -88,7 +95,7 @@ class Actuator(Protocol):
 
     @property
     def damping(self) -> np.ndarray:
-        """(n,) viscous damping [N·m·s/rad] for the engine to integrate implicitly."""
+        """(n,) viscous damping [N·m·s/rad] at the start, for the engine to integrate implicitly."""
         ...
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:

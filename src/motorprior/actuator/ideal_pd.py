@@ -65,7 +65,7 @@ class IdealPd:
         require_step(physics_dt)
         ring = int(np.ceil(self.delay.max() / physics_dt)) + 2
         parameters = np.stack([self.kp, self.kd, self.delay / physics_dt, self.torque_limit])
-        return empty_arrays(IDEAL_PD, parameters, ring, 1)
+        return empty_arrays(IDEAL_PD, parameters, ring, 1, self.kd)
 
 
 @njit(cache=True, nogil=True)

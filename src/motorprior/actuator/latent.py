@@ -5,6 +5,9 @@
     torque = clip(torque_scale·(w3ᵀh2 + b3), ±torque_limit)
     armature = exp(a0 + aᵀz)                                  (zero for a network without one)
 
+A grey-box network also decodes the constants of a geared motor (`geared_motor`) from z. Its own torque is then only
+what the motor's physics leave over, added at the joint; the rotor's inertia is inside, and the engine gets none.
+
 The torque is renewed every ``period`` and held in between. Per motor the network is folded once:
 b1 + V1ᵀz becomes that motor's bias.
 """
@@ -16,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import LATENT, ActuatorArrays, require_step
+from motorprior.actuator.actuator import GREY_BOX, LATENT, ActuatorArrays, require_step
+from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
 from motorprior.actuator.lanes import LANES, linear_layer, softsign_layer
 from motorprior.exceptions import ConfigError
 
@@ -59,6 +63,8 @@ class LatentNetwork:
     torque_limit: float
     """[N·m]"""
     has_armature: bool
+    motor: GearedMotor | None = None
+    """the physical half of a grey box"""
 
     @property
     def num_latents(self) -> int:
@@ -71,7 +77,9 @@ class LatentNetwork:
         return self.w2.shape[0]
 
     def armature(self, z: np.ndarray) -> np.ndarray:
-        """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
+        """(n,) decoded armature [kg·m²] of motors with latents z (n, Z); that of a grey box is inside its motor."""
+        if self.motor is not None:
+            return self.motor.decode(z)["armature"]
         if not self.has_armature:
             return np.zeros(len(z))
         return np.exp(float(self.log_armature) + z @ self.armature_slope)
@@ -98,12 +106,12 @@ class LatentActuator:
 
     @property
     def armature(self) -> np.ndarray:
-        """Decoded from z [kg·m²]."""
-        return self.network.armature(self.z)
+        """Decoded from z [kg·m²]; zero for a grey box, whose rotor is simulated in the model."""
+        return np.zeros(self.num_motors) if self.network.motor is not None else self.network.armature(self.z)
 
     @property
     def damping(self) -> np.ndarray:
-        """Zero: the network damps."""
+        """Zero: the network damps; a grey box renews the damping of its gear every step."""
         return np.zeros(self.num_motors)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
@@ -122,13 +130,17 @@ class LatentActuator:
             )
         blocks = -(-self.num_motors // LANES)
         ring, neurons = net.taps[-1] + 1, net.num_neurons
+        scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
+        parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
+        if net.motor is not None:
+            parameters = np.concatenate([parameters, motor_table(net.motor.decode(self.z), physics_dt)])
+            rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(
-            kind=LATENT,
-            parameters=np.array(
-                [[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]]
-            ),
-            memory=np.zeros((1, self.num_motors)),
+            kind=LATENT if net.motor is None else GREY_BOX,
+            parameters=parameters,
+            memory=np.zeros((rows, self.num_motors)),
             clock=np.array([0, renewal], dtype=np.int64),
+            damping=np.zeros(self.num_motors),
             weights=_flat_weights(net),
             taps=np.array(net.taps, dtype=np.int64),
             biases=_folded_biases(net, self.z, blocks),
@@ -210,15 +222,11 @@ def _evaluate(
     linear_layer(weights, offset + neurons * neurons, second, neurons, biases[2 * neurons :], scratch[-OUTPUTS:])
 
 
-@njit(cache=True, nogil=True, inline="always")
-def step_latent(
-    arrays: ActuatorArrays,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
+@njit(cache=True, nogil=True)
+def renew_torque(
+    arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray
 ) -> None:
-    """Write (n,) torque [N·m], renewed every ``period`` and held in between."""
+    """Renew the network's torque [N·m] in the first row of the memory if its period is over."""
     held = arrays.memory[0]
     if arrays.clock[0] % arrays.clock[1] == 0:
         slot = (arrays.clock[0] // arrays.clock[1]) % (arrays.history.shape[1] // 4)
@@ -231,4 +239,16 @@ def step_latent(
             for motor in range(first, min(first + LANES, held.shape[0])):
                 raw = scale * float(scratch[output, motor - first])
                 held[motor] = min(limit, max(-limit, raw))
-    torque[:] = held
+
+
+@njit(cache=True, nogil=True, inline="always")
+def step_latent(
+    arrays: ActuatorArrays,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write (n,) torque [N·m], renewed every ``period`` and held in between."""
+    renew_torque(arrays, position_target, joint_pos, joint_vel)
+    torque[:] = arrays.memory[0]

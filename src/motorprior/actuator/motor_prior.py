@@ -8,21 +8,32 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _WEIGHTS = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
+_MOTOR = ("motor_center", "motor_slope")
+"""Of a grey box only."""
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _HEADER = (
-    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", *_SCALES,
-    "preset", "robot", "motor", "provenance", "metrics",
+    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", "grey_box",
+    "motor_parameters", *_SCALES, "preset", "robot", "motor", "provenance", "metrics",
 )  # fmt: skip
-_KINDS = {"has_armature": bool, "preset": str, "robot": str, "motor": str, "provenance": dict, "metrics": dict}
+_KINDS = {
+    "has_armature": bool,
+    "grey_box": bool,
+    "preset": str,
+    "robot": str,
+    "motor": str,
+    "provenance": dict,
+    "metrics": dict,
+}
 _KIND_NAMES = {bool: "true or false", str: "a text", dict: "a table"}
 _ANEW = "identify it anew"
 _LARGEST_WEIGHT = 1e4
@@ -55,9 +66,23 @@ class MotorPrior:
     provenance: dict[str, Any]
     metrics: dict[str, float]
 
-    def sample(self, rng: np.random.Generator, count: int) -> LatentActuator:
-        """``count`` new motors, z ~ N(0, I)."""
-        return LatentActuator(self.network, rng.standard_normal((count, self.network.num_latents)))
+    def sample(self, rng: np.random.Generator, count: int, sampler: str = "standard") -> LatentActuator:
+        """``count`` new motors.
+
+        Args:
+            rng: randomness.
+            count: number of motors.
+            sampler: ``standard``: z ~ N(0, I); ``fitted``: z ~ N(m, C) with the moments of all training motors'
+                posteriors together, m = mean_i μ_i, C = cov_i μ_i + mean_i diag(σ_i²), which needs many motors.
+        """
+        z = rng.standard_normal((count, self.network.num_latents))
+        if sampler == "fitted" and self.network.num_latents:
+            z = self.mean.mean(axis=0) + z @ np.linalg.cholesky(self._aggregate_covariance()).T
+        return LatentActuator(self.network, z)
+
+    def _aggregate_covariance(self) -> np.ndarray:
+        centred = self.mean - self.mean.mean(axis=0)
+        return centred.T @ centred / len(self.mean) + np.diag(np.exp(self.log_var).mean(axis=0))
 
     def training_motors(self, index: np.ndarray) -> LatentActuator:
         """The training motors at ``index``, at their posterior means."""
@@ -79,10 +104,13 @@ class MotorPrior:
         """Write one safetensors file, atomically."""
         net = self.network
         tensors = {name: np.asarray(getattr(net, name), np.float64) for name in _WEIGHTS}
+        if net.motor is not None:
+            tensors |= {"motor_center": net.motor.center, "motor_slope": net.motor.slope}
         header = {
             "schema_version": SCHEMA_VERSION, "kind": "motor prior", "units": UNITS, "sign": SIGN,
             "input_order": INPUT_ORDER, "taps": list(net.taps), "period": net.period,
-            "has_armature": net.has_armature, **{name: getattr(net, name) for name in _SCALES},
+            "has_armature": net.has_armature, "grey_box": net.motor is not None,
+            "motor_parameters": list(PARAMETERS), **{name: getattr(net, name) for name in _SCALES},
             "preset": self.preset, "robot": self.robot, "motor": self.motor,
             "provenance": self.provenance, "metrics": self.metrics,
         }  # fmt: skip
@@ -106,19 +134,22 @@ class MotorPrior:
                 remedy="identify it anew with this version",
             )
         require_keys(header, _HEADER, path)
-        require_keys(tensors, (*_WEIGHTS, "mean", "log_var"), path)
         _check_meaning(header, path)
+        require_keys(tensors, (*_WEIGHTS, *(_MOTOR if header["grey_box"] else ()), "mean", "log_var"), path)
         _check_shapes(tensors, header, path)
         numbers: dict[str, Any] = {name: float(header[name]) for name in ("period", *_SCALES)}
         arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
-        network = LatentNetwork(**arrays, **numbers, taps=tuple(header["taps"]), has_armature=header["has_armature"])
+        motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"]) if header["grey_box"] else None
+        taps = tuple(header["taps"])
+        network = LatentNetwork(**arrays, **numbers, taps=taps, has_armature=header["has_armature"], motor=motor)
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         return cls(network, tensors["mean"], tensors["log_var"], **texts)
 
 
 def _check_meaning(header: dict[str, Any], path: Path) -> None:
     """Units, sign, order and numbers are those this code computes with."""
-    for key, wanted in (("units", UNITS), ("sign", SIGN), ("input_order", INPUT_ORDER)):
+    meaning = (("units", UNITS), ("sign", SIGN), ("input_order", INPUT_ORDER), ("motor_parameters", list(PARAMETERS)))
+    for key, wanted in meaning:
         if header[key] != wanted:
             raise ArtifactError(
                 f"{key} is {header[key]!r}", where=path, remedy=f"this version computes with {wanted!r}"
@@ -154,8 +185,11 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
         "w1": (inputs, neurons), "v1": (latents, neurons), "b1": (neurons,), "w2": (neurons, neurons),
         "b2": (neurons,), "w3": (neurons,), "b3": (), "log_armature": (), "armature_slope": (latents,),
         "mean": (motors, latents), "log_var": (motors, latents),
+        "motor_center": (len(PARAMETERS),), "motor_slope": (latents, len(PARAMETERS)),
     }  # fmt: skip
     for name, shape in wanted.items():
+        if name in _MOTOR and not header["grey_box"]:
+            continue
         value = tensors[name]
         if value.shape != shape or value.dtype != np.float64:
             raise ArtifactError(f"{name} is {value.dtype}{value.shape}, wanted float64{shape}", where=path)

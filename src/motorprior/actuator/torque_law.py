@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import IDEAL_PD, LATENT, PHYSICAL, ActuatorArrays
+from motorprior.actuator.actuator import GREY_BOX, IDEAL_PD, LATENT, PHYSICAL, ActuatorArrays
+from motorprior.actuator.grey_box import read_grey_box_encoders, reset_grey_box, step_grey_box
 from motorprior.actuator.ideal_pd import reset_ideal_pd, step_ideal_pd
 from motorprior.actuator.latent import reset_latent, step_latent
 from motorprior.actuator.physical import read_encoders, reset_physical, step_physical
@@ -19,6 +20,8 @@ def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_po
         reset_ideal_pd(arrays, position_target)
     elif arrays.kind == LATENT:
         reset_latent(arrays, position_target, joint_pos)
+    elif arrays.kind == GREY_BOX:
+        reset_grey_box(arrays, position_target, joint_pos)
     else:
         reset_physical(arrays, position_target, joint_pos)
 
@@ -32,11 +35,13 @@ def step_actuator(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write the (n,) torque [N·m] for the physics step [s] that begins now; advance the memory."""
+    """Write the (n,) torque [N·m] and ``arrays.damping`` for the physics step [s] that begins now."""
     if arrays.kind == IDEAL_PD:
         step_ideal_pd(arrays, position_target, joint_pos, joint_vel, torque)
     elif arrays.kind == LATENT:
         step_latent(arrays, position_target, joint_pos, joint_vel, torque)
+    elif arrays.kind == GREY_BOX:
+        step_grey_box(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     else:
         step_physical(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     arrays.clock[0] += 1
@@ -47,5 +52,7 @@ def measure_joint_pos(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.nda
     """(n,) joint angle [rad] as the motor's own encoder reports it."""
     if arrays.kind == PHYSICAL:
         read_encoders(arrays, out)
+    elif arrays.kind == GREY_BOX:
+        read_grey_box_encoders(arrays, out)
     else:
         out[:] = joint_pos

@@ -47,7 +47,6 @@ class Response:
 def _simulate(
     arrays: ActuatorArrays,
     inertia: np.ndarray,
-    damping: np.ndarray,
     targets: np.ndarray,
     external: np.ndarray,
     dt: float,
@@ -65,9 +64,9 @@ def _simulate(
         for _ in range(fine):
             step_actuator(arrays, h, targets[step], q, dq, torque)
             for j in range(n):
-                out[2, step, j] += (torque[j] - damping[j] * dq[j]) / fine
                 free = dq[j] + h * (torque[j] + external[step, j]) / inertia[j]
-                dq[j] = free / (1.0 + h * damping[j] / inertia[j])
+                dq[j] = free / (1.0 + h * arrays.damping[j] / inertia[j])
+                out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / fine
                 q[j] += h * dq[j]
 
 
@@ -84,7 +83,6 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     _simulate(
         actuator.arrays(trial.dt / fine),
         trial.load_inertia + actuator.armature,
-        np.ascontiguousarray(actuator.damping, dtype=np.float64),
         np.ascontiguousarray(trial.position_target, dtype=np.float64),
         np.ascontiguousarray(trial.external_torque, dtype=np.float64),
         trial.dt,

@@ -53,6 +53,26 @@ def held(targets: np.ndarray, every: int) -> np.ndarray:
     return targets[(np.arange(len(targets)) // every) * every]
 
 
+def creep(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """A slow walk between levels within ±0.3 rad, 0.3-1 s apart: friction and play rule the motion."""
+    return _ramps(rng, steps, dt, 0.3)
+
+
+def pushes(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """(steps,) external torque [N·m] that leads slowly to levels within ±2 N·m: through stiction, up to the stall."""
+    return _ramps(rng, steps, dt, 2.0)
+
+
+def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.ndarray:
+    """Straight lines between random levels within ±reach, 0.3-1 s apart, from 0 on."""
+    knots = [0.0]
+    while knots[-1] < steps * dt:
+        knots.append(knots[-1] + rng.uniform(0.3, 1.0))
+    levels = rng.uniform(-reach, reach, len(knots))
+    levels[0] = 0.0
+    return np.interp(np.arange(steps) * dt, knots, levels)
+
+
 def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine blows.
 

@@ -1,13 +1,14 @@
 """Bench recordings: a fleet of physical motors on the virtual dynamometer, written as one motor log.
 
-Two presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia that carries
-nothing, sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, on loads from a bare
-shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz.
+Presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia that carries
+nothing, sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on
+loads from a bare shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the
+same in segments of a second, so that a few seconds show a motor on many loads.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -43,14 +44,18 @@ EXCITATION_STREAM = 13
 """Tag of the random stream of a bench's excitation."""
 PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
-    "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "impacts"), 5),
+    "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "creep"), 5),
 }
+PRESETS["adapt"] = replace(PRESETS["rollout"], segment_steps=500)
+
 _EXCITATIONS: dict[str, excitation.Excitation] = {
     "sine": excitation.sine,
     "held_steps": excitation.held_steps,
     "gait": excitation.gait,
     "impacts": excitation.gait,
+    "creep": excitation.creep,
 }
+_EXTERNAL: dict[str, excitation.Excitation] = {"impacts": excitation.impacts, "creep": excitation.pushes}
 
 
 def bench_preset(name: str) -> BenchPreset:
@@ -82,8 +87,8 @@ def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: 
     if hold:
         targets = [excitation.held(target, preset.hold_steps) for target in targets]
     external = np.zeros((steps, motors))
-    if kind == "impacts":
-        external = np.stack([excitation.impacts(rng, steps, preset.period) for _ in range(motors)], axis=1)
+    if kind in _EXTERNAL:
+        external = np.stack([_EXTERNAL[kind](rng, steps, preset.period) for _ in range(motors)], axis=1)
     low, high = np.log(preset.load_inertia)
     inertia = np.exp(rng.uniform(low, high, motors))
     return Trial(np.stack(targets, axis=1), external, inertia, preset.period)

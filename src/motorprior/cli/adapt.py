@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,7 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
     from motorprior.identification.adapt import adapt
-    from motorprior.identification.reference import surprise
+    from motorprior.identification.reference import ending, surprise
     from motorprior.identification.windows import training_data
 
     if prior.network.num_latents == 0 or "loss_mean" not in prior.metrics:
@@ -83,8 +83,13 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
         )
     preset = preset_of(prior, path)
-    found = adapt(prior.network, training_data(log, preset, where), preset, prior.metrics["loss_mean"])
-    return found, surprise(prior.metrics, found.loss)
+    data = training_data(log, preset, where)
+    # A prior that never saw torques judges by positions, whatever the log has.
+    knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"
+    data = replace(data, has_torque=data.has_torque and knows_torque)
+    which = ending(data.has_torque) if knows_torque else ""
+    found = adapt(prior.network, data, preset, prior.metrics[f"loss_mean{which}"])
+    return found, surprise(prior.metrics, found.loss, which)
 
 
 def run_adapt(config: Adapt) -> None:

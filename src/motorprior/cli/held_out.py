@@ -12,7 +12,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
-from motorprior.bench.record import preset_of_period, record
+from motorprior.bench.record import bench_preset, preset_of_period, record
 from motorprior.cli.adapt import FALSE_ALARMS, adapt_to
 from motorprior.cli.bench import BenchFacts
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
@@ -33,6 +33,7 @@ def held_out_motors(facts: BenchFacts) -> MotorParameters:
 def held_out_log(prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float) -> MotorLog:
     """A bench log of these motors at the prior's clock, with an excitation nobody trained on."""
     preset = preset_of_period(prior.network.period)
+    preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
     return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
 
 
@@ -88,7 +89,8 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     Writes the quantiles of every feature as a PNG.
 
     Returns:
-        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect) and ``energy_p_value``; per feature F
+        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect) and ``energy_p_value``, for z ~ N(0, I)
+        and, with the ending ``/fitted``, for the Gaussian fitted to the training motors; per feature F
         ``behaviour_auc/F`` (0.5 is perfect, above it the prior's values are larger); and ``aggregate_posterior_kl``,
         of the training motors' posteriors to N(0, I) [nat].
     """
@@ -99,6 +101,7 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
     drawn = behaviours(prior.sample(rng, POPULATION))
     physical = behaviours(PhysicalActuator(facts.fleet.sample(rng, POPULATION)))
+    fitted = behaviours(prior.sample(rng, POPULATION, "fitted")).values
     shown = feature_quantiles(
         drawn.names, drawn.units, drawn.values, physical.values, "draws of the prior", "held-out physical motors"
     )
@@ -108,6 +111,8 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     figures = {
         "two_sample_auc": float(distribution.two_sample_auc(one, other, facts.seed)),
         "energy_distance": float(distribution.energy_distance(one, other)),
+        "two_sample_auc/fitted": float(distribution.two_sample_auc(fitted, other, facts.seed)),
+        "energy_distance/fitted": float(distribution.energy_distance(fitted, other)),
         "energy_p_value": float(distribution.permutation_p_value(one, other, facts.seed)),
         "aggregate_posterior_kl": float(distribution.aggregate_posterior_summary(prior.mean, prior.log_var).kl),
     }

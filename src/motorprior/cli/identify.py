@@ -6,17 +6,23 @@ import os
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_text
+from motorprior.artifacts import read_tensors, write_tensors, write_text
 from motorprior.cli.bench import FACTS, LOG, read_bench
 from motorprior.cli.bounds import require_at_least, require_seed
-from motorprior.cli.console import bar
+from motorprior.cli.console import CONSOLE, bar
 from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.exceptions import ArtifactError
 
-PRIOR = "prior.safetensors"
+PRIOR, CHECKPOINT, SECONDS = "prior.safetensors", "checkpoint.safetensors", "seconds.txt"
+
+MOTORS_PER_LATENT = 2
+"""Fewer make a covariance that is mostly chance."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +34,14 @@ class Identify:
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
-    """Recipe: rollout (closed loop), paper (torque regression), one_network (no latent)."""
+    """Recipe: rollout (closed loop, grey box), paper (torque regression), or one of the baselines one_motor, per_motor,
+    latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None
     """Adam steps; the preset's own number if not given."""
+    torque: bool = True
+    """Use the log's joint_torque; --no-torque learns from positions and velocities alone."""
 
 
 def run_identify(config: Identify) -> None:
@@ -57,7 +66,13 @@ def run_identify(config: Identify) -> None:
     wanted = description("identify", asdict(config), inputs, recipe=asdict(preset))
     if is_finished(config.out, wanted):
         return
-    data = training_data(log, preset, str(config.bench / LOG))
+    data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(config.bench / LOG))
+    if preset.num_latents and log.num_joints < MOTORS_PER_LATENT * preset.num_latents:
+        wanted_motors = MOTORS_PER_LATENT * preset.num_latents
+        CONSOLE.print(
+            f"note: {log.num_joints} motors say little about a distribution of {preset.num_latents} latents: the prior "
+            f"reproduces these motors, but its draws are a guess (record {wanted_motors} or more)"
+        )
     begin(config.out)
     started = time.monotonic()
     with bar(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as progress:
@@ -65,7 +80,7 @@ def run_identify(config: Identify) -> None:
         def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
             progress.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
 
-        found = identify(data, preset, config.seed, report)
+        found = identify(data, preset, config.seed, report, _Checkpoint(config.out / CHECKPOINT, wanted))
     seconds = time.monotonic() - started
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= reference_metrics(found.network, data, preset, found.mean, log)
@@ -75,5 +90,24 @@ def run_identify(config: Identify) -> None:
         provenance, metrics,
     )  # fmt: skip
     prior.save(config.out / PRIOR)
-    write_text(config.out / "seconds.txt", f"{seconds:.1f}\n")
+    write_text(config.out / SECONDS, f"{seconds:.1f}\n")
+    (config.out / CHECKPOINT).unlink(missing_ok=True)
     finish(config.out, wanted)
+
+
+@dataclass(frozen=True)
+class _Checkpoint:
+    """A file beside the prior, of this very stage or ignored."""
+
+    path: Path
+    stage: dict[str, Any]
+
+    def load(self) -> dict[str, np.ndarray] | None:
+        try:
+            arrays, header = read_tensors(self.path)
+        except ArtifactError:  # none there, or a damaged one: from the start
+            return None
+        return arrays if header == self.stage else None
+
+    def save(self, state: dict[str, np.ndarray]) -> None:
+        write_tensors(self.path, state, self.stage)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from motorprior.cli.bench import BenchFacts, facts_from_json
 from motorprior.cli.bounds import require_seed
 from motorprior.cli.console import Bar, bar, table
 from motorprior.cli.fidelity_traces import write_traces
+from motorprior.cli.identify import SECONDS
 from motorprior.cli.motors import load_prior
 from motorprior.cli.stage import begin, description, finish, is_finished, read_figures
 from motorprior.exceptions import ConfigError
@@ -41,7 +43,10 @@ BENCH_METRICS = {
 COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
 
 
-MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "paper_wide", "rollout", "physical")
+MODELS = (
+    "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
+    "per_motor", "rollout", "physical",
+)  # fmt: skip
 """Actuator models in the order of every table."""
 
 
@@ -140,7 +145,17 @@ def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts)
         progress.advance()
     if config.held_out:
         figures |= _held_out_figures(config, priors, facts, tuned, figures)
+    figures |= _identify_seconds(dict(zip(priors, config.priors, strict=True)))
     write_json(config.out / FIGURES, figures)
+
+
+def _identify_seconds(paths: dict[str, Path]) -> dict[str, float]:
+    """How long each identification took [s], where its folder says so."""
+    figures: dict[str, float] = {}
+    for name, path in paths.items():
+        with suppress(OSError, ValueError):
+            figures[f"identify_seconds/{name}"] = float((path.parent / SECONDS).read_text(encoding="utf-8"))
+    return figures
 
 
 def _held_out_figures(
@@ -150,13 +165,14 @@ def _held_out_figures(
     from motorprior.cli import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
-    figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in COLUMNS}
+    both = (*COLUMNS, "bench_impact_rmse_mean")
+    figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
     with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
         motors = held_out.held_out_motors(facts)
         models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, paths, motors, facts)
         progress.advance()
         found = _figures(motors, models, config.seed, progress)
-        figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in COLUMNS}
+        figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
         if "rollout" in priors:
             prior, path = priors["rollout"], paths["rollout"]
             figures |= held_out.adaptation_figures(

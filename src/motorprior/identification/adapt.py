@@ -1,10 +1,10 @@
 """The posterior of z for new motors, from seconds of log, with the network as it is.
 
-    minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·∇²loss(z)/T)⁻¹
+    minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·G(z)/T)⁻¹
 
-loss is the objective the prior was trained with, mean over N windows that do not overlap; T, the prior's own loss on
-its training motors, makes a window that is fitted as well as theirs count as one observation (a generalised
-posterior with a Laplace approximation). Z is small, so the Hessian is exact.
+loss is the objective the prior was trained with, mean over N windows that do not overlap, G its Gauss-Newton matrix; T,
+the prior's own loss on its training motors, makes a window that is fitted as well as theirs count as one observation
+(a generalised posterior with a Laplace approximation). The descent is Adam on random subsets of the windows.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from motorprior.identification.objectives import OBJECTIVES
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 
-STEPS, LEARNING_RATE = 150, 0.1
+STEPS, LEARNING_RATE, BATCH = 300, 0.1, 16
 STARTS, SCREENED_WINDOWS = 32, 24
 """The descent begins at the best of so many draws of N(0, I), judged by so many windows: there are many valleys."""
 
@@ -46,7 +46,7 @@ class Posterior:
 
 def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
     """(M, N, length, channels): windows whose free parts do not overlap, the history of each before it."""
-    length = preset.taps[-1] + preset.window
+    length = preset.history + preset.window
     starts, last = [], -preset.window
     for start in data.starts:
         if start >= last + preset.window or start < last:
@@ -68,32 +68,35 @@ def adapt(
         steps: Adam steps towards the mode.
     """
     windows = jnp.asarray(tiled_windows(data, preset))
-    count, loss = windows.shape[1], motor_loss(network, preset)
+    count, loss = windows.shape[1], motor_loss(network, preset, data.has_torque)
+    parameters, scales = import_parameters(network), scales_of(network)
+    objective = OBJECTIVES[preset.objective](preset, scales, data.has_torque, bounded=False)
 
     def energy(z: jnp.ndarray, motor_windows: jnp.ndarray) -> jnp.ndarray:
-        return count * loss(z, motor_windows) / temperature + 0.5 * jnp.sum(z**2)
+        """U(z) / N."""
+        return loss(z, motor_windows) / temperature + 0.5 * jnp.sum(z**2) / count
 
     modes = _descend(energy, windows, _best_starts(loss, windows, network.num_latents), steps)
-    curvature = jax.jit(jax.vmap(jax.hessian(loss)))(modes, windows)
+    curvature = jax.lax.map(lambda one: objective.gauss_newton(parameters, one[1], one[0]), (modes, windows))
     losses = jax.jit(jax.vmap(loss))(modes, windows)
     covariance = _laplace(np.asarray(curvature, np.float64) * count / temperature)
     return Posterior(np.asarray(modes, np.float64), covariance, np.asarray(losses, np.float64), count)
 
 
-def motor_loss(network: LatentNetwork, preset: Preset):
+def motor_loss(network: LatentNetwork, preset: Preset, has_torque: bool):
     """The objective of one motor: (z (Z,), windows (N, length, channels)) -> mean loss per window."""
     parameters = import_parameters(network)
-    objective = OBJECTIVES[preset.objective](preset, scales_of(network))
+    objective = OBJECTIVES[preset.objective](preset, scales_of(network), has_torque, bounded=True)
 
     def loss(z: jnp.ndarray, windows: jnp.ndarray) -> jnp.ndarray:
-        return objective(parameters, windows, jnp.broadcast_to(z, (windows.shape[0], z.shape[0])))
+        return objective.loss(parameters, windows, jnp.broadcast_to(z, (windows.shape[0], z.shape[0])))
 
     return loss
 
 
 def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
     """(M, N) loss of every window that does not overlap the next, motors at latents z (M, Z)."""
-    loss = motor_loss(network, preset)
+    loss = motor_loss(network, preset, data.has_torque)
     windows = jnp.asarray(tiled_windows(data, preset))
     single = jax.vmap(lambda one, rows: jax.vmap(lambda row: loss(one, row[None]))(rows))
     return np.asarray(jax.jit(single)(jnp.asarray(z, jnp.float32), windows), np.float64)
@@ -113,17 +116,19 @@ def _best_starts(loss, windows: jnp.ndarray, latents: int) -> jnp.ndarray:
 def _descend(energy, windows: jnp.ndarray, start: jnp.ndarray, steps: int) -> jnp.ndarray:
     """(M, Z) modes of all motors at once."""
     optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, steps))
+    count = windows.shape[1]
+    rng = np.random.default_rng(1)
+    picked = np.stack([rng.permutation(count)[: min(BATCH, count)] for _ in range(steps)])
 
     @jax.jit
     def descend(z: jnp.ndarray) -> jnp.ndarray:
-        def step(state, _):
+        def step(state, subset):
             z, optimiser_state = state
-            # One scale per motor: the energies of motors differ by the number of their windows only.
-            gradient = jax.vmap(jax.grad(energy))(z, windows) / windows.shape[1]
+            gradient = jax.vmap(jax.grad(energy))(z, windows[:, subset])
             updates, optimiser_state = optimiser.update(gradient, optimiser_state)
             return (z + updates, optimiser_state), None
 
-        (z, _), _ = jax.lax.scan(step, (z, optimiser.init(z)), None, length=steps)
+        (z, _), _ = jax.lax.scan(step, (z, optimiser.init(z)), jnp.asarray(picked))
         return z
 
     return descend(start)

@@ -24,8 +24,8 @@ def predictive_draws(
     for _ in range(DRAWS):
         noise = rng.standard_normal(posterior.mean.shape)
         z = posterior.mean + np.einsum("mij,mj->mi", factors, noise)
-        simulated = run(LatentActuator(network, z), case).joint_pos
-        draws.append(simulated + draw_residuals(metrics, rng, simulated.shape))
+        simulated = run(LatentActuator(network, z), case)
+        draws.append(simulated.joint_pos + draw_residuals(metrics, rng, simulated.joint_vel))
     return np.stack(draws)
 
 

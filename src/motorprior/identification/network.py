@@ -10,12 +10,26 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002
 """Start of the decoded armature [kg·m²]."""
+INITIAL_MOTOR = {
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
+    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
+    "backlash": 0.015, "gear_damping": 0.03,
+}  # fmt: skip
+"""Start of a grey box's central motor, in SI units: a small geared servo."""
+INITIAL_SPREAD = 0.1
+"""Standard deviation of the logarithms per latent."""
+PER_MOTOR_SPREAD = 0.5
+"""The same where every motor has constants of its own, and the step of their descent."""
+NO_PLAY = 1e-5
+"""[rad]"""
+_RIGID = ("backlash", "gear_stiffness", "gear_damping")
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -26,7 +40,7 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         return jnp.asarray(scale * rng.standard_normal((rows, columns)), jnp.float32)
 
     inputs, neurons, latents = 2 * len(preset.taps), preset.num_neurons, preset.num_latents
-    return {
+    parameters = {
         "w1": dense(inputs, neurons),
         "v1": dense(latents, neurons),
         "b1": jnp.zeros(neurons),
@@ -37,6 +51,15 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32),
         "armature_slope": jnp.zeros(latents),
     }
+    if preset.grey_box:  # the network starts silent: the physics explain what they can
+        center = np.array([np.log(INITIAL_MOTOR[name]) if name in INITIAL_MOTOR else 0.0 for name in PARAMETERS])
+        slope = INITIAL_SPREAD * rng.standard_normal((latents, len(PARAMETERS)))
+        if preset.per_motor:
+            center[PARAMETERS.index("backlash")] = np.log(NO_PLAY)
+            slope = np.diag([PER_MOTOR_SPREAD * (name not in _RIGID) for name in PARAMETERS])
+        parameters |= {"w3": jnp.zeros(neurons), "motor_center": jnp.asarray(center, jnp.float32)}
+        parameters |= {"motor_slope": jnp.asarray(slope, jnp.float32)}
+    return parameters
 
 
 def _softsign(x: jnp.ndarray) -> jnp.ndarray:
@@ -63,11 +86,17 @@ def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
 def import_parameters(network: LatentNetwork) -> Parameters:
     """The pytree of a network that `export` made, float32."""
     names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
-    return {name: jnp.asarray(getattr(network, name), jnp.float32) for name in names}
+    values = {name: getattr(network, name) for name in names}
+    if network.motor is not None:
+        values |= {"motor_center": network.motor.center, "motor_slope": network.motor.slope}
+    return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
 
 
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network for simulation."""
     values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
+    motor = GearedMotor(values.pop("motor_center"), values.pop("motor_slope")) if preset.grey_box else None
     values |= scales
-    return LatentNetwork(**values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature)
+    return LatentNetwork(
+        **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, motor=motor
+    )

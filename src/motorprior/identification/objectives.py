@@ -3,20 +3,57 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.identification.network import Parameters, armature, motor_bias, scaled_torque
+from motorprior.identification.closed_loop import closed_loop
+from motorprior.identification.network import Parameters, motor_bias, scaled_torque
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, TORQUE, VEL
+from motorprior.identification.windows import POS, TARGET, TORQUE, VEL
 
 POSITION_SCALE = 0.01
 VELOCITY_SCALE = 0.3
-"""Errors [rad], [rad/s] at which the rollout loss turns from quadratic to linear."""
+TORQUE_SCALE = 0.3
+"""Errors [rad], [rad/s], [N·m] at which the rollout loss turns from quadratic to linear."""
 
-Loss = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
+Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
+"""(parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """loss = weight·mean penalty(residuals).
+
+    Attributes:
+        residuals: scaled to order 1.
+        penalty: of one residual.
+        curvature: its second derivative.
+        weight: of the mean.
+    """
+
+    residuals: Residuals
+    penalty: Callable[[jnp.ndarray], jnp.ndarray]
+    curvature: Callable[[jnp.ndarray], jnp.ndarray]
+    weight: float
+
+    def loss(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
+        """Mean over windows (B, rows, channels) of motors with latents z (B, Z)."""
+        return self.weight * jnp.mean(self.penalty(self.residuals(parameters, windows, z)))
+
+    def gauss_newton(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
+        """(Z, Z) Gauss-Newton approximation of the loss's Hessian in the one latent z (Z,) of all windows.
+
+        weight·mean of curvature(r)·∇r·∇rᵀ: never negative, and finite where a motor sticks or hits its end of play.
+        """
+
+        def residuals(latent: jnp.ndarray) -> jnp.ndarray:
+            return self.residuals(parameters, windows, jnp.broadcast_to(latent, (len(windows), len(latent)))).ravel()
+
+        values, slopes = residuals(z), jax.jacfwd(residuals)(z)
+        return self.weight * (slopes * self.curvature(values)[:, None]).T @ slopes / len(values)
 
 
 def kl_to_standard_normal(mean: jnp.ndarray, log_var: jnp.ndarray) -> jnp.ndarray:
@@ -24,26 +61,27 @@ def kl_to_standard_normal(mean: jnp.ndarray, log_var: jnp.ndarray) -> jnp.ndarra
     return 0.5 * jnp.sum(jnp.exp(log_var) + mean**2 - 1.0 - log_var, axis=-1)
 
 
-def _inputs(windows: jnp.ndarray, preset: Preset, scales: dict[str, float]) -> tuple[jnp.ndarray, jnp.ndarray]:
-    """Scaled error and velocity (B, taps[-1]) before the window's first free step, newest first."""
-    past = windows[:, : preset.taps[-1]][:, ::-1]
-    error = (past[..., TARGET] - past[..., POS]) / scales["error_scale"]
-    return error, past[..., VEL] / scales["velocity_scale"]
+def torque_objective(preset: Preset, scales: dict[str, float], has_torque: bool, bounded: bool) -> Objective:
+    """Mean squared error of the torque, one step, divided by torque_scale²: the paper's loss.
 
-
-def torque_loss(preset: Preset, scales: dict[str, float]) -> Loss:
-    """Mean squared error of the torque, one step, divided by torque_scale²: the paper's loss."""
+    Args:
+        preset: recipe.
+        scales: of the inputs and the torque.
+        has_torque: always true here.
+        bounded: no meaning here; see `rollout_objective`.
+    """
+    del bounded, has_torque
     taps = np.asarray(preset.taps)
 
-    def loss(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
+    def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         newest = windows[:, ::-1]
         error = (newest[..., TARGET] - newest[..., POS]) / scales["error_scale"]
         velocity = newest[..., VEL] / scales["velocity_scale"]
         inputs = jnp.concatenate([error[:, taps], velocity[:, taps]], axis=1)
         predicted = scaled_torque(parameters, inputs, motor_bias(parameters, z))
-        return jnp.mean((predicted - newest[:, 0, TORQUE] / scales["torque_scale"]) ** 2)
+        return (predicted - newest[:, 0, TORQUE] / scales["torque_scale"])[None]
 
-    return loss
+    return Objective(residuals, jnp.square, lambda r: jnp.full_like(r, 2.0), 1.0)
 
 
 def _huber(x: jnp.ndarray) -> jnp.ndarray:
@@ -51,42 +89,23 @@ def _huber(x: jnp.ndarray) -> jnp.ndarray:
     return jnp.sqrt(1.0 + x**2) - 1.0
 
 
-def rollout_loss(preset: Preset, scales: dict[str, float]) -> Loss:
-    """Simulate the loaded joint over the window and compare positions and velocities.
+def rollout_objective(preset: Preset, scales: dict[str, float], has_torque: bool, bounded: bool) -> Objective:
+    """Simulate the loaded joint over the window and compare positions and velocities, and torques if the log has them.
 
-    From the recorded state at the window's start, per step of the semi-implicit Euler
-
-        dq += dt·(torque + external_torque)/(load_inertia + armature(z)),   q += dt·dq
-
-    with torque from the network's own history. Needs no torque channel.
+    Args:
+        preset: recipe.
+        scales: of the inputs and the torque.
+        has_torque: the windows hold measured torques.
+        bounded: limit what each window adds to a gradient: for training, in reverse mode only.
     """
-    taps, dt = np.asarray(preset.taps), preset.period
-    limit = scales["torque_limit"] / scales["torque_scale"]
+    rollout = closed_loop(preset, scales, bounded)
 
-    def loss(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
-        bias = motor_bias(parameters, z)
-        free = jnp.swapaxes(windows[:, preset.taps[-1] :], 0, 1)
-        inertia = free[0, :, INERTIA] + armature(parameters, z)
-        errors, velocities = _inputs(windows, preset, scales)
+    def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
+        position, velocity, torque = rollout(parameters, windows, z)
+        scaled = [position / POSITION_SCALE, velocity / VELOCITY_SCALE, torque / TORQUE_SCALE]
+        return jnp.concatenate(scaled[: 3 if has_torque else 2])
 
-        def step(state, row):
-            q, dq, errors, velocities = state
-            errors = jnp.concatenate([((row[:, TARGET] - q) / scales["error_scale"])[:, None], errors], axis=1)
-            velocities = jnp.concatenate([(dq / scales["velocity_scale"])[:, None], velocities], axis=1)
-            inputs = jnp.concatenate([errors[:, taps], velocities[:, taps]], axis=1)
-            raw = scaled_torque(parameters, inputs, bias)
-            torque = scales["torque_scale"] * jnp.clip(raw, -limit, limit)
-            dq = dq + dt * (torque + row[:, EXTERNAL]) / inertia
-            q = q + dt * dq
-            return (q, dq, errors[:, :-1], velocities[:, :-1]), (q, dq)
-
-        start = (free[0, :, POS], free[0, :, VEL], errors, velocities)
-        _, (q, dq) = jax.lax.scan(step, start, free[:-1])
-        position = _huber((q - free[1:, :, POS]) / POSITION_SCALE)
-        velocity = _huber((dq - free[1:, :, VEL]) / VELOCITY_SCALE)
-        return jnp.mean(position) + jnp.mean(velocity)
-
-    return loss
+    return Objective(residuals, _huber, lambda r: (1.0 + r**2) ** -1.5, 3.0 if has_torque else 2.0)
 
 
-OBJECTIVES = {"torque": torque_loss, "rollout": rollout_loss}
+OBJECTIVES = {"torque": torque_objective, "rollout": rollout_objective}

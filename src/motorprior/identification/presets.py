@@ -16,37 +16,70 @@ class Preset:
         period: sample period of the network [s].
         taps: ages of the history inputs in periods.
         has_armature: decode an armature from z for the engine.
+        grey_box: decode the constants of a geared motor from z; the network adds what they leave over.
         num_latents: size of z; 0 gives one network for all motors.
         num_neurons: per hidden layer.
         kl_weight: weight of KL(N(μ, σ²) ‖ N(0, I)) per latent, beside a loss of order 1.
+        warm_up: steps before a window in which the motor follows the recorded joint, so that its hidden state settles;
+            a short one teaches too little friction, with which a wrong state is forgotten sooner.
         window: steps of a rollout (1 for torque regression).
+        noisy_share: share of the training in which z is drawn from the motors' posteriors; after it z is their mean.
         batch: windows per Adam step.
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
+        per_motor: every motor has constants of its own: z scales them one by one, without gear play or network.
     """
 
     objective: str
     period: float
     taps: tuple[int, ...]
     has_armature: bool
+    grey_box: bool = False
     num_latents: int = 4
     num_neurons: int = 24
     kl_weight: float = 1e-3
+    warm_up: int = 0
     window: int = 64
+    noisy_share: float = 1.0
     batch: int = 256
     steps: int = 3000
     learning_rate: float = 3e-3
+    per_motor: bool = False
+
+    @property
+    def history(self) -> int:
+        """Steps of a window before its first free one."""
+        return max(self.taps[-1], self.warm_up)
 
 
-# paper_wide is the control between paper and rollout: the paper's loss on rollout's data, clock and taps.
+_TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
+# Baselines: one_motor is rollout without a latent: the best single set of constants. per_motor fits a servo with
+# delay, friction and rotor, but no play, to every motor by itself (in the manner of PACE, Bjelonic et al., 2025).
+# latent_network is rollout without the physics: the network gives all of the torque, z also the armature; one_network
+# is that without a latent. actuator_net is the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps,
+# softsign, torque regression. paper_wide is the control between paper and rollout: the paper's loss on rollout's data,
+# clock and taps.
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
-    "rollout": Preset("rollout", 0.002, (0, 1, 2, 4, 6, 9, 13, 20), has_armature=True),
-    "one_network": Preset("rollout", 0.002, (0, 1, 2, 4, 6, 9, 13, 20), has_armature=True, num_latents=0),
-    "paper_wide": Preset(
-        "torque", 0.002, (0, 1, 2, 4, 6, 9, 13, 20), has_armature=False, window=1, batch=1024, steps=4000
+    "rollout": Preset(
+        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=12, num_neurons=8, kl_weight=3e-4,
+        warm_up=90, noisy_share=0.5, learning_rate=1e-2,
     ),
-}
+    "one_motor": Preset(
+        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
+        learning_rate=1e-2,
+    ),
+    "per_motor": Preset(
+        "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=4, kl_weight=0.0,
+        warm_up=90, noisy_share=0.0, learning_rate=1e-2, per_motor=True,
+    ),
+    "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True),
+    "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
+    "actuator_net": Preset(
+        "torque", 0.002, (0, 5, 10), has_armature=False, num_latents=0, num_neurons=32, window=1, batch=1024, steps=4000
+    ),
+    "paper_wide": Preset("torque", 0.002, _TAPS, has_armature=False, window=1, batch=1024, steps=4000),
+}  # fmt: skip
 
 
 def identification_preset(name: str) -> Preset:

@@ -1,6 +1,6 @@
 """Fit a motor prior: one network, and per motor a mean and a log-variance of z.
 
-z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I)
+z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I); ε = 0 in the last part of a training (``Preset.noisy_share``)
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +24,8 @@ from motorprior.identification.windows import TrainingData, draw
 
 CHUNK = 100
 """Adam steps between two reports of progress."""
+CHECKPOINT_EVERY = 5
+"""Chunks between two checkpoints."""
 Progress = Callable[[int, int, float], None]
 
 
@@ -36,30 +39,44 @@ class Identified:
     losses: np.ndarray
 
 
-def identify(data: TrainingData, preset: Preset, seed: int, progress: Progress | None = None) -> Identified:
-    """Train. Same data, preset and seed give the same bytes.
+class Checkpoints(Protocol):
+    """Where an interrupted training continues."""
+
+    def load(self) -> dict[str, np.ndarray] | None:
+        """What `save` was last given in this very training, or None."""
+        ...
+
+    def save(self, state: dict[str, np.ndarray]) -> None:
+        """Keep it, instead of what was kept before."""
+        ...
+
+
+def identify(
+    data: TrainingData,
+    preset: Preset,
+    seed: int,
+    progress: Progress | None = None,
+    checkpoints: Checkpoints | None = None,
+) -> Identified:
+    """Train. Same data, preset and seed give the same bytes, interrupted and resumed or not.
 
     Raises:
         MotorPriorError: the loss became NaN or infinite.
     """
-    rng = np.random.default_rng(seed)
-    motors, latents = len(data.series), preset.num_latents
-    trainable = {
-        "network": initial_parameters(rng, preset),
-        "mean": jnp.asarray(0.1 * rng.standard_normal((motors, latents)), jnp.float32),
-        "log_var": jnp.full((motors, latents), -2.0),
-    }
+    trainable = _initial(data, preset, np.random.default_rng([seed, 0]))
     schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, preset, optimiser)
-    state, losses = (trainable, optimiser.init(trainable)), []
-    key = jax.random.key(seed)
-    for first in range(0, preset.steps, CHUNK):
-        count = min(CHUNK, preset.steps - first)
-        rows = draw(rng, data, preset, count)
-        key, chunk_key = jax.random.split(key)
-        state, loss = advance(state, rows, jax.random.split(chunk_key, count))
+    state, losses = _resume((trainable, optimiser.init(trainable)), checkpoints)
+    for first in range(CHUNK * len(losses), preset.steps, CHUNK):
+        count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
+        rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
+        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
+        noisy = jnp.full(count, float(first < preset.noisy_share * preset.steps))
+        state, loss = advance(state, (*rows, keys, noisy))
         losses.append(_finite(float(loss), first + count))
+        if checkpoints is not None and len(losses) % CHECKPOINT_EVERY == 0:
+            checkpoints.save(_flat(state) | {"losses": np.asarray(losses)})
         if progress is not None:
             progress(first + count, preset.steps, losses[-1])
     trained = state[0]
@@ -69,6 +86,29 @@ def identify(data: TrainingData, preset: Preset, seed: int, progress: Progress |
         np.asarray(trained["log_var"], np.float64),
         np.asarray(losses),
     )
+
+
+def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
+    motors, latents = len(data.series), preset.num_latents
+    return {
+        "network": initial_parameters(rng, preset),
+        "mean": jnp.asarray(0.1 * rng.standard_normal((motors, latents)), jnp.float32),
+        "log_var": jnp.full((motors, latents), -2.0),
+    }
+
+
+def _flat(state: Any) -> dict[str, np.ndarray]:
+    """The arrays of a pytree by number."""
+    return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
+
+
+def _resume(state: Any, checkpoints: Checkpoints | None) -> tuple[Any, list[float]]:
+    """The state to begin with, and the losses of the chunks that are done."""
+    kept = checkpoints.load() if checkpoints is not None else None
+    if kept is None:
+        return state, []
+    leaves = [jnp.asarray(kept[name]) for name in _flat(state)]
+    return jax.tree.unflatten(jax.tree.structure(state), leaves), kept["losses"].tolist()
 
 
 def _finite(loss: float, step: int) -> float:
@@ -82,16 +122,22 @@ def _finite(loss: float, step: int) -> float:
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """A jitted function that makes one chunk of Adam steps and returns the mean loss."""
-    objective = OBJECTIVES[preset.objective](preset, data.scales)
-    series, length = jnp.asarray(data.series), preset.taps[-1] + preset.window
+    objective = OBJECTIVES[preset.objective](preset, data.scales, data.has_torque, bounded=True)
+    series, length = jnp.asarray(data.series), preset.history + preset.window
 
-    def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
+    def loss(
+        trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array, noisy: jnp.ndarray
+    ) -> jnp.ndarray:
         mean, log_var = trainable["mean"], trainable["log_var"]
-        noise = jax.random.normal(key, (len(motors), preset.num_latents))
+        log_var = jnp.where(noisy > 0.0, log_var, jax.lax.stop_gradient(log_var))  # the data say nothing about it then
+        noise = noisy * jax.random.normal(key, (len(motors), preset.num_latents))
         z = mean[motors] + jnp.exp(0.5 * log_var[motors]) * noise
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
         kl = jnp.mean(kl_to_standard_normal(mean, log_var))
-        return objective(trainable["network"], windows, z) + preset.kl_weight * kl
+        network = trainable["network"]
+        if preset.per_motor:  # the constants are the motors' own; nothing is shared
+            network = jax.lax.stop_gradient(network)
+        return objective.loss(network, windows, z) + preset.kl_weight * kl
 
     def step(state, inputs):
         trainable, optimiser_state = state
@@ -100,8 +146,8 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
         return (optax.apply_updates(trainable, updates), optimiser_state), value
 
     @jax.jit
-    def chunk(state, rows, keys):
-        state, losses = jax.lax.scan(step, state, (*rows, keys))
+    def chunk(state, inputs):
+        state, losses = jax.lax.scan(step, state, inputs)
         return state, jnp.mean(losses)
 
     return chunk

@@ -19,19 +19,21 @@ class TrainingData:
         series: (M, R, 6) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
             has none), external_torque, load_inertia.
         starts: (S,) first rows of the windows that lie inside one segment.
+        has_torque: whether the log has joint_torque.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
     """
 
     series: np.ndarray
     starts: np.ndarray
     scales: dict[str, float]
+    has_torque: bool
 
 
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)
 
 
 def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
-    """Stack a bench log for training.
+    """Stack a bench log for training; a log without torques will do for a rollout.
 
     Raises:
         LogError: wrong sample period, a missing channel, or segments shorter than a window.
@@ -51,6 +53,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=_window_starts(log, preset, where),
         scales=_scales(log, where),
+        has_torque=log.joint_torque is not None,
     )
 
 
@@ -70,7 +73,7 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
 
 
 def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
-    length = preset.taps[-1] + preset.window
+    length = preset.history + preset.window
     starts = [np.arange(part.start, part.stop - length + 1) for part in log.segment_slices()]
     every = np.concatenate(starts)
     if len(every) == 0:

@@ -49,11 +49,12 @@ class MujocoBackend:
         for _ in range(arrays.substeps):
             step_actuator(self._motors, arrays.physics_dt, target, q, dq, torque)
             world.data.qfrc_applied[-NUM_JOINTS:] = torque
+            arrays.damping[:] = self._motors.damping
+            mujoco.mj_step(world.model, world.data)
             squared = 0.0
             for motor in torque - arrays.damping * dq:
                 squared += float(motor) * float(motor)
             total += squared
-            mujoco.mj_step(world.model, world.data)
         return self._state(total / arrays.substeps)
 
     def close(self) -> None:

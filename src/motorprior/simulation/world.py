@@ -62,7 +62,7 @@ class WorldArrays(NamedTuple):
     applied: np.ndarray
     """(nv,) generalized force, the last 12 are the joints'"""
     damping: np.ndarray
-    """(12,) implicit damping of the actuator in place [N·m·s/rad]"""
+    """(12,) the model's own implicit damping of the joints [N·m·s/rad], a view"""
     torque: np.ndarray
     """(12,) scratch"""
     physics_dt: float
@@ -92,7 +92,7 @@ class World:
             qpos=self.data.qpos,
             qvel=self.data.qvel,
             applied=self.data.qfrc_applied,
-            damping=np.zeros(spec.NUM_JOINTS),
+            damping=self.model.dof_damping[self.first_dof :],
             torque=np.zeros(spec.NUM_JOINTS),
             physics_dt=config.physics_dt,
             substeps=config.substeps,
@@ -102,7 +102,6 @@ class World:
         """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; returns the motors' fresh arrays."""
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_armature[self.first_dof :] = actuator.armature
-        self.model.dof_damping[self.first_dof :] = actuator.damping
         self.arrays.damping[:] = actuator.damping
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)
@@ -131,9 +130,11 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
     step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
     for joint in range(n):
         applied[joint] = world.torque[joint]
+        world.damping[joint] = motors.damping[joint]
+    mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
+    for joint in range(n):
         world.torque[joint] -= world.damping[joint] * dq[joint]
         total += world.torque[joint] * world.torque[joint]
-    mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
     return total
 
 

@@ -1,0 +1,277 @@
+"""The geared motor of a grey box: momentum, passivity, stiction, stall, delay, and the same motion at any step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays as drawn
+
+from motorprior.actuator.geared_motor import (
+    FILTERED_VEL,
+    JOINT_VEL,
+    LOG_REACH,
+    LONGEST_DELAY,
+    PARAMETERS,
+    ROTOR_POS,
+    ROTOR_VEL,
+)
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench import behaviour
+
+MOTORS = 8
+FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
+LIMP = {"kp": 0.0}
+"""Without a law: kd is a share of kp."""
+STEPS_OF_PHYSICS = pytest.mark.parametrize("dt", [0.0005, 0.001, 0.002])
+
+
+@dataclass
+class State:
+    """What a start sets; (n,) each."""
+
+    q: np.ndarray
+    dq: np.ndarray
+    rotor_pos: np.ndarray
+    rotor_vel: np.ndarray
+
+
+@dataclass
+class Motion:
+    """(steps + 1, n) from the start on; momentum and energy of rotor, gear and joint together."""
+
+    q: np.ndarray
+    dq: np.ndarray
+    rotor_pos: np.ndarray
+    torque: np.ndarray
+    twist_vel: np.ndarray
+    momentum: np.ndarray
+    energy: np.ndarray
+
+
+def at_rest(n: int) -> State:
+    return State(*np.zeros((4, n)))
+
+
+def energy_of(values, load, q, dq, rotor_pos, rotor_vel):
+    """Kinetic energy, and that of the gear's spring [J]."""
+    twist = np.abs(rotor_pos - q)
+    wound = np.maximum(twist - 0.5 * values["backlash"], 0.0)
+    kinetic = 0.5 * (load * dq**2 + values["armature"] * rotor_vel**2)
+    return kinetic + 0.5 * values["gear_stiffness"] * wound**2
+
+
+def simulate(actuator: LatentActuator, dt, load, target, external, start: State | None = None) -> Motion:
+    """A joint of inertia ``load`` (n,) as engines integrate it; target and external (steps, n)."""
+    n, values = actuator.num_motors, actuator.network.motor.decode(actuator.z)  # pyright: ignore
+    arrays, torque = actuator.arrays(dt), np.zeros(n)
+    start = start or at_rest(n)
+    q, dq = start.q.copy(), start.dq.copy()
+    reset_actuator(arrays, target[0].copy(), q)
+    motor = arrays.memory[1:]  # the first row is the network's
+    motor[ROTOR_POS] += start.rotor_pos
+    motor[ROTOR_VEL], motor[FILTERED_VEL], motor[JOINT_VEL] = start.rotor_vel, start.rotor_vel, dq
+    rotor_vel, rows = start.rotor_vel, []
+
+    def note():
+        momentum = load * dq + values["armature"] * rotor_vel
+        energy = energy_of(values, load, q, dq, motor[ROTOR_POS], rotor_vel)
+        rows.append([q.copy(), dq.copy(), motor[ROTOR_POS].copy(), torque.copy(), rotor_vel - dq, momentum, energy])
+
+    note()
+    for wanted, push in zip(target.copy(), external, strict=True):
+        step_actuator(arrays, dt, wanted, q, dq, torque)
+        before = dq
+        dq = (dq + dt * (torque + push) / load) / (1.0 + dt * arrays.damping / load)
+        q = q + dt * dq
+        torque -= arrays.damping * dq
+        # what the engine's implicit damping took is the rotor's from the next step on
+        rotor_vel = motor[ROTOR_VEL] + dt * arrays.damping * (dq - before) / values["armature"]
+        note()
+    return Motion(*np.array(rows).transpose(1, 0, 2))
+
+
+def still(seconds: float, dt: float, n: int = MOTORS) -> np.ndarray:
+    return np.zeros((round(seconds / dt), n))
+
+
+def latents(low: float = -2.0, high: float = 2.0):
+    return drawn(float, (MOTORS, 3), elements=st.floats(low, high))
+
+
+def values_of(low: float, high: float):
+    """(MOTORS,) numbers, or none at all: what starts at 0 is a case of its own."""
+    return drawn(float, MOTORS, elements=st.one_of(st.just(0.0), st.floats(low, high)))
+
+
+LOADS = drawn(float, MOTORS, elements=st.floats(np.log(1e-4), np.log(3e-2))).map(np.exp)
+STARTS = st.builds(State, values_of(-1, 1), values_of(-10, 10), values_of(-0.05, 0.05), values_of(-10, 10))
+
+
+@STEPS_OF_PHYSICS
+@settings(max_examples=8, deadline=None)
+@given(z=latents(), load=LOADS, start=STARTS)
+def test_rotor_and_joint_keep_their_momentum(grey_network, dt, z, load, start):
+    motors = LatentActuator(grey_network(**FREE, **LIMP), z)
+    motion = simulate(motors, dt, load, still(0.3, dt), still(0.3, dt), start)
+    # rounding of 300 impulses of at most load·10 rad/s; e^-50 of friction is less
+    scale = 10.0 * (load + motors.network.armature(z))
+    assert np.max(np.abs(motion.momentum - motion.momentum[0]) / scale) < 1e-12 * len(motion.q)
+
+
+@STEPS_OF_PHYSICS
+@pytest.mark.parametrize("friction", [FREE, {}], ids=["free", "with friction"])
+@settings(max_examples=8, deadline=None)
+@given(z=latents(), load=LOADS, start=STARTS)
+def test_an_unpowered_motor_adds_no_energy_whatever_the_start(grey_network, dt, friction, z, load, start):
+    network: LatentNetwork = grey_network(**friction, **LIMP)
+    motion = simulate(LatentActuator(network, z), dt, load, still(0.4, dt), still(0.4, dt), start)
+    # The joint moves on at its velocity for a step; a blow may come that much too late: the energy of a spring wound by
+    # one step's twist. Whatever a bounce gained so, play and gear damping have taken again in the end.
+    assert network.motor is not None
+    late = 0.5 * network.motor.decode(z)["gear_stiffness"] * (dt * np.abs(motion.twist_vel).max(axis=0)) ** 2
+    assert np.all(motion.energy <= motion.energy[0] + late + 1e-12)
+    assert np.all(motion.energy[-1] <= motion.energy[0] + 1e-12)
+
+
+@STEPS_OF_PHYSICS
+@pytest.mark.parametrize("law", [{}, LIMP], ids=["held", "unpowered"])
+@settings(max_examples=8, deadline=None)
+@given(
+    z=latents(),
+    amplitude=drawn(float, MOTORS, elements=st.floats(0.002, 1.0)),
+    cycle=drawn(float, MOTORS, elements=st.floats(0.05, 1.0)),
+)
+def test_a_motor_that_is_moved_over_cycles_delivers_no_work(grey_network, dt, law, z, amplitude, cycle):
+    network: LatentNetwork = grey_network(**law)
+    motors, steps = LatentActuator(network, z), round(1.5 / dt)
+    assert network.motor is not None
+    values = network.motor.decode(z)
+    target = values["encoder_zero"].copy()  # nothing is stored in the law's spring at the start
+    time = dt * np.arange(steps + 1)[:, None]
+    q = amplitude * np.minimum(time / 0.1, 1.0) * np.sin(2 * np.pi * time / cycle)
+    dq = np.diff(q, axis=0, prepend=0.0) / dt
+    arrays, torque, work, most = motors.arrays(dt), np.zeros(MOTORS), np.zeros(MOTORS), np.zeros(MOTORS)
+    reset_actuator(arrays, target, q[0].copy())
+    for step in range(steps):
+        step_actuator(arrays, dt, target, q[step].copy(), dq[step].copy(), torque)
+        force = torque - arrays.damping * dq[step + 1]  # what the engine applies
+        work += dt * force * 0.5 * (dq[step] + dq[step + 1])
+        most = np.maximum(most, work)
+    # of one step's travel, as above
+    late = 0.5 * values["gear_stiffness"] * (dt * np.abs(dq).max(axis=0)) ** 2
+    assert np.all(most <= late + 1e-12)
+    assert np.all(work <= 0.1 * late + 1e-12)
+
+
+def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey_network):
+    dt, n = 0.002, MOTORS
+    network: LatentNetwork = grey_network(spread=0.1, coulomb=0.1, stribeck_torque=0.05, load_friction=0.2)
+    motors = LatentActuator(network, np.random.default_rng(5).uniform(-1, 1, (n, 3)))
+    assert network.motor is not None
+    values = network.motor.decode(motors.z)
+    breakaway = (values["coulomb"] + values["stribeck_torque"]) / (1.0 - values["load_friction"])
+    target = np.tile(values["encoder_zero"], (1500, 1))  # the law pushes with nothing
+    ramp = np.minimum(np.arange(1500) * dt / 1.0, 1.0)[:, None]
+    load = np.full(n, 0.01)
+    held = simulate(motors, dt, load, target, 0.8 * breakaway * ramp)
+    assert np.max(np.abs(held.rotor_pos[-1] - held.rotor_pos[0])) < 1e-4  # but for the blow that takes up the play
+    late = held.rotor_pos[750:]
+    np.testing.assert_array_equal(late, np.broadcast_to(late[0], late.shape))  # for ever
+    np.testing.assert_allclose(held.torque[-1], -0.8 * breakaway, rtol=0.02)  # the gear carries what the law does not
+    moved = simulate(motors, dt, load, target, 1.5 * breakaway * ramp).rotor_pos[-1]
+    expected = (1.5 * breakaway * (1 - values["load_friction"]) - values["coulomb"]) / values["kp"]
+    assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
+
+
+def test_the_stall_torque_is_the_limit_less_friction(grey_network):
+    network: LatentNetwork = grey_network()
+    motors = LatentActuator(network, np.random.default_rng(6).uniform(-2, 2, (16, 3)))
+    assert network.motor is not None
+    values = network.motor.decode(motors.z)
+    friction = values["coulomb"] + values["stribeck_torque"]
+    expected = (values["torque_limit"] - friction) / (1.0 + values["load_friction"])
+    # the rotor arrives with some momentum, and stiction keeps it: up to 3 % more
+    ratio = behaviour.stall_torque(motors) / expected
+    assert np.all(ratio > 0.999) and np.all(ratio < 1.04)
+    assert np.ptp(expected) > 0.3
+
+
+def blocked(network: LatentNetwork, target: np.ndarray, dt: float) -> np.ndarray:
+    """(steps,) torque of one motor on a locked joint."""
+    motors = LatentActuator(network, np.zeros((1, network.num_latents)))
+    arrays, zero, out = motors.arrays(dt), np.zeros(1), np.zeros((len(target), 1))
+    reset_actuator(arrays, zero, zero)
+    for step, wanted in enumerate(target):
+        step_actuator(arrays, dt, np.array([wanted]), zero, zero, out[step])
+    return out[:, 0]
+
+
+@STEPS_OF_PHYSICS
+def test_a_command_arrives_after_its_delay(grey_network, dt):
+    target = np.zeros(round(0.12 / dt))
+    step = round(0.01 / dt)
+    target[step:] = 0.1
+
+    def answer(delay):
+        # without friction, play and limit the torque is linear in the targets
+        return blocked(grey_network(**FREE, backlash=0.0, torque_limit=1e3, delay=delay), target, dt)
+
+    prompt = answer(0.0)
+    assert np.all(prompt[:step] == 0.0) and prompt[step + 1] > 0.0
+    for count in (1, 5, round(LONGEST_DELAY / dt)):
+        late = answer(count * dt)
+        # to rounding: delay/dt is not quite a whole number
+        np.testing.assert_allclose(late[count:], prompt[:-count], atol=1e-9 * np.max(prompt))
+        np.testing.assert_allclose(late[:count], 0.0, atol=1e-9 * np.max(prompt))
+    # between two steps the targets are led in a straight line; the gear may touch a step earlier than in the mean
+    between = answer(2.5 * dt)
+    np.testing.assert_allclose(between, 0.5 * (answer(2 * dt) + answer(3 * dt)), atol=0.01 * np.max(prompt))
+    np.testing.assert_array_equal(answer(10.0), answer(LONGEST_DELAY))
+
+
+def test_steps_of_1_and_2_ms_give_one_motion(grey_network):
+    motors = LatentActuator(grey_network(), np.random.default_rng(7).standard_normal((MOTORS, 3)))
+    load, moves = np.geomspace(3e-4, 3e-2, MOTORS), []
+    for dt in (0.001, 0.002):
+        time = dt * np.arange(round(2.0 / dt))[:, None]
+        target = np.broadcast_to(0.4 * np.sin(2 * np.pi * 1.5 * time), (len(time), MOTORS))
+        blow = np.where((time % 0.5 > 0.2) & (time % 0.5 < 0.22), 1.5, 0.0) * np.ones(MOTORS)
+        motion = simulate(motors, dt, load, target, blow)
+        moves.append(motion.q[:: round(0.002 / dt)])
+    difference = moves[0] - moves[1]
+    assert np.sqrt(np.mean(difference**2)) < 0.002 and np.abs(difference).max() < 0.02
+    assert np.std(moves[0]) > 0.15
+
+
+def test_latents_scale_the_constants_within_their_reach(grey_network):
+    network: LatentNetwork = grey_network(spread=0.5, encoder_zero=0.01)
+    motor = network.motor
+    assert motor is not None
+    center = motor.decode(np.zeros((1, 3)))
+    assert center["kp"][0] == pytest.approx(10.0) and center["encoder_zero"][0] == pytest.approx(0.01)
+    z = np.array([[0.5, -1.0, 0.2], [1e3, 1e3, 1e3], [-0.5, 1.0, -0.2]])
+    found = motor.decode(z)
+    for row, name in enumerate(PARAMETERS[:-1]):
+        if name != "delay":
+            expected = center[name] * np.exp(np.clip(z @ motor.slope[:, row], -LOG_REACH, LOG_REACH))
+            np.testing.assert_allclose(found[name], expected)
+            assert found[name][0] * found[name][2] == pytest.approx(center[name][0] ** 2)
+    assert np.all(found["delay"] <= LONGEST_DELAY)
+    assert np.min(found["encoder_zero"]) < 0.0 < np.max(found["encoder_zero"])
+
+
+def test_the_encoder_sits_on_the_rotor_and_has_a_zero_of_its_own(grey_network):
+    network: LatentNetwork = grey_network(spread=0.0, encoder_zero=-0.03, backlash=0.1, coulomb=0.0, stribeck_torque=0.0)
+    motors = LatentActuator(network, np.zeros((2, 3)))
+    arrays, measured, zero = motors.arrays(0.002), np.zeros(2), np.zeros(2)
+    reset_actuator(arrays, zero, zero)
+    measure_joint_pos(arrays, zero, measured)
+    np.testing.assert_allclose(measured, -0.03)
+    for _ in range(800):  # the law leads the encoder to 0; the joint stays, there is play
+        step_actuator(arrays, 0.002, zero, zero, zero, np.zeros(2))
+    measure_joint_pos(arrays, zero, measured)
+    np.testing.assert_allclose(measured, 0.0, atol=1e-4)
+    np.testing.assert_allclose(arrays.memory[1 + ROTOR_POS], 0.03, atol=1e-4)
