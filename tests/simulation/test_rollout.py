@@ -16,6 +16,7 @@ from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
 from motorprior.search.train import Champion, advance, new_search, train
 from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
@@ -107,7 +108,7 @@ def test_same_seed_same_episode_and_another_seed_other_motors(kind):
 
 
 def test_encoder_noise_is_drawn_from_the_seed_and_only_observed():
-    noisy = WalkConfig(episode_steps=STEPS, encoder_noise=0.02)
+    noisy = WalkConfig(episode_steps=STEPS, randomization=Randomization(joint_noise=0.02))
     clean = WalkConfig(episode_steps=STEPS)
     blind = (np.zeros((16, 19)), np.zeros(18), np.ones(18))  # does not look, so the noise cannot reach the robot
     simulators = [WalkSimulator(draw_pd, walk=walk) for walk in (noisy, noisy, clean)]
@@ -130,7 +131,7 @@ def test_the_zero_policy_trots_and_stays_up():
 
 def test_any_number_of_workers_gives_the_same_search():
     def searched(workers):
-        walk = WalkConfig(episode_steps=60, encoder_noise=0.01)
+        walk = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01))
         executor = make_executor(lambda: WalkSimulator(draw_pd, walk=walk), workers)
         search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
         try:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -15,14 +16,20 @@ from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.console import bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.train import Champion, Iteration, new_search, train
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
@@ -47,7 +54,13 @@ class Walk:
     task: TaskWeights = field(default_factory=TaskWeights)
     """Reward."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Threads; the result does not depend on it."""
+    """Episodes at a time; the result does not depend on it."""
+    engine: Literal["mujoco", "pybullet"] = "mujoco"
+    """Physics engine; PyBullet holds the interpreter lock, so threads do not speed it up."""
+    roughness: float = 0.0
+    """Height of the bumps of a rough ground [m]; PyBullet only."""
+    randomization: Randomization = field(default_factory=Randomization)
+    """What differs between episodes besides the motors; nothing if not given."""
 
 
 def run_walk(config: Walk, name: str = "walk") -> None:
@@ -66,10 +79,9 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     wanted = description("walk", settings, config.motors.inputs())
     if is_finished(config.out, wanted):
         return
-    world = WorldConfig(physics_dt=config.motors.physics_dt)
-    walk = WalkConfig(config.episode_steps, config.task)
+    make_simulator = simulator_maker(config, draw)
     begin(config.out)
-    executor = make_executor(lambda: WalkSimulator(draw, world, walk), config.workers)
+    executor = make_executor(make_simulator, config.workers)
     try:
         champion, curve = _train(config, executor, wanted, name)
     finally:
@@ -78,6 +90,25 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     write_json(config.out / CURVE, curve)
     (config.out / CHECKPOINT).unlink(missing_ok=True)
     finish(config.out, wanted)
+
+
+def simulator_maker(config: Walk, draw: DrawMotors) -> Callable[[], WalkSimulator | BackendSimulator]:
+    """Makes a worker's simulator.
+
+    Raises:
+        ConfigError: the engine is not installed, or cannot do what is asked.
+    """
+    walk = WalkConfig(config.episode_steps, config.task, config.randomization)
+    terrain = Terrain(config.roughness)
+    if config.engine == "mujoco":
+        if terrain.roughness:
+            raise ConfigError("--roughness is for PyBullet only", remedy="use --engine pybullet, or leave it out")
+        world = WorldConfig(physics_dt=config.motors.physics_dt)
+        return lambda: WalkSimulator(draw, world, walk)
+    import_bullet()
+    return lambda: BackendSimulator(
+        PybulletBackend(draw, None, config.randomization, terrain, config.episode_steps), walk
+    )
 
 
 def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:
@@ -120,6 +151,9 @@ def _policy(config: Walk, champion: Champion) -> Policy:
             "iteration": champion.iteration,
             "own_return": champion.score,
             "episode_steps": config.episode_steps,
+            "engine": config.engine,
+            "roughness": config.roughness,
+            "randomization": config.randomization.as_json(),
         },
     )
 

@@ -15,12 +15,12 @@ from numba import njit
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
+from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
 from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints
-
-_FIRST_JOINT_OBSERVATION = 4
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class WalkConfig:
     Attributes:
         episode_steps: control steps at most.
         task: reward coefficients.
-        encoder_noise: standard deviation of white noise on the observed joint angles [rad].
+        randomization: what differs between episodes besides the motors.
     """
 
     episode_steps: int = 250
     task: TaskWeights = field(default_factory=TaskWeights)
-    encoder_noise: float = 0.0
+    randomization: Randomization = field(default_factory=Randomization)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _episode(
     obs_mean: np.ndarray,
     obs_std: np.ndarray,
     task: np.ndarray,
-    noise: np.ndarray,
+    sensors: Sensors,
     control_dt: float,
     max_steps: int,
     s: _Scratch,
@@ -94,9 +94,8 @@ def _episode(
     phase, total, steps, fault = 0.0, 0.0, 0, 0
     read_joints(world, motors, s.measured)
     observe(qpos[3:7], qvel[3:6], s.measured, phase, s.observation)
+    sense(sensors, 0, s.observation)
     for step in range(max_steps):
-        for i in range(s.measured.shape[0]):
-            s.observation[_FIRST_JOINT_OBSERVATION + i] += noise[step % noise.shape[0], i]
         if trace.shape[0] > 0:
             trace[step] = qpos
         accumulate_moments(s.observation, step, mean, m2)
@@ -114,6 +113,7 @@ def _episode(
         steps = step + 1
         if ended:
             break
+        sense(sensors, steps, s.observation)
     return total, steps, fault
 
 
@@ -149,20 +149,16 @@ class WalkSimulator:
         trace: bool = False,
     ) -> Episode:
         """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws."""
-        rng = np.random.default_rng(seed)
-        motors = self._world.reset(self._draw(rng))
-        mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
         steps = self._walk.episode_steps
+        conditions = self._walk.randomization.conditions(seed, steps)
+        motors = self._world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
+        sensors = self._walk.randomization.sensors(seed, steps)
+        mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
         qpos = np.zeros((steps if trace else 0, len(self._world.arrays.qpos)))
         total, done, fault = _episode(
             self._world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
-            self._task, self._noise(rng), self._world.config.control_dt, steps, self._scratch, mean, m2, qpos,
+            self._task, sensors, self._world.config.control_dt, steps, self._scratch, mean, m2, qpos,
         )  # fmt: skip
         base = self._world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()
         return Episode(total, done, where, fault or self._world.fault(), done, mean, m2, qpos[:done])
-
-    def _noise(self, rng: np.random.Generator) -> np.ndarray:
-        if self._walk.encoder_noise == 0.0:
-            return np.zeros((1, NUM_JOINTS))
-        return self._walk.encoder_noise * rng.standard_normal((self._walk.episode_steps, NUM_JOINTS))

@@ -17,9 +17,11 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.simulation.mj_call import mj_step, mj_step_address
+from motorprior.simulation.randomization import LONGEST_DELAY, NOMINAL, Conditions
 
 FAULTS = {1: "a joint or base coordinate is not finite", 2: "MuJoCo ran out of contact or constraint memory"}
 """Fault numbers of `BackendState` and what they mean."""
+_RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,21 @@ class WorldArrays(NamedTuple):
     """(12,) implicit damping of the actuator in place [N·m·s/rad]"""
     torque: np.ndarray
     """(12,) scratch"""
+    encoder_offset: np.ndarray
+    """(12,) reading of the encoders at true zero [rad]"""
+    commands: np.ndarray
+    """(ring, 12) position targets of the latest control steps, in true angles [rad]; state"""
+    clock: np.ndarray
+    """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
+    push: np.ndarray
+    """(steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)"""
     physics_dt: float
     substeps: int
+
+
+def _links(conditions: Conditions) -> np.ndarray:
+    """All that changes the model but its joints."""
+    return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
 
 def _keep_quiet(message: str) -> None:
@@ -94,20 +109,51 @@ class World:
             applied=self.data.qfrc_applied,
             damping=np.zeros(spec.NUM_JOINTS),
             torque=np.zeros(spec.NUM_JOINTS),
+            encoder_offset=np.zeros(spec.NUM_JOINTS),
+            commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, spec.NUM_JOINTS)),
+            clock=np.zeros(2, np.int64),
+            push=np.zeros((0, 2)),
             physics_dt=config.physics_dt,
             substeps=config.substeps,
         )
+        self._applied = _links(NOMINAL)
+        self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
-    def reset(self, actuator: Actuator, joint_pos: np.ndarray = spec.NOMINAL_POSE) -> ActuatorArrays:
+    def reset(
+        self, actuator: Actuator, joint_pos: np.ndarray = spec.NOMINAL_POSE, conditions: Conditions = NOMINAL
+    ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; returns the motors' fresh arrays."""
+        self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)
-        self.model.dof_armature[self.first_dof :] = actuator.armature
-        self.model.dof_damping[self.first_dof :] = actuator.damping
-        self.arrays.damping[:] = actuator.damping
+        self.model.dof_armature[self.first_dof :] = actuator.armature + conditions.armature
+        self.model.dof_damping[self.first_dof :] = actuator.damping + conditions.damping
+        arrays = self.arrays
+        arrays.damping[:] = actuator.damping
+        arrays.encoder_offset[:] = conditions.encoder_offset
+        arrays.commands[:] = joint_pos
+        arrays.clock[:] = 0, round(conditions.command_delay / self.config.physics_dt)
+        self.arrays = arrays._replace(push=conditions.push)
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
+
+    def _apply(self, conditions: Conditions) -> None:
+        """Put masses, friction and gravity of these conditions into the model; nothing is compiled anew."""
+        wanted = _links(conditions)
+        if np.array_equal(wanted, self._applied):
+            return
+        self._applied = wanted
+        for name, value in self._nominal.items():
+            getattr(self.model, name)[:] = value
+        model, links = self.model, slice(1, None)  # body 0 is the world
+        model.body_mass[links] *= conditions.mass
+        model.body_inertia[links] *= conditions.mass[:, None]
+        model.body_ipos[1] += conditions.com
+        model.pair_friction[:, :2] *= conditions.friction
+        model.opt.gravity[:] = conditions.gravity
+        model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
+        mujoco.mj_setConst(model, self.data)  # what MuJoCo derives from masses
 
     def fault(self) -> int:
         """0, or a key of FAULTS."""
@@ -139,10 +185,22 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 @njit(cache=True, nogil=True, inline="always")
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
-    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²]."""
+    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
+
+    The motors get the targets as late as ``world.clock`` says, in the angles of their own encoders; a push acts
+    on the origin of the chassis.
+    """
+    step, delay, ring = world.clock[0], world.clock[1], world.commands.shape[0]
+    for joint in range(target.shape[0]):
+        world.commands[step % ring, joint] = target[joint] - world.encoder_offset[joint]
+    if world.push.shape[0] > 0:
+        here = step % world.push.shape[0]
+        world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
     total = 0.0
-    for _ in range(world.substeps):
-        total += physics_step(world, motors, target)
+    for k in range(world.substeps):
+        late = (delay - k + world.substeps - 1) // world.substeps if delay > k else 0
+        total += physics_step(world, motors, world.commands[(step - late) % ring])
+    world.clock[0] = step + 1
     return total / world.substeps
 
 
@@ -159,3 +217,5 @@ def find_fault(world: WorldArrays) -> int:
 def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
     """(12,) joint angles [rad] as the encoders report them."""
     measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
+    for joint in range(out.shape[0]):
+        out[joint] += world.encoder_offset[joint]
