@@ -9,7 +9,10 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
 
@@ -20,7 +23,33 @@ def mujoco() -> Backend:
     )
 
 
-BACKENDS = [mujoco]
+def pybullet() -> Backend:
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    fleet = load_fleet("pupper_v2")
+    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)))
+
+
+def pybullet_rough() -> Backend:
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    fleet = load_fleet("mixed")
+    motors = lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))  # noqa: E731
+    return PybulletBackend(motors, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
+
+
+def mujoco_randomized() -> Backend:
+    fleet = load_fleet("pupper_v2")
+    return MujocoBackend(
+        lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
+        WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT),
+        EVERYTHING,
+    )
+
+
+EVERYTHING = Randomization(
+    armature=(0.0, 0.001), damping=(0.0, 0.01), friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.005, gravity_tilt=0.02,
+    encoder_offset=0.01, command_delay=(0.0, 0.015), push=0.05, push_interval=0.1,
+)  # fmt: skip
+BACKENDS = [mujoco, mujoco_randomized, pybullet, pybullet_rough]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)

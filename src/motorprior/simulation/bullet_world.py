@@ -34,7 +34,8 @@ from motorprior.simulation.world import WorldConfig
 
 PHYSICS_DT = 0.001
 """Step of PyBullet [s] (puppersim)."""
-SOLVER_ITERATIONS = 50
+SOLVER_ITERATIONS = 20
+"""Of contacts and gears together; 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)."""
 _STIFF = 1e6
 _NO_LIMIT = 1e9
 

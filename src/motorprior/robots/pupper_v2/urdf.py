@@ -13,8 +13,9 @@ from motorprior.robots.pupper_v2.spec import Link
 
 NO_LOAD_SPEED = 52.0
 """Speed limit [rad/s] of the joints: about 500 rpm at 24 V; assumption."""
-ROTOR_GEAR_RATIO = 36.0
-"""Turns of the rotor per turn of the joint (DJI M2006 P36)."""
+ROTOR_GEAR_RATIO = 1000.0
+"""Turns of a rotor per turn of its joint. Of the real 36 the same reflected inertia would couple to the motion of
+the link that carries the motor, by armature/36; MuJoCo's armature does not, so here it should not either."""
 ROTOR_MASS = 1e-6
 """[kg]; the rotors' masses are in the links already."""
 
@@ -81,8 +82,8 @@ def urdf(armature: np.ndarray | None = None, com_shift: tuple[float, float, floa
 
     URDF knows no reflected inertia. Where ``armature`` is positive the joint gets a second one beside it, on the
     same parent and about the same axis, named ``<leg>_<joint>_rotor``, whose link is the motor's rotor: inertia
-    armature / 36², to be geared 36:1 to the joint. Its kinetic energy ½·armature·(joint_vel + ω/36)² differs
-    from MuJoCo's ½·armature·joint_vel² by the parent's own rotation ω, as it does in the real motor.
+    armature / ratio², to be geared ratio:1 to the joint. Its kinetic energy is ½·armature·(joint_vel + ω/ratio)²,
+    with the parent's own rotation ω; for a high ratio that is MuJoCo's ½·armature·joint_vel².
 
     Args:
         armature: (12,) [kg·m²]; none if not given.
