@@ -11,7 +11,7 @@ SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {"", "kernel_cache", "exceptions", "rotations", "signals", "artifacts", "backend"}  # "": __init__.py
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
-    *("locomotion", "simulation", "search", "transfer", "hardware", "cli"),
+    *("locomotion", "simulation", "search", "transfer", "hardware", "cli", "environments"),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
