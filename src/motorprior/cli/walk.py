@@ -21,7 +21,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import Ars, ArsConfig
-from motorprior.search.executor import Executor, make_executor
+from motorprior.search.executor import Executor, Kind, make_executor
 from motorprior.search.train import Champion, Iteration, new_search, train
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
@@ -56,11 +56,15 @@ class Walk:
     workers: int = min(2, os.cpu_count() or 1)
     """Episodes at a time; the result does not depend on it."""
     engine: Literal["mujoco", "pybullet"] = "mujoco"
-    """Physics engine; PyBullet holds the interpreter lock, so threads do not speed it up."""
+    """Physics engine; PyBullet holds the interpreter lock, so that only `--executor ray` uses more cores."""
     roughness: float = 0.0
     """Height of the bumps of a rough ground [m]; PyBullet only."""
     randomization: Randomization = field(default_factory=Randomization)
     """What differs between episodes besides the motors; nothing if not given."""
+    executor: Kind = "threads"
+    """Threads of this process, or Ray's processes; the result does not depend on it."""
+    ray_address: str | None = None
+    """A running Ray cluster to join, with --executor ray; without one Ray starts on this machine only."""
 
 
 def run_walk(config: Walk, name: str = "walk") -> None:
@@ -75,13 +79,16 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     require_at_most(MOST_WORKERS, workers=config.workers)
     draw = config.motors.drawer()
     settings = asdict(config)
-    del settings["workers"]  # the result does not depend on it
+    for name in ("workers", "executor", "ray_address"):  # the result does not depend on them
+        del settings[name]
     wanted = description("walk", settings, config.motors.inputs())
     if is_finished(config.out, wanted):
         return
     make_simulator = simulator_maker(config, draw)
+    if config.ray_address is not None and config.executor != "ray":
+        raise ConfigError("--ray-address is for --executor ray", remedy="give both, or leave it out")
     begin(config.out)
-    executor = make_executor(make_simulator, config.workers)
+    executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
     try:
         champion, curve = _train(config, executor, wanted, name)
     finally:
