@@ -98,10 +98,12 @@ def ray():
 
 @pytest.fixture(scope="module")
 def cluster(ray):
-    """A cluster of two nodes with one core each, on this machine; the driver is in none of them yet."""
+    """The head of a cluster, one core; it notices within a second that a node is gone, instead of 15 s."""
     from ray.cluster_utils import Cluster
 
-    nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    often = {"health_check_initial_delay_ms": 0, "health_check_period_ms": 250, "health_check_failure_threshold": 3}
+    head = {"num_cpus": 1, "include_dashboard": False, "_system_config": often}
+    nodes = Cluster(initialize_head=True, head_node_args=head)
     yield nodes
     nodes.shutdown()
 
@@ -130,31 +132,30 @@ def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
     doomed = cluster.add_node(num_cpus=1)
     executor = make_executor(make_walker, 2, "ray", cluster.address)
     try:
-        t0=time.time(); assert searched(executor) == serial; print('A',time.time()-t0)
+        assert searched(executor) == serial  # both nodes at work
 
         doomed_id = doomed.node_id
-        killer = threading.Thread(target=kill_when_busy, args=(cluster, doomed, tmp_path, doomed_id))
+        killer = threading.Thread(target=kill_when_busy, args=(doomed, tmp_path, doomed_id))
         killer.start()
         assert executor.map(remember, str(tmp_path), range(10)) == [task * task for task in range(10)]
-        killer.join(); print('B',time.time()-t0)
+        killer.join()
         marks = [mark.name.split("-") for mark in tmp_path.iterdir()]
         lost = {task for task, _, node in marks if node == doomed_id}
         elsewhere = {task for task, _, node in marks if node != doomed_id}
         assert lost and elsewhere == {str(task) for task in range(10)}  # every lost task ran again
 
-        assert searched(executor) == serial; print('C',time.time()-t0)
+        assert searched(executor) == serial  # on what is left
         with pytest.raises(SimulationFault, match="died 4 times"):
             executor.map(die, None, range(4))
-        print('D',time.time()-t0)
         assert executor.map(nap, None, range(2)) == [(None, 0), (None, 1)]
     finally:
         executor.close()
 
 
-def kill_when_busy(cluster, node, folder, node_id):
+def kill_when_busy(node, folder, node_id):
     while not any(mark.name.endswith(node_id) for mark in folder.iterdir()):
         time.sleep(0.02)
-    cluster.remove_node(node, allow_graceful=False)
+    node.kill_raylet(check_alive=False)
 
 
 def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, serial):

@@ -126,7 +126,13 @@ def test_a_strongly_damped_light_knee_does_not_chatter(make):
     there.data.qvel[2::3] = 5.0
     for leg, index in zip(spec.LEGS, world._indices[2::3], strict=True):
         world.call("resetJointState", world.robot, index, -1.2, 5.0)
-        world.call("resetJointState", world.robot, world._names[f"{leg}_knee_rotor"], -1.2 * ROTOR_GEAR_RATIO, 5.0 * ROTOR_GEAR_RATIO)
+        world.call(
+            "resetJointState",
+            world.robot,
+            world._names[f"{leg}_knee_rotor"],
+            -1.2 * ROTOR_GEAR_RATIO,
+            5.0 * ROTOR_GEAR_RATIO,
+        )
     for _ in range(10):
         world.physics_step(arrays, spec.NOMINAL_POSE)
         physics_step(there.arrays, same, spec.NOMINAL_POSE)

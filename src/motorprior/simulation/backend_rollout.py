@@ -23,9 +23,7 @@ class BackendSimulator:
     """
 
     def __init__(self, backend: Backend, walk: WalkConfig):
-        self._env = PupperWalkEnv(
-            backend, walk.task, walk.episode_steps, draw_sensors=walk.randomization.sensors
-        )
+        self._env = PupperWalkEnv(backend, walk.task, walk.episode_steps, draw_sensors=walk.randomization.sensors)
 
     def run(
         self,

@@ -218,9 +218,7 @@ class BulletWorld:
             if factor != 1.0:
                 info = self.call("getDynamicsInfo", self.robot, index)
                 inertia = [factor * value for value in info[2]]
-                self.call(
-                    "changeDynamics", self.robot, index, mass=factor * info[0], localInertiaDiagonal=inertia
-                )
+                self.call("changeDynamics", self.robot, index, mass=factor * info[0], localInertiaDiagonal=inertia)
 
 
 def import_bullet() -> Any:
