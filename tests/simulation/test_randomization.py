@@ -38,7 +38,8 @@ def episode(randomization, seed=3):
 
 
 def test_off_by_default():
-    conditions = Randomization().conditions(5, 100)
+    conditions = replace(Randomization(), push_interval=0.5).conditions(5, 100)  # drawn, from empty ranges
+    assert Randomization().conditions(5, 100) is NOMINAL
     for field in fields(conditions):
         np.testing.assert_array_equal(getattr(conditions, field.name), getattr(NOMINAL, field.name))
     assert NOMINAL.friction == 1.0 and np.all(NOMINAL.mass == 1.0) and NOMINAL.push.shape == (0, 2)

@@ -15,9 +15,22 @@ from numba import types
 from numba.extending import intrinsic
 
 
+def _library() -> ctypes.CDLL:
+    return ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+
+
+def stop_timers() -> None:
+    """Let MuJoCo's own profiling timers (``mjData.timer``) stand still, in the whole process.
+
+    The Python bindings give MuJoCo a clock, which every ``mj_step`` reads some twenty times: a tenth of its time
+    (docs/speed.md). ``mujoco.set_mjcb_time`` cannot take it away, only replace it.
+    """
+    ctypes.c_void_p.in_dll(_library(), "mjcb_time").value = None
+
+
 def mj_step_address() -> int:
     """Address of libmujoco's ``mj_step`` in this process."""
-    library = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+    library = _library()
     address = ctypes.cast(library.mj_step, ctypes.c_void_p).value
     assert address is not None
     return address

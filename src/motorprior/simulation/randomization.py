@@ -77,6 +77,8 @@ class Randomization:
 
     def conditions(self, seed: int, episode_steps: int) -> Conditions:
         """The robot and its surroundings in the episode of this seed."""
+        if self == _NOTHING:
+            return NOMINAL
         rng = np.random.default_rng([_STREAM, seed])
         joints, tilt = spec.NUM_JOINTS, self.gravity_tilt * np.sqrt(rng.uniform())
         bearing, g = rng.uniform(0.0, 2.0 * np.pi), spec.GRAVITY
@@ -105,10 +107,10 @@ class Randomization:
 
     def sensors(self, seed: int, episode_steps: int) -> Sensors:
         """How the policy's sensors err in the episode of this seed."""
+        if not (self.sensor_delay[1] or self.joint_noise or self.tilt_noise or self.rate_noise):
+            return perfect_sensors()
         deviation = np.full(READINGS, self.joint_noise)
         deviation[:2], deviation[2:JOINT_READINGS] = self.tilt_noise, self.rate_noise
-        if self.sensor_delay[1] == 0.0 and not deviation.any():
-            return perfect_sensors()
         rng = np.random.default_rng([_SENSOR_STREAM, seed])
         delay = float(rng.uniform(*self.sensor_delay)) / spec.CONTROL_DT
         rows = episode_steps + 1 if deviation.any() else 0
@@ -140,5 +142,16 @@ class Conditions:
     """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
 
 
-NOMINAL = Randomization().conditions(0, 0)
+NOMINAL = Conditions(
+    armature=np.zeros(spec.NUM_JOINTS),
+    damping=np.zeros(spec.NUM_JOINTS),
+    friction=1.0,
+    mass=np.ones(NUM_LINKS),
+    com=np.zeros(3),
+    gravity=np.array([0.0, 0.0, -spec.GRAVITY]),
+    encoder_offset=np.zeros(spec.NUM_JOINTS),
+    command_delay=0.0,
+    push=np.zeros((0, 2)),
+)
 """The robot as it is in the specification."""
+_NOTHING = Randomization()

@@ -18,6 +18,7 @@ from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
+from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints
@@ -89,6 +90,9 @@ def _episode(
     trace: np.ndarray,
 ) -> tuple[float, int, int]:
     """Return total reward, steps and fault."""
+    world, motors, sensors, s = borrowed(world), borrowed(motors), borrowed(sensors), borrowed(s)
+    weights, obs_mean, obs_std, task = borrowed(weights), borrowed(obs_mean), borrowed(obs_std), borrowed(task)
+    mean, m2 = borrowed(mean), borrowed(m2)
     qpos, qvel = world.qpos, world.qvel
     s.filter_state[:] = 0.0
     phase, total, steps, fault = 0.0, 0.0, 0, 0

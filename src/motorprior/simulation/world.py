@@ -16,7 +16,7 @@ from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, st
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
-from motorprior.simulation.mj_call import mj_step, mj_step_address
+from motorprior.simulation.mj_call import mj_step, mj_step_address, stop_timers
 from motorprior.simulation.randomization import LONGEST_DELAY, NOMINAL, Conditions
 
 FAULTS = {1: "a joint or base coordinate is not finite", 2: "MuJoCo ran out of contact or constraint memory"}
@@ -94,6 +94,7 @@ class World:
     def __init__(self, config: WorldConfig):
         self.config = config
         mujoco.set_mju_user_warning(_keep_quiet)
+        stop_timers()
         text = mjcf(physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
