@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -26,6 +27,7 @@ from motorprior.search.train import Champion, Iteration, new_search, train
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.last_words import last_words
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -33,7 +35,7 @@ from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
-_CHECKPOINT_EVERY = 20
+_CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
 MOST_WORKERS = 1024
 
 
@@ -79,8 +81,8 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     require_at_most(MOST_WORKERS, workers=config.workers)
     draw = config.motors.drawer()
     settings = asdict(config)
-    for name in ("workers", "executor", "ray_address"):  # the result does not depend on them
-        del settings[name]
+    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
+        del settings[where]
     wanted = description("walk", settings, config.motors.inputs())
     if is_finished(config.out, wanted):
         return
@@ -122,16 +124,26 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
     """Train from the checkpoint, if there is one; leave a checkpoint when interrupted."""
     search, champion, curve = _restore(config, wanted)
     latest = _checkpoint(search, champion)
+    saved = time.monotonic()
+
+    def rescue() -> str:
+        """Keep everything, and the best policy so far, when MuJoCo ends the process."""
+        _save_checkpoint(config.out, latest, curve, wanted)
+        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
+        _policy(config, best).save(config.out / POLICY)
+        return f"{int(latest['iteration'])} iterations and the best policy so far are kept in {config.out}"
+
     try:
-        with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress:
+        with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress, last_words(rescue):
             progress.advance(search.iteration)
 
             def report(point: Iteration, best: Champion) -> None:
-                nonlocal latest
+                nonlocal latest, saved
                 curve.append(asdict(point))
                 latest = _checkpoint(search, best)
                 progress.advance(1, f"return {point.mean_return:.2f} m")
-                if search.iteration % _CHECKPOINT_EVERY == 0:
+                if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
+                    saved = time.monotonic()
                     _save_checkpoint(config.out, latest, curve, wanted)
 
             champion = train(search, executor, config.iterations, champion, report)

@@ -15,7 +15,8 @@ from numba import types
 from numba.extending import intrinsic
 
 
-def _library() -> ctypes.CDLL:
+def library() -> ctypes.CDLL:
+    """Libmujoco in this process."""
     return ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
 
 
@@ -25,13 +26,12 @@ def stop_timers() -> None:
     The Python bindings give MuJoCo a clock, which every ``mj_step`` reads some twenty times: a tenth of its time
     (docs/speed.md). ``mujoco.set_mjcb_time`` cannot take it away, only replace it.
     """
-    ctypes.c_void_p.in_dll(_library(), "mjcb_time").value = None
+    ctypes.c_void_p.in_dll(library(), "mjcb_time").value = None
 
 
 def mj_step_address() -> int:
     """Address of libmujoco's ``mj_step`` in this process."""
-    library = _library()
-    address = ctypes.cast(library.mj_step, ctypes.c_void_p).value
+    address = ctypes.cast(library().mj_step, ctypes.c_void_p).value
     assert address is not None
     return address
 

@@ -78,7 +78,11 @@ def torchscript_torque(actuator: LatentActuator) -> Torque | None:
         return None
     torch.set_num_threads(1)
     net = actuator.network
-    first, second, last = torch.nn.Linear(*net.w1.shape), torch.nn.Linear(*net.w2.shape), torch.nn.Linear(len(net.w3), 1)
+    first, second, last = (
+        torch.nn.Linear(*net.w1.shape),
+        torch.nn.Linear(*net.w2.shape),
+        torch.nn.Linear(len(net.w3), 1),
+    )
     folded = torch.from_numpy(actuator.z @ net.v1 + net.b1).float()
     values = ((first, net.w1.T, 0.0 * net.b1), (second, net.w2.T, net.b2), (last, net.w3[None], np.atleast_1d(net.b3)))
     for layer, weight, bias in values:

@@ -165,7 +165,7 @@ class WalkSimulator:
         )  # fmt: skip
         base = self._world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()
-        return Episode(total, done, where, fault or self._world.fault(), done, mean, m2, qpos[:done])
+        return Episode(total, done, where, fault, done, mean, m2, qpos[:done])
 
     def close(self) -> None:
         """Nothing to give back."""

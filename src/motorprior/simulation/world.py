@@ -16,11 +16,18 @@ from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, st
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.simulation.last_words import speak_before_dying
 from motorprior.simulation.mj_call import mj_step, mj_step_address, stop_timers
 from motorprior.simulation.randomization import LONGEST_DELAY, NOMINAL, Conditions
 
-FAULTS = {1: "a joint or base coordinate is not finite", 2: "MuJoCo ran out of contact or constraint memory"}
+FAULTS = {
+    1: "a coordinate, speed or acceleration is not finite or huge",
+    2: "MuJoCo ran out of contact or constraint memory",
+}
 """Fault numbers of `BackendState` and what they mean."""
+_WARNING = mujoco.mjtWarning
+_FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
+_BAD = (int(_WARNING.mjWARN_BADQPOS), int(_WARNING.mjWARN_BADQVEL), int(_WARNING.mjWARN_BADQACC))
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
 
@@ -73,6 +80,8 @@ class WorldArrays(NamedTuple):
     """(ring, 12) position targets of the latest control steps, in true angles [rad]; state"""
     clock: np.ndarray
     """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
+    warnings: np.ndarray
+    """(kinds of warning,) int32: how often MuJoCo gave each since the reset"""
     push: np.ndarray
     """(steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)"""
     physics_dt: float
@@ -95,6 +104,7 @@ class World:
         self.config = config
         mujoco.set_mju_user_warning(_keep_quiet)
         stop_timers()
+        speak_before_dying()
         text = mjcf(physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -113,6 +123,7 @@ class World:
             encoder_offset=np.zeros(spec.NUM_JOINTS),
             commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, spec.NUM_JOINTS)),
             clock=np.zeros(2, np.int64),
+            warnings=self.data.warning.number,
             push=np.zeros((0, 2)),
             physics_dt=config.physics_dt,
             substeps=config.substeps,
@@ -158,12 +169,7 @@ class World:
 
     def fault(self) -> int:
         """0, or a key of FAULTS."""
-        return int(find_fault(self.arrays)) or 2 * int(self._overflowed())
-
-    def _overflowed(self) -> bool:
-        number = self.data.warning.number
-        full = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
-        return any(number[int(kind)] > 0 for kind in full)
+        return int(find_fault(self.arrays))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -207,7 +213,12 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
 
 @njit(cache=True, nogil=True)
 def find_fault(world: WorldArrays) -> int:
-    """1 if a coordinate is not finite, else 0."""
+    """0, or the key of FAULTS of what went wrong since the reset."""
+    if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
+        return 2
+    for kind in _BAD:
+        if world.warnings[kind] > 0:
+            return 1
     for value in world.qpos:
         if not np.isfinite(value):
             return 1
