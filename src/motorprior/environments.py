@@ -1,4 +1,6 @@
-"""The door to Gymnasium. Importing this module registers ``motorprior/PupperWalk-v0``, as Gymnasium wants it:
+"""The door to Gymnasium: importing this module registers ``motorprior/PupperWalk-v0``.
+
+That a module does something at import is Gymnasium's own protocol.
 
     import gymnasium, motorprior.environments
     env = gymnasium.make("motorprior/PupperWalk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")

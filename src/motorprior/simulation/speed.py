@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +33,7 @@ from motorprior.simulation.world import World, WorldArrays, WorldConfig
 STEPS, SLOW_STEPS = 500, 100
 """Control steps of an episode, and of one where the interpreter is in the loop."""
 THREADS = 2
-EPISODES_PER_THREAD = 3
+EPISODES_PER_THREAD = 6
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,8 @@ def interpreted_paths(learned: Actuator) -> dict[str, Path]:
         for name, torque in (("python_numpy", numpy_torque(learned)), ("python_torch", torchscript_torque(learned))):
             if torque is not None:
                 paths[name] = _simulated(BackendSimulator(PythonLoopBackend(learned, torque), walk))
-    try:
+    with suppress(ConfigError):  # not installed
         paths["pybullet"] = _simulated(BackendSimulator(PybulletBackend(lambda rng: learned), walk))
-    except ConfigError:  # not installed
-        pass
     return paths
 
 
