@@ -39,8 +39,8 @@ def motors_of(kind: str, rng: np.random.Generator) -> Actuator:
 def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
     """Replay there."""
     recorded = replay(world, motors, targets)
-    joints = np.vstack([spec.NOMINAL_POSE[None], recorded.joint_pos[world.config.substeps - 1 :: world.config.substeps]])
-    return joints[:-1], recorded.base[:, :3]
+    after = recorded.joint_pos[world.config.substeps - 1 :: world.config.substeps]
+    return np.vstack([spec.NOMINAL_POSE[None], after[:-1]]), recorded.base[:, :3]
 
 
 def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Motion:
@@ -94,7 +94,8 @@ def main() -> None:
 
 def convergence() -> dict[str, float]:
     """How far the shipped number of solver iterations is from ten times as many, on the ground."""
-    targets, motors = trot_targets(np.random.default_rng(0), STEPS), motors_of("pd_armature_delay", np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    targets, motors = trot_targets(rng, STEPS), motors_of("pd_armature_delay", rng)
     motions = []
     shipped = bullet_world.SOLVER_ITERATIONS
     for iterations in (shipped, 10 * shipped):

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
-import motorprior.environments  # noqa: F401 - registers
+import motorprior.environments
 from motorprior.environments import make_env
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import act

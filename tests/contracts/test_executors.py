@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.cli.motors import MotorChoice
+from motorprior.cli.walk import Walk, simulator_maker
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, make_executor
@@ -89,8 +91,9 @@ def test_a_fault_reaches_the_caller(workers):
 @pytest.fixture(scope="module")
 def ray():
     module = pytest.importorskip("ray", reason="Ray is not installed: pip install 'motorprior[ray]'")
-    import ray.cloudpickle
     import sys
+
+    import ray.cloudpickle
 
     ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
     return module
@@ -158,15 +161,17 @@ def kill_when_busy(node, folder, node_id):
     node.kill_raylet(check_alive=False)
 
 
-def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, serial):
+def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, tmp_path):
+    config = Walk(tmp_path, MotorChoice("fleet"), episode_steps=30)
+    make = simulator_maker(config, config.motors.drawer())  # what the command line sends to Ray
     monkeypatch.setenv("RAY_ADDRESS", cluster.address)
-    executor = make_executor(make_walker, 3, "ray")
+    executor = make_executor(make, 3, "ray")
     try:
         assert ray.get_runtime_context().gcs_address != cluster.address
         assert ray.cluster_resources()["CPU"] == 3
-        assert searched(executor) == serial
+        assert searched(executor) == searched(make_executor(make, 1))
         with pytest.raises(ConfigError, match="already"):
-            make_executor(make_walker, 1, "ray")
+            make_executor(make, 1, "ray")
     finally:
         executor.close()
 

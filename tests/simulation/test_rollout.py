@@ -1,5 +1,8 @@
 """The compiled episode is the Python episode bit for bit, on any number of threads."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+
 import mujoco
 import numpy as np
 import pytest
@@ -95,8 +98,9 @@ class PlainLoop:
     def state(self, torque_squared_sum):
         data, measured = self.world.data, np.zeros(12)
         measure_joint_pos(self.motors, data.qpos[-12:], measured)
-        parts = data.qpos[:3], data.qpos[3:7], data.qvel[:3], data.qvel[3:6], measured
-        return BackendState(*(part.copy() for part in parts), torque_squared_sum, self.world.fault())
+        pos, quat, lin, ang = data.qpos[:3], data.qpos[3:7], data.qvel[:3], data.qvel[3:6]
+        parts = pos.copy(), quat.copy(), lin.copy(), ang.copy(), measured
+        return BackendState(*parts, torque_squared_sum, self.world.fault())
 
 
 @pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])

@@ -18,8 +18,9 @@ from motorprior.exceptions import ConfigError, SimulationFault
 Result = TypeVar("Result")
 RETRIES = 3
 """Times a chunk of tasks runs again after its worker or node was lost."""
-CHUNKS_PER_WORKER = 4
-"""More balance the workers better, fewer cost less traffic."""
+CHUNKS_PER_WORKER, MANY_CHUNKS = 4, 256
+"""Several chunks per worker even out episodes of different lengths; beyond MANY_CHUNKS starting them costs the
+driver more than that saves (docs/scaling.md), and each worker gets one."""
 _SIMULATORS: dict[str, Any] = {}
 """In a worker process: the simulator of the executor it last worked for."""
 _NUMBERS = itertools.count()
@@ -52,7 +53,7 @@ class RayExecutor:
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times.
         """
-        size = max(1, len(tasks) // (CHUNKS_PER_WORKER * self._workers))
+        size = chunk_size(len(tasks), self._workers)
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
         common = self._ray.put((function, shared))
         running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
@@ -70,6 +71,12 @@ class RayExecutor:
     def close(self) -> None:
         """Leave the cluster; stops it if it was started here."""
         self._ray.shutdown()
+
+
+def chunk_size(tasks: int, workers: int) -> int:
+    """Tasks that travel together."""
+    chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
+    return max(1, -(-tasks // chunks))
 
 
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:

@@ -7,6 +7,7 @@ until it returns, so nothing needs counting inside.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import types
@@ -26,18 +27,23 @@ def _borrow(context, builder, kind, value):
         return array._getvalue()
     if isinstance(kind, types.BaseTuple):
         parts = [
-            _borrow(context, builder, inner, builder.extract_value(value, index)) for index, inner in enumerate(kind)
+            _borrow(context, builder, inner, builder.extract_value(value, index))
+            for index, inner in enumerate(kind.types)  # pyright: ignore[reportAttributeAccessIssue]
         ]
         return context.make_tuple(builder, kind, parts)
     return value
 
 
 @intrinsic
-def borrowed(typingctx: Any, arrays: Any) -> Any:
-    """An array, or a (named) tuple with arrays in it, whose owner outlives the use of the result."""
+def _borrowed(typingctx: Any, arrays: Any) -> Any:
+    """Typing and code of `borrowed`."""
 
     def codegen(context, builder, signature, arguments):
         value = _borrow(context, builder, signature.args[0], arguments[0])
         return impl_ret_untracked(context, builder, signature.return_type, value)
 
     return arrays(arrays), codegen
+
+
+borrowed: Callable[[Arrays], Arrays] = _borrowed
+"""For compiled code: an array, or a (named) tuple with arrays in it, whose owner outlives the use of the result."""
