@@ -7,8 +7,7 @@ until it returns, so nothing needs counting inside.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numba import types
 from numba.core import cgutils
@@ -34,16 +33,20 @@ def _borrow(context, builder, kind, value):
     return value
 
 
-@intrinsic
-def _borrowed(typingctx: Any, arrays: Any) -> Any:
-    """Typing and code of `borrowed`."""
+if TYPE_CHECKING:
 
-    def codegen(context, builder, signature, arguments):
-        value = _borrow(context, builder, signature.args[0], arguments[0])
-        return impl_ret_untracked(context, builder, signature.return_type, value)
+    def borrowed(arrays: Arrays) -> Arrays:
+        """For compiled code: an array, or a (named) tuple with arrays in it, whose owner outlives the result."""
+        ...
 
-    return arrays(arrays), codegen
+else:
 
+    @intrinsic
+    def borrowed(typingctx: Any, arrays: Any) -> Any:
+        """See above."""
 
-borrowed: Callable[[Arrays], Arrays] = _borrowed
-"""For compiled code: an array, or a (named) tuple with arrays in it, whose owner outlives the use of the result."""
+        def codegen(context, builder, signature, arguments):
+            value = _borrow(context, builder, signature.args[0], arguments[0])
+            return impl_ret_untracked(context, builder, signature.return_type, value)
+
+        return arrays(arrays), codegen

@@ -128,10 +128,13 @@ class WalkSimulator:
         draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
         world: physics.
         walk: episode.
+
+    Attributes:
+        world: the robot.
     """
 
     def __init__(self, draw_motors: DrawMotors, world: WorldConfig | None = None, walk: WalkConfig | None = None):
-        self._world = World(world or WorldConfig())
+        self.world = World(world or WorldConfig())
         self._draw = draw_motors
         self._walk = walk or WalkConfig()
         self._task = self._walk.task.array()
@@ -155,15 +158,15 @@ class WalkSimulator:
         """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws."""
         steps = self._walk.episode_steps
         conditions = self._walk.randomization.conditions(seed, steps)
-        motors = self._world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
+        motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
         sensors = self._walk.randomization.sensors(seed, steps)
         mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
-        qpos = np.zeros((steps if trace else 0, len(self._world.arrays.qpos)))
+        qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
-            self._world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
-            self._task, sensors, self._world.config.control_dt, steps, self._scratch, mean, m2, qpos,
+            self.world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
+            self._task, sensors, self.world.config.control_dt, steps, self._scratch, mean, m2, qpos,
         )  # fmt: skip
-        base = self._world.arrays.qpos[:2]
+        base = self.world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()
         return Episode(total, done, where, fault, done, mean, m2, qpos[:done])
 

@@ -24,7 +24,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.mj_call import mj_step
+from motorprior.simulation.mj_call import do_nothing_address, mj_step
 from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, torchscript_torque
 from motorprior.simulation.replay import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -92,7 +92,11 @@ def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, Pa
             WalkSimulator(lambda rng, motors=actuator: motors, WorldConfig(physics_dt=physics_dt), WalkConfig(STEPS))
         )
     learned = actuators["rollout"][0]
-    return {"mj_step": _engine_alone(learned, paths["rollout"].steps), **paths, "two_threads": _two_threads(learned)}
+    alone = {
+        "mj_step": _engine_alone(learned, paths["rollout"].steps),
+        "without_mj_step": _everything_else(learned),
+    }
+    return {**alone, **paths, "two_threads": _two_threads(learned)}
 
 
 def interpreted_paths(learned: Actuator) -> dict[str, Path]:
@@ -125,6 +129,13 @@ def _engine_alone(actuator: Actuator, steps: int) -> Path:
     if not np.array_equal(world.data.qpos[-spec.NUM_JOINTS :], recorded.joint_pos[-1]):
         raise SimulationFault("replayed torques gave another motion")
     return Path(steps, run)
+
+
+def _everything_else(actuator: Actuator) -> Path:
+    """A whole episode in which a function that does nothing stands in for mj_step: the robot stays as it is."""
+    simulator = WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS))
+    simulator.world.arrays = simulator.world.arrays._replace(step=do_nothing_address())
+    return _simulated(simulator)
 
 
 def _two_threads(actuator: Actuator) -> Path:
@@ -165,6 +176,7 @@ def _ratios(rates: dict[str, np.ndarray]) -> dict[str, float]:
     """Medians of the ratios within each round."""
     wanted = {
         "mj_step_share/rollout": ("rollout", "mj_step", 1.0),
+        "above_mj_step_share/rollout": ("rollout", "without_mj_step", 1.0),
         "learned_over_pd": ("ideal_pd", "rollout", 1.0),
         "two_threads_over_one": ("two_threads", "rollout", float(THREADS)),
         "kernel_over_python_numpy": ("rollout", "python_numpy", 1.0),
