@@ -9,6 +9,7 @@ Physical motors, learned-style motors with reflected inertia (a PD with armature
 import argparse
 import json
 import time
+from functools import partial
 
 import numpy as np
 
@@ -17,9 +18,15 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import SerialExecutor
+from motorprior.search.train import advance, new_search
 from motorprior.simulation import bullet_world
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.replay import replay
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
@@ -84,7 +91,7 @@ def main() -> None:
             medians = np.median(rows, axis=0)
             figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
             print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
-    figures |= convergence()
+    figures |= convergence() | iteration_seconds()
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:
             json.dump(figures, file, indent=1)
@@ -107,6 +114,24 @@ def convergence() -> dict[str, float]:
     apart = 1e3 * float(np.sqrt(np.mean(np.square(motions[0][0] - motions[1][0]))))
     print(f"{shipped} against {10 * shipped} solver iterations: {apart:.2g} mrad")
     return {"iterations_rmse_mrad": apart}
+
+
+def iteration_seconds() -> dict[str, float]:
+    """Of one ARS iteration (32 episodes of up to 250 control steps, the second of a search) on one core."""
+    figures, walk = {}, WalkConfig()
+    for kind in ("physical", "pd_armature_delay"):
+        simulators = {
+            "mujoco": WalkSimulator(partial(motors_of, kind), WorldConfig(physics_dt=0.001), walk),
+            "pybullet": BackendSimulator(PybulletBackend(partial(motors_of, kind)), walk),
+        }
+        for engine, simulator in simulators.items():
+            search, executor = new_search(ArsConfig()), SerialExecutor(lambda made=simulator: made)
+            advance(search, executor)
+            started = time.perf_counter()
+            steps = advance(search, executor).mean_steps
+            figures[f"iteration_s/{kind}/{engine}"] = time.perf_counter() - started
+            print(f"{kind}, {engine}: {figures[f'iteration_s/{kind}/{engine}']:.2f} s per iteration, {steps:.0f} steps")
+    return figures
 
 
 def draw_figure(path: str, shown: dict[str, tuple[Motion, Motion]]) -> None:
