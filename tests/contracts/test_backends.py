@@ -5,6 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
@@ -106,3 +107,22 @@ def test_a_target_is_followed(backend: Backend):
     for _ in range(100):
         state = backend.step(target)
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
+
+
+ABSURD = IdealPd.uniform(12, kp=1e300, kd=0.84, torque_limit=1e308, armature=0.003)
+UNDEFINED = IdealPd.uniform(12, kp=8.8, kd=np.nan, torque_limit=1.26, armature=0.003)
+
+
+@pytest.mark.parametrize("engine", [MujocoBackend, PybulletBackend])
+@pytest.mark.parametrize("motors", [ABSURD, UNDEFINED], ids=["absurd", "NaN"])
+def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(engine, motors: IdealPd):
+    if engine is PybulletBackend:
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
+    queue = [motors, sound] if engine is PybulletBackend else [sound, motors, sound]  # MuJoCo's draws one at once
+    backend = engine(lambda rng: queue.pop(0))
+    backend.reset(0)
+    assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1
+    assert backend.reset(0).fault == 0
+    assert [backend.step(spec.NOMINAL_POSE).fault for _ in range(20)] == [0] * 20
+    backend.close()

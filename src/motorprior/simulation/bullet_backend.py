@@ -61,9 +61,10 @@ class PybulletBackend:
         self._commands.append(np.asarray(position_target, dtype=np.float64) - self._conditions.encoder_offset)
         pushes, substeps, total = self._conditions.push, self._config.substeps, 0.0
         push = pushes[self._step % len(pushes)] if len(pushes) else None
-        for k in range(substeps):
-            late = -(-max(0, self._delay - k) // substeps)
-            total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
+        with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
+            for k in range(substeps):
+                late = -(-max(0, self._delay - k) // substeps)
+                total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
         del self._commands[: len(self._commands) - (-(-self._delay // substeps))]
         self._step += 1
         return self._state(total / substeps)
