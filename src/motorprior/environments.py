@@ -11,7 +11,7 @@ The words are those of ``motorprior walk``. Observation and action are those of 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import gymnasium
 
@@ -20,11 +20,12 @@ from motorprior.cli.motors import MotorChoice
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.env import PupperWalkEnv
 from motorprior.locomotion.task import TaskWeights
-from motorprior.locomotion.vector_env import PupperWalkVectorEnv
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.mujoco_backend import DrawMotors, MujocoBackend
 from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.vector_env import WalkVectorEnv
 from motorprior.simulation.world import WorldConfig
 
 ENV_ID = "motorprior/PupperWalk-v0"
@@ -67,9 +68,31 @@ def make_env(
     return PupperWalkEnv(backend, task, episode_steps, draw_sensors=varied.sensors)
 
 
-def make_vector_env(num_envs: int = 1, threads: int = 1, **settings: Any) -> PupperWalkVectorEnv:
-    """``num_envs`` environments of `make_env`'s settings on ``threads`` threads."""
-    return PupperWalkVectorEnv([make_env(**settings) for _ in range(num_envs)], threads)
+def make_vector_env(
+    num_envs: int = 1,
+    threads: int = 1,
+    engine: str = "mujoco",
+    actuator: str = "fleet",
+    prior: str | Path | None = None,
+    posterior: str | Path | None = None,
+    fleet: str = "pupper_v2",
+    task: TaskWeights | None = None,
+    randomization: Randomization | None = None,
+    episode_steps: int = 500,
+    **pd: float,
+) -> WalkVectorEnv:
+    """``num_envs`` environments of `make_env`'s settings, compiled, on ``threads`` threads.
+
+    Raises:
+        ConfigError, ArtifactError: see `make_env`; or another engine than MuJoCo.
+    """
+    if engine != "mujoco":
+        raise ConfigError(
+            f"many environments at once are for MuJoCo, not {engine!r}", remedy='use vectorization_mode="async"'
+        )
+    choice = _choice(actuator, prior, posterior, fleet, pd)
+    walk = WalkConfig(episode_steps, task or TaskWeights(), randomization or Randomization())
+    return WalkVectorEnv(num_envs, choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), walk, threads)
 
 
 def _choice(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from motorprior.backend import Backend, BackendState
 
 
-_FURTHEST = np.array([np.pi, np.pi, 1e3, 1e3, *[4.0 * np.pi] * NUM_JOINTS, 1.0, 1.0])
+FURTHEST = np.array([np.pi, np.pi, 1e3, 1e3, *[4.0 * np.pi] * NUM_JOINTS, 1.0, 1.0])
 """Of an observation: tilt [rad], rates [rad/s], joints [rad], phase. No episode that goes on comes near them."""
 
 
@@ -53,7 +53,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ):
         if episode_steps < 1 or not control_dt > 0.0:
             raise ConfigError(f"episode_steps {episode_steps} and control_dt {control_dt} s must be > 0")
-        self.observation_space = Box(-_FURTHEST, _FURTHEST, dtype=np.float64)
+        self.observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
         self._backend = backend
         self._weights = (weights or TaskWeights()).array()

@@ -64,13 +64,52 @@ class Episode:
     trace: np.ndarray
 
 
-class _Scratch(NamedTuple):
+class Walker(NamedTuple):
+    """What one walking robot needs besides world and motors; state and scratch."""
+
     observation: np.ndarray
     action: np.ndarray
     filter_state: np.ndarray
     command: np.ndarray
     target: np.ndarray
     measured: np.ndarray
+
+
+def new_walker() -> Walker:
+    """Of a robot that has not walked yet."""
+    sizes = (OBSERVATION_SIZE, ACTION_SIZE, ACTION_SIZE, ACTION_SIZE, NUM_JOINTS, NUM_JOINTS)
+    return Walker(*(np.zeros(size) for size in sizes))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def begin_walk(world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker) -> None:
+    """First observation of an episode, after the world's reset; the phase is 0."""
+    walker.filter_state[:] = 0.0
+    read_joints(world, motors, walker.measured)
+    observe(world.qpos[3:7], world.qvel[3:6], walker.measured, 0.0, walker.observation)
+    sense(sensors, 0, walker.observation)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def walk_step(
+    world: WorldArrays, motors: ActuatorArrays, walker: Walker, phase: float, control_dt: float, task: np.ndarray
+) -> tuple[float, float, bool, int]:
+    """One control step of ``walker.action``, up to the true observation.
+
+    Returns:
+        The new phase, the reward [m], whether the episode is over, and the fault.
+    """
+    qpos, qvel = world.qpos, world.qvel
+    phase = command_step(walker.action, walker.filter_state, phase, control_dt, walker.command, walker.target)
+    previous_x = qpos[0]
+    squared = hold_target(world, motors, walker.target)
+    fault = find_fault(world)
+    read_joints(world, motors, walker.measured)
+    reward, ended = evaluate_step(
+        qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], walker.measured, squared, fault,
+        previous_x, phase, control_dt, task, walker.observation,
+    )  # fmt: skip
+    return phase, reward, ended, fault
 
 
 @njit(cache=True, nogil=True)
@@ -84,7 +123,7 @@ def _episode(
     sensors: Sensors,
     control_dt: float,
     max_steps: int,
-    s: _Scratch,
+    s: Walker,
     mean: np.ndarray,
     m2: np.ndarray,
     trace: np.ndarray,
@@ -93,26 +132,14 @@ def _episode(
     world, motors, sensors, s = borrowed(world), borrowed(motors), borrowed(sensors), borrowed(s)
     weights, obs_mean, obs_std, task = borrowed(weights), borrowed(obs_mean), borrowed(obs_std), borrowed(task)
     mean, m2 = borrowed(mean), borrowed(m2)
-    qpos, qvel = world.qpos, world.qvel
-    s.filter_state[:] = 0.0
     phase, total, steps, fault = 0.0, 0.0, 0, 0
-    read_joints(world, motors, s.measured)
-    observe(qpos[3:7], qvel[3:6], s.measured, phase, s.observation)
-    sense(sensors, 0, s.observation)
+    begin_walk(world, motors, sensors, s)
     for step in range(max_steps):
         if trace.shape[0] > 0:
-            trace[step] = qpos
+            trace[step] = world.qpos
         accumulate_moments(s.observation, step, mean, m2)
         act(weights, obs_mean, obs_std, s.observation, s.action)
-        phase = command_step(s.action, s.filter_state, phase, control_dt, s.command, s.target)
-        previous_x = qpos[0]
-        squared = hold_target(world, motors, s.target)
-        fault = find_fault(world)
-        read_joints(world, motors, s.measured)
-        reward, ended = evaluate_step(
-            qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], s.measured, squared, fault,
-            previous_x, phase, control_dt, task, s.observation,
-        )  # fmt: skip
+        phase, reward, ended, fault = walk_step(world, motors, s, phase, control_dt, task)
         total += reward
         steps = step + 1
         if ended:
@@ -138,14 +165,7 @@ class WalkSimulator:
         self._draw = draw_motors
         self._walk = walk or WalkConfig()
         self._task = self._walk.task.array()
-        self._scratch = _Scratch(
-            np.zeros(OBSERVATION_SIZE),
-            np.zeros(ACTION_SIZE),
-            np.zeros(ACTION_SIZE),
-            np.zeros(ACTION_SIZE),
-            np.zeros(NUM_JOINTS),
-            np.zeros(NUM_JOINTS),
-        )
+        self._walker = new_walker()
 
     def run(
         self,
@@ -164,7 +184,7 @@ class WalkSimulator:
         qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
             self.world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
-            self._task, sensors, self.world.config.control_dt, steps, self._scratch, mean, m2, qpos,
+            self._task, sensors, self.world.config.control_dt, steps, self._walker, mean, m2, qpos,
         )  # fmt: skip
         base = self.world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()
