@@ -129,9 +129,12 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
     def rescue() -> str:
         """Keep everything, and the best policy so far, when MuJoCo ends the process."""
         _save_checkpoint(config.out, latest, curve, wanted)
+        kept = f"{int(latest['iteration'])} iterations"
         best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
-        _policy(config, best).save(config.out / POLICY)
-        return f"{int(latest['iteration'])} iterations and the best policy so far are kept in {config.out}"
+        if best.iteration > 0:
+            _policy(config, best).save(config.out / POLICY)
+            kept += f" and the best policy so far, of iteration {best.iteration},"
+        return f"{kept} are kept in {config.out}"
 
     try:
         with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress, last_words(rescue):

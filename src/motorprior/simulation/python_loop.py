@@ -25,7 +25,7 @@ class PythonLoopBackend:
     """MuJoCo with learned motors, interpreted.
 
     Args:
-        actuator: the motors; their period must be the physics step.
+        actuator: the motors; their period must be a multiple of the physics step.
         torque: evaluates the network for them.
     """
 
@@ -33,26 +33,35 @@ class PythonLoopBackend:
         self._world, self._actuator, self._torque = World(WorldConfig()), actuator, torque
         self._taps = np.array(actuator.network.taps)
         self._history = np.zeros((2, self._taps[-1] + 1, NUM_JOINTS))
+        self._renewal = round(actuator.network.period / self._world.config.physics_dt)
+        self._count, self._held = 0, np.zeros(NUM_JOINTS)
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose."""
         self._world.reset(self._actuator)
         self._history[:] = 0.0
+        self._count = 0
         return self._state(0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
         """Hold (12,) targets [rad] for one control step."""
-        world, network, total = self._world, self._actuator.network, 0.0
+        world, total = self._world, 0.0
         for _ in range(world.config.substeps):
-            self._history[:, 1:] = self._history[:, :-1]
-            self._history[0, 0] = (position_target - world.data.qpos[7:]) / network.error_scale
-            self._history[1, 0] = world.data.qvel[6:] / network.velocity_scale
-            inputs = self._history[:, self._taps].reshape(-1, NUM_JOINTS).T
-            torque = self._torque(inputs)
-            world.data.qfrc_applied[6:] = torque
-            total += float(torque @ torque)
+            if self._count % self._renewal == 0:
+                self._held = self._renewed(position_target)
+            self._count += 1
+            world.data.qfrc_applied[6:] = self._held
+            total += float(self._held @ self._held)
             mujoco.mj_step(world.model, world.data)
         return self._state(total / world.config.substeps)
+
+    def _renewed(self, position_target: np.ndarray) -> np.ndarray:
+        """Torque (12,) of the network on its history and the present."""
+        data, network = self._world.data, self._actuator.network
+        self._history[:, 1:] = self._history[:, :-1]
+        self._history[0, 0] = (position_target - data.qpos[7:]) / network.error_scale
+        self._history[1, 0] = data.qvel[6:] / network.velocity_scale
+        return self._torque(self._history[:, self._taps].reshape(-1, NUM_JOINTS).T)
 
     def close(self) -> None:
         """Nothing to give back."""

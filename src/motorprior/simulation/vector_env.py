@@ -82,7 +82,7 @@ class WalkVectorEnv(VectorEnv):
         self._observations = np.zeros((num_envs, len(FURTHEST)))
         self._rewards, self._phases, self._faults = np.zeros(num_envs), np.zeros(num_envs), np.zeros(num_envs, np.int64)
         parts = [self._drawn(index, 0) for index in range(num_envs)]
-        self._lists = tuple(List(column) for column in zip(*parts, strict=True))
+        self._lists: Any = tuple(List(column) for column in zip(*parts, strict=True))  # pyright: ignore[reportCallIssue]
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -128,7 +128,8 @@ class WalkVectorEnv(VectorEnv):
         self._pool.shutdown()
 
     def _step_share(self, share: np.ndarray, actions: np.ndarray, out: tuple) -> None:
-        _step(*self._lists, share, actions, self._dt, self._task, self._steps, out)
+        worlds, motors, sensors, walkers = self._lists
+        _step(worlds, motors, sensors, walkers, share, actions, self._dt, self._task, self._steps, out)
 
     def _drawn(self, index: int, seed: int) -> tuple[Any, ...]:
         """World, motors, sensors and walker of a new episode."""
@@ -143,7 +144,8 @@ class WalkVectorEnv(VectorEnv):
             column[index] = part
         self._steps[index], self._phases[index], self._faults[index] = 0, 0.0, 0
         self._over[index] = False
-        _begin(*self._lists, index, self._observations)
+        worlds, motors, sensors, walkers = self._lists
+        _begin(worlds, motors, sensors, walkers, index, self._observations)
 
     def _info(self) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
