@@ -17,7 +17,7 @@ from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.console import bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
@@ -121,7 +121,7 @@ def simulator_maker(config: Walk, draw: DrawMotors) -> Callable[[], WalkSimulato
 
 
 def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:
-    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted."""
+    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
     search, champion, curve = _restore(config, wanted)
     latest = _checkpoint(search, champion)
     saved = time.monotonic()
@@ -150,7 +150,7 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
                     _save_checkpoint(config.out, latest, curve, wanted)
 
             champion = train(search, executor, config.iterations, champion, report)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, MotorPriorError):  # the second: a fault of the simulation, or lost workers
         _save_checkpoint(config.out, latest, curve, wanted)
         raise
     return champion, curve

@@ -82,6 +82,8 @@ def chunk_size(tasks: int, workers: int) -> int:
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
     """In a worker: run the tasks one after the other."""
     if name not in _SIMULATORS:
+        for old in _SIMULATORS.values():
+            old.close()
         _SIMULATORS.clear()
         _SIMULATORS[name] = make_simulator()
     function, shared = common
@@ -95,6 +97,7 @@ def _join(ray: Any, workers: int, address: str | None) -> None:
         )
     quiet = {"log_to_driver": False, "logging_level": "ERROR"}
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
     if address is None:
         ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
         return
