@@ -1,5 +1,7 @@
 """What every executor promises: results in order, same bytes on any workers, nothing lost with a worker or node."""
 
+# pyright: reportMissingImports=false
+# Ray is an extra.
 import threading
 import time
 from pathlib import Path

@@ -5,6 +5,8 @@ simulator between tasks, which changes no result. Nothing is joined unasked: wit
 cluster of this machine alone, whatever RAY_ADDRESS says or other clusters run.
 """
 
+# pyright: reportMissingImports=false
+# An extra.
 from __future__ import annotations
 
 import itertools

@@ -13,7 +13,8 @@ Exactness. Bullet keeps caches that neither ``resetSimulation`` nor ``restoreSta
 gives the same bytes again, so every reset makes one.
 """
 
-# pyright: reportMissingModuleSource=false
+# pyright: reportMissingModuleSource=false, reportMissingImports=false
+# An extra.
 from __future__ import annotations
 
 import tempfile
