@@ -11,7 +11,7 @@ SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {"", "kernel_cache", "exceptions", "rotations", "signals", "artifacts", "backend"}  # "": __init__.py
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
-    *("locomotion", "simulation", "search", "transfer", "hardware", "cli"),
+    *("locomotion", "simulation", "search", "transfer", "hardware", "cli", "environments"),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
@@ -21,7 +21,7 @@ FORBIDDEN = {
 HOMES = {
     **dict.fromkeys(["jax", "optax"], "identification/"),
     **dict.fromkeys(["mujoco", "pybullet"], "simulation/"),
-    "ray": "search/executor.py",
+    "ray": "search/executor",
     "serial": "hardware/",
     "pyarrow": "logs/",
     **dict.fromkeys(["matplotlib", "jinja2"], "transfer/"),
@@ -93,7 +93,7 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_home():
         ("hardware/safety.py", "from motorprior.actuator import latent", "hardware imports actuator"),
         ("actuator/latent.py", "import jax.numpy as jnp", "jax is at home in identification/ only"),
         ("bench/load.py", "importlib.import_module('mujoco')", "mujoco is at home in simulation/ only"),
-        ("search/train.py", "import ray", "ray is at home in search/executor.py only"),
+        ("search/train.py", "import ray", "ray is at home in search/executor only"),
         ("misc/thing.py", "", "misc has no place in the order"),
         ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
         ("search/executor.py", "import ray\nfrom motorprior.locomotion.policy import act", None),

@@ -25,7 +25,7 @@ WITHOUT_LOGS = (
     *(f"{figure}/{name}" for figure in ("twin_speed", "twin_upright", "twin_drift") for name in CONDITIONS),
     *("mj_step_share/rollout", "seconds"),
 )
-MEASURED_ANEW = re.compile("seconds|mj_step_share/.*|control_steps_per_s/.*|learned_over_pd")
+MEASURED_ANEW = re.compile("seconds|.*mj_step_share/.*|control_steps_per_s/.*|.*_over_.*")
 CHAPTERS = (
     *("Bench: motors show themselves", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
     *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),

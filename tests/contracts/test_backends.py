@@ -5,11 +5,15 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
 
@@ -20,7 +24,33 @@ def mujoco() -> Backend:
     )
 
 
-BACKENDS = [mujoco]
+def pybullet() -> Backend:
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    fleet = load_fleet("pupper_v2")
+    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)))
+
+
+def pybullet_rough() -> Backend:
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    fleet = load_fleet("mixed")
+    motors = lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))  # noqa: E731
+    return PybulletBackend(motors, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
+
+
+def mujoco_randomized() -> Backend:
+    fleet = load_fleet("pupper_v2")
+    return MujocoBackend(
+        lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
+        WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT),
+        EVERYTHING,
+    )
+
+
+EVERYTHING = Randomization(
+    armature=(0.0, 0.001), damping=(0.0, 0.01), friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.005, gravity_tilt=0.02,
+    encoder_offset=0.01, command_delay=(0.0, 0.015), push=0.05, push_interval=0.1,
+)  # fmt: skip
+BACKENDS = [mujoco, mujoco_randomized, pybullet, pybullet_rough]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
@@ -77,3 +107,22 @@ def test_a_target_is_followed(backend: Backend):
     for _ in range(100):
         state = backend.step(target)
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
+
+
+ABSURD = IdealPd.uniform(12, kp=1e300, kd=0.84, torque_limit=1e308, armature=0.003)
+UNDEFINED = IdealPd.uniform(12, kp=8.8, kd=np.nan, torque_limit=1.26, armature=0.003)
+
+
+@pytest.mark.parametrize("engine", [MujocoBackend, PybulletBackend])
+@pytest.mark.parametrize("motors", [ABSURD, UNDEFINED], ids=["absurd", "NaN"])
+def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(engine, motors: IdealPd):
+    if engine is PybulletBackend:
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
+    queue = [motors, sound] if engine is PybulletBackend else [sound, motors, sound]  # MuJoCo's draws one at once
+    backend = engine(lambda rng: queue.pop(0))
+    backend.reset(0)
+    assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1
+    assert backend.reset(0).fault == 0
+    assert [backend.step(spec.NOMINAL_POSE).fault for _ in range(20)] == [0] * 20
+    backend.close()

@@ -47,7 +47,7 @@ class GlidingBackend:
         )
 
 
-@pytest.mark.filterwarnings("ignore:.*A Box observation space:UserWarning")
+@pytest.mark.filterwarnings("error")
 def test_gymnasium_contract():
     check_env(PupperWalkEnv(GlidingBackend(), episode_steps=20), skip_render_check=True)
 

@@ -16,8 +16,8 @@ def quadratic(parameters):
 def iterate(search, score=quadratic):
     """One iteration with two made-up observations per candidate."""
     candidates = search.ask()
-    returns = np.array([score(c.parameters) for c in candidates]).reshape(-1, 2)
-    moments = [Moments.of(np.stack([c.parameters[:2], c.parameters[2:4]])) for c in candidates]
+    returns = np.array([score(search.parameters_of(c)) for c in candidates]).reshape(-1, 2)
+    moments = [Moments.of(np.stack([search.parameters_of(c)[:2], search.parameters_of(c)[2:4]])) for c in candidates]
     search.tell(returns, moments)
 
 
@@ -43,7 +43,7 @@ def test_candidates_are_mirrored_pairs_drawn_from_their_seed():
     assert [(c.direction, c.sign) for c in candidates] == [(k, s) for k in range(4) for s in (1, -1)]
     for c in candidates:
         noise = np.random.default_rng([9, 6, c.direction]).standard_normal(5)
-        np.testing.assert_allclose(c.parameters, np.arange(5.0) + c.sign * 0.3 * noise)
+        np.testing.assert_allclose(search.parameters_of(c), np.arange(5.0) + c.sign * 0.3 * noise)
 
 
 def test_climbs_a_quadratic_to_its_top():

@@ -1,23 +1,28 @@
 """The compiled episode is the Python episode bit for bit, on any number of threads."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+
+import mujoco
 import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.torque_law import measure_joint_pos, step_actuator
+from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.control_step import accumulate_moments
-from motorprior.locomotion.env import PupperWalkEnv
-from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
 from motorprior.search.train import Champion, advance, new_search, train
+from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world import World, WorldConfig
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")
@@ -64,37 +69,57 @@ def kind(request):
     return KINDS[request.param]
 
 
-def python_episode(draw, world, policy: Weights, seed, task=None):
-    """Total, steps, displacement, fault, Welford statistics and (steps, 19) qpos of the Gymnasium loop."""
-    backend = MujocoBackend(draw, world)
-    env = PupperWalkEnv(backend, weights=task, episode_steps=STEPS)
-    observation, _ = env.reset(seed=seed)
-    total, count, mean, m2, trace, info = 0.0, 0, np.zeros(18), np.zeros(18), [], {}
-    ended = False
-    while not ended:
-        trace.append(backend._world.data.qpos.copy())
-        count = accumulate_moments(observation, count, mean, m2)
-        action = np.zeros(16)
-        act(*policy, observation, action)
-        observation, earned, terminated, truncated, info = env.step(action)
-        total, ended = total + earned, terminated or truncated
-    return total, count, info["base_pos"][:2], info["fault"], mean, m2, np.array(trace)
+class PlainLoop:
+    """`MujocoBackend` written out: one interpreted call of MuJoCo per physics step."""
+
+    def __init__(self, draw, config):
+        self.world, self.draw = World(config), draw
+
+    def reset(self, seed):
+        self.motors = self.world.reset(self.draw(np.random.default_rng(seed)))
+        return self.state(0.0)
+
+    def step(self, position_target):
+        world, total, torque = self.world, 0.0, np.zeros(12)
+        q, dq = world.data.qpos[-12:], world.data.qvel[-12:]
+        for _ in range(world.config.substeps):
+            step_actuator(self.motors, world.config.physics_dt, position_target, q, dq, torque)
+            world.data.qfrc_applied[-12:] = torque
+            squared = 0.0
+            for motor in torque - world.arrays.damping * dq:
+                squared += float(motor) * float(motor)
+            total += squared
+            mujoco.mj_step(world.model, world.data)
+        return self.state(total / world.config.substeps)
+
+    def close(self):
+        pass
+
+    def state(self, torque_squared_sum):
+        data, measured = self.world.data, np.zeros(12)
+        measure_joint_pos(self.motors, data.qpos[-12:], measured)
+        pos, quat, lin, ang = data.qpos[:3], data.qpos[3:7], data.qvel[:3], data.qvel[3:6]
+        parts = pos.copy(), quat.copy(), lin.copy(), ang.copy(), measured
+        return BackendState(*parts, torque_squared_sum, self.world.fault())
 
 
 @pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])
 def test_compiled_equals_python_bit_for_bit(kind, policy: Weights, falls):
     draw, world = kind
-    task = TaskWeights(lateral=0.3, heading=0.1)
-    simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS, task=task))
+    walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
+    simulators = (
+        WalkSimulator(draw, world, walk),
+        BackendSimulator(MujocoBackend(draw, world), walk),
+        BackendSimulator(PlainLoop(draw, world), walk),
+    )
     for seed in (0, 1):
-        episode = simulator.run(*policy, seed, trace=True)
-        total, steps, where, fault, mean, m2, trace = python_episode(draw, world, policy, seed, task)
-        assert (episode.total, episode.steps, episode.fault) == (total, steps, fault)
-        for one, other in (
-            (episode.displacement, where), (episode.trace, trace), (episode.mean, mean), (episode.m2, m2),
-        ):  # fmt: skip
-            np.testing.assert_array_equal(one, other)
-        assert episode.count == steps and (steps < STEPS) == falls
+        episode, *others = (simulator.run(*policy, seed, trace=True) for simulator in simulators)
+        for other in others:
+            assert (episode.total, episode.steps, episode.fault) == (other.total, other.steps, other.fault)
+            for name in ("displacement", "mean", "m2"):
+                np.testing.assert_array_equal(getattr(episode, name), getattr(other, name))
+            np.testing.assert_array_equal(episode.trace[:, :7], other.trace[:, :7])
+        assert episode.count == episode.steps and (episode.steps < STEPS) == falls
 
 
 def test_same_seed_same_episode_and_another_seed_other_motors(kind):
@@ -107,7 +132,7 @@ def test_same_seed_same_episode_and_another_seed_other_motors(kind):
 
 
 def test_encoder_noise_is_drawn_from_the_seed_and_only_observed():
-    noisy = WalkConfig(episode_steps=STEPS, encoder_noise=0.02)
+    noisy = WalkConfig(episode_steps=STEPS, randomization=Randomization(joint_noise=0.02))
     clean = WalkConfig(episode_steps=STEPS)
     blind = (np.zeros((16, 19)), np.zeros(18), np.ones(18))  # does not look, so the noise cannot reach the robot
     simulators = [WalkSimulator(draw_pd, walk=walk) for walk in (noisy, noisy, clean)]
@@ -130,7 +155,7 @@ def test_the_zero_policy_trots_and_stays_up():
 
 def test_any_number_of_workers_gives_the_same_search():
     def searched(workers):
-        walk = WalkConfig(episode_steps=60, encoder_noise=0.01)
+        walk = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01))
         executor = make_executor(lambda: WalkSimulator(draw_pd, walk=walk), workers)
         search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
         try:

@@ -11,10 +11,11 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation import world as world_module
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.replay import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig, hold_target, physics_step
+from motorprior.simulation.world import FAULTS, World, WorldConfig, hold_target, physics_step
 
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
@@ -141,6 +142,18 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
     assert states[-1].fault == 1
     with pytest.raises(SimulationFault, match="not finite"):
         replay(World(WorldConfig()), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
+
+
+def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):
+    # 4 kB hold a robot in the air and no constraint: the first touch of the ground is one too many
+    monkeypatch.chdir(tmp_path)
+    whole = world_module.mjcf
+    small = '<size memory="4K"/><worldbody>'
+    monkeypatch.setattr(world_module, "mjcf", lambda **settings: whole(**settings).replace("<worldbody>", small, 1))
+    weights = (np.zeros((16, 19)), np.zeros(18), np.ones(18))
+    episode = WalkSimulator(lambda rng: PD, walk=WalkConfig(episode_steps=60)).run(*weights, seed=0)
+    assert (episode.fault, FAULTS[episode.fault]) == (2, "MuJoCo ran out of contact or constraint memory")
+    assert episode.steps < 60 and np.isfinite(episode.total)
 
 
 def test_a_step_that_breaks_earns_nothing(tmp_path, monkeypatch):

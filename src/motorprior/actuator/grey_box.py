@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.geared_motor import read_rotor_encoders, reset_geared_motor, step_geared_motor
+from motorprior.actuator.geared_motor import DAMPING, read_rotor_encoders, reset_geared_motor, step_geared_motor
 from motorprior.actuator.latent import renew_torque, reset_latent
 
 SCALES = 4
@@ -44,6 +44,13 @@ def step_grey_box(
     )
     for motor in range(torque.shape[0]):
         torque[motor] += arrays.memory[0, motor]
+
+
+@njit(cache=True, nogil=True)
+def forget_damping(arrays: ActuatorArrays) -> None:
+    """The engine did not damp: nothing is given back to the rotors in the next step."""
+    arrays.damping[:] = 0.0
+    arrays.memory[1 + DAMPING, :] = 0.0
 
 
 @njit(cache=True, nogil=True)

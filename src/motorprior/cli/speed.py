@@ -1,4 +1,4 @@
-"""``motorprior speed``: the rollout kernel against the bare physics engine."""
+"""``motorprior speed``: the rollout kernel against the bare physics engine, and against slower ways."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from motorprior.cli.console import bar, table
 from motorprior.cli.motors import load_prior, load_robot_fleet
 from motorprior.cli.validate import nominal_pd
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation.speed import measure
+from motorprior.simulation.speed import compiled_paths, interpreted_paths, measure
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Time whole episodes with every kind of motor, beside mj_step alone on the same torques."""
+    """Time whole episodes: compiled, interpreted, in PyBullet, on two threads, beside mj_step alone."""
 
     prior: Path
     """Prior whose motors are timed (any preset)."""
@@ -29,24 +29,32 @@ class Speed:
     """File for the figures."""
 
 
-def measure_speed(prior_path: Path, fleet_name: str) -> dict[str, float]:
-    """The figures of `simulation.speed.measure`, for one core."""
+def measure_speed(prior_path: Path, fleet_name: str, interpreted: bool = False) -> dict[str, float]:
+    """The figures of `simulation.speed.measure`.
+
+    Args:
+        prior_path: of the learned motors.
+        fleet_name: of the physical ones.
+        interpreted: measure the paths with the interpreter in the loop too.
+    """
     prior, fleet = load_prior(prior_path), load_robot_fleet(fleet_name)
+    learned = prior.sample(np.random.default_rng(0), spec.NUM_JOINTS)
     actuators: dict[str, tuple[Actuator, float]] = {
         "ideal_pd": (nominal_pd(fleet, spec.NUM_JOINTS), spec.PHYSICS_DT),
-        "rollout": (prior.sample(np.random.default_rng(0), spec.NUM_JOINTS), spec.PHYSICS_DT),
+        "rollout": (learned, spec.PHYSICS_DT),
         "physical": (PhysicalActuator(fleet.center(spec.NUM_JOINTS)), LONGEST_STEP),
     }
     with bar("speed: episodes side by side", 1) as progress:
-        figures = measure(actuators)
+        paths = compiled_paths(actuators)
+        figures = measure(paths | interpreted_paths(learned) if interpreted else paths)
         progress.advance()
     return figures
 
 
 def run_speed(config: Speed) -> None:
     """Measure and print."""
-    figures = measure_speed(config.prior, config.fleet)
+    figures = measure_speed(config.prior, config.fleet, interpreted=True)
     rows = [[name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}"] for name, value in figures.items()]
-    table("Speed, one core, medians of 7 interleaved runs", ["path", "value"], rows)
+    table("Speed per core, medians of 7 interleaved runs", ["path", "value"], rows)
     if config.json is not None:
         write_json(config.json, figures)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -15,18 +17,25 @@ from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.console import bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import Ars, ArsConfig
-from motorprior.search.executor import Executor, make_executor
+from motorprior.search.executor import Executor, Kind, make_executor
 from motorprior.search.train import Champion, Iteration, new_search, train
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.last_words import last_words
+from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
-_CHECKPOINT_EVERY = 20
+_CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
 MOST_WORKERS = 1024
 
 
@@ -47,7 +56,17 @@ class Walk:
     task: TaskWeights = field(default_factory=TaskWeights)
     """Reward."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Threads; the result does not depend on it."""
+    """Episodes at a time; the result does not depend on it."""
+    engine: Literal["mujoco", "pybullet"] = "mujoco"
+    """Physics engine; PyBullet holds the interpreter lock, so that only `--executor ray` uses more cores."""
+    roughness: float = 0.0
+    """Height of the bumps of a rough ground [m]; PyBullet only."""
+    randomization: Randomization = field(default_factory=Randomization)
+    """What differs between episodes besides the motors; nothing if not given."""
+    executor: Kind = "threads"
+    """Threads of this process, or Ray's processes; the result does not depend on it."""
+    ray_address: str | None = None
+    """A running Ray cluster to join, with --executor ray; without one Ray starts on this machine only."""
 
 
 def run_walk(config: Walk, name: str = "walk") -> None:
@@ -62,14 +81,16 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     require_at_most(MOST_WORKERS, workers=config.workers)
     draw = config.motors.drawer()
     settings = asdict(config)
-    del settings["workers"]  # the result does not depend on it
+    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
+        del settings[where]
     wanted = description("walk", settings, config.motors.inputs())
     if is_finished(config.out, wanted):
         return
-    world = WorldConfig(physics_dt=config.motors.physics_dt)
-    walk = WalkConfig(config.episode_steps, config.task)
+    make_simulator = simulator_maker(config, draw)
+    if config.ray_address is not None and config.executor != "ray":
+        raise ConfigError("--ray-address is for --executor ray", remedy="give both, or leave it out")
     begin(config.out)
-    executor = make_executor(lambda: WalkSimulator(draw, world, walk), config.workers)
+    executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
     try:
         champion, curve = _train(config, executor, wanted, name)
     finally:
@@ -80,24 +101,56 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     finish(config.out, wanted)
 
 
+def simulator_maker(config: Walk, draw: DrawMotors) -> Callable[[], WalkSimulator | BackendSimulator]:
+    """Makes a worker's simulator.
+
+    Raises:
+        ConfigError: the engine is not installed, or cannot do what is asked.
+    """
+    walk = WalkConfig(config.episode_steps, config.task, config.randomization)
+    terrain = Terrain(config.roughness)
+    if config.engine == "mujoco":
+        if terrain.roughness:
+            raise ConfigError("--roughness is for PyBullet only", remedy="use --engine pybullet, or leave it out")
+        world = WorldConfig(physics_dt=config.motors.physics_dt)
+        return lambda: WalkSimulator(draw, world, walk)
+    import_bullet()
+    return lambda: BackendSimulator(
+        PybulletBackend(draw, None, config.randomization, terrain, config.episode_steps), walk
+    )
+
+
 def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:
-    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted."""
+    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
     search, champion, curve = _restore(config, wanted)
     latest = _checkpoint(search, champion)
+    saved = time.monotonic()
+
+    def rescue() -> str:
+        """Keep everything, and the best policy so far, when MuJoCo ends the process."""
+        _save_checkpoint(config.out, latest, curve, wanted)
+        kept = f"{int(latest['iteration'])} iterations"
+        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
+        if best.iteration > 0:
+            _policy(config, best).save(config.out / POLICY)
+            kept += f" and the best policy so far, of iteration {best.iteration},"
+        return f"{kept} are kept in {config.out}"
+
     try:
-        with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress:
+        with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress, last_words(rescue):
             progress.advance(search.iteration)
 
             def report(point: Iteration, best: Champion) -> None:
-                nonlocal latest
+                nonlocal latest, saved
                 curve.append(asdict(point))
                 latest = _checkpoint(search, best)
                 progress.advance(1, f"return {point.mean_return:.2f} m")
-                if search.iteration % _CHECKPOINT_EVERY == 0:
+                if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
+                    saved = time.monotonic()
                     _save_checkpoint(config.out, latest, curve, wanted)
 
             champion = train(search, executor, config.iterations, champion, report)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, MotorPriorError):  # the second: a fault of the simulation, or lost workers
         _save_checkpoint(config.out, latest, curve, wanted)
         raise
     return champion, curve
@@ -120,6 +173,9 @@ def _policy(config: Walk, champion: Champion) -> Policy:
             "iteration": champion.iteration,
             "own_return": champion.score,
             "episode_steps": config.episode_steps,
+            "engine": config.engine,
+            "roughness": config.roughness,
+            "randomization": config.randomization.as_json(),
         },
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -11,11 +12,16 @@ from gymnasium.spaces import Box
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
+from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.robots.pupper_v2.spec import CONTROL_DT, NUM_JOINTS
+from motorprior.robots.pupper_v2.spec import CONTROL_DT, NOMINAL_POSE, NUM_JOINTS
 
 if TYPE_CHECKING:
     from motorprior.backend import Backend, BackendState
+
+
+FURTHEST = np.array([np.pi, np.pi, 1e3, 1e3, *[4.0 * np.pi] * NUM_JOINTS, 1.0, 1.0])
+"""Of an observation: tilt [rad], rates [rad/s], joints [rad], phase. No episode that goes on comes near them."""
 
 
 class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -32,6 +38,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.
         control_dt: control period [s].
+        draw_sensors: how the sensors err, from the backend's seed and ``episode_steps``; perfect ones if None.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
@@ -42,15 +49,18 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         weights: TaskWeights | None = None,
         episode_steps: int = 500,
         control_dt: float = CONTROL_DT,
+        draw_sensors: Callable[[int, int], Sensors] | None = None,
     ):
         if episode_steps < 1 or not control_dt > 0.0:
             raise ConfigError(f"episode_steps {episode_steps} and control_dt {control_dt} s must be > 0")
-        self.observation_space = Box(-np.inf, np.inf, (OBSERVATION_SIZE,), np.float64)
+        self.observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
         self._backend = backend
         self._weights = (weights or TaskWeights()).array()
         self._episode_steps = episode_steps
         self._control_dt = float(control_dt)
+        self._draw_sensors = draw_sensors
+        self._sensors = perfect_sensors()
         self._filter_state = np.zeros(ACTION_SIZE)
         self._command = np.zeros(ACTION_SIZE)
         self._target = np.zeros(NUM_JOINTS)
@@ -70,7 +80,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             options: none are known.
 
         Returns:
-            Observation, shape (18,), and an empty info.
+            Observation, shape (18,), and the info that `step` describes.
 
         Raises:
             SimulationFault: the backend failed already.
@@ -82,9 +92,13 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
         self._phase, self._steps, self._running = 0.0, 0, True
         self._filter_state[:] = 0.0
+        self._target[:] = NOMINAL_POSE
         self._previous_x = float(state.base_pos[0])
+        if self._draw_sensors is not None:
+            self._sensors = self._draw_sensors(drawn, self._episode_steps)
         observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, self._phase, self._observation)
-        return self._observation.copy(), {}
+        sense(self._sensors, 0, self._observation)
+        return self._observation.copy(), self._info(state)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one control step.
@@ -94,7 +108,8 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Returns:
             Observation (18,), reward [m], terminated (fell or fault), truncated (time is up), and an info
-            with fault, phase, position_target (12,) [rad] and base_pos (3,) [m].
+            with fault, phase, position_target (12,) [rad], measured_joint_pos (12,) [rad], base_pos (3,) [m]
+            and base_quat (4,).
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
@@ -107,6 +122,8 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         state = self._backend.step(self._target.copy())
         earned, terminated = self._evaluate(state)
         self._steps += 1
+        if state.fault == 0:
+            sense(self._sensors, self._steps, self._observation)
         truncated = not terminated and self._steps >= self._episode_steps
         self._running = not (terminated or truncated)
         return self._observation.copy(), earned, terminated, truncated, self._info(state)
@@ -140,5 +157,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "fault": int(state.fault),
             "phase": float(self._phase),
             "position_target": self._target.copy(),
+            "measured_joint_pos": np.array(state.measured_joint_pos),
             "base_pos": np.array(state.base_pos),
+            "base_quat": np.array(state.base_quat),
         }

@@ -96,13 +96,28 @@ class Moments:
         return np.where(std > CONSTANT_STD, std, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Candidate:
-    """One perturbed parameter vector to try: parameters = M + sign · ν · δ(direction), sign +1 or -1."""
+    """One perturbed parameter vector to try, M + sign · ν · δ(direction); sign +1, -1, or 0 for M itself.
+
+    It travels as these two numbers; `perturbed` makes the vector where it is tried.
+    """
 
     direction: int
     sign: int
-    parameters: np.ndarray
+
+
+def direction_noise(seed: int, iteration: int, direction: int, size: int) -> np.ndarray:
+    """δ of a direction: standard normal, shape (size,); the same wherever it is drawn."""
+    return np.random.default_rng([seed, iteration, direction]).standard_normal(size)
+
+
+def perturbed(parameters: np.ndarray, candidate: Candidate, config: ArsConfig, iteration: int) -> np.ndarray:
+    """The parameters that a candidate stands for, shape of ``parameters``."""
+    if candidate.sign == 0:
+        return parameters
+    noise = direction_noise(config.seed, iteration, candidate.direction, parameters.size)
+    return parameters + candidate.sign * (config.delta_std * noise)
 
 
 class Ars:
@@ -128,17 +143,15 @@ class Ars:
 
     def direction(self, index: int) -> np.ndarray:
         """δ of direction ``index`` in this iteration: standard normal, shape (num_parameters,)."""
-        rng = np.random.default_rng([self.config.seed, self.iteration, index])
-        return rng.standard_normal(self.parameters.size)
+        return direction_noise(self.config.seed, self.iteration, index, self.parameters.size)
 
     def ask(self) -> list[Candidate]:
         """Candidates of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
-        candidates = []
-        for index in range(self.config.num_directions):
-            step = self.config.delta_std * self.direction(index)
-            candidates.append(Candidate(index, 1, self.parameters + step))
-            candidates.append(Candidate(index, -1, self.parameters - step))
-        return candidates
+        return [Candidate(index, sign) for index in range(self.config.num_directions) for sign in (1, -1)]
+
+    def parameters_of(self, candidate: Candidate) -> np.ndarray:
+        """What a candidate of this iteration stands for, shape (num_parameters,)."""
+        return perturbed(self.parameters, candidate, self.config, self.iteration)
 
     def tell(self, returns: np.ndarray, observation_moments: Sequence[Moments]) -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).

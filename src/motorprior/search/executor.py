@@ -1,7 +1,9 @@
-"""Where episodes run: here, or on threads. Same bytes either way.
+"""Where episodes run: here, on threads, or on other processes and machines. Same bytes everywhere.
 
-A task is (candidate, seed); results come back in the order of the tasks, whatever order they end in.
-The compiled episode releases the interpreter lock, so threads run on as many cores.
+A round of episodes is a list of tasks that share one thing, the policy they perturb. Both are small: noise and
+motors travel as seeds, and a worker draws them for itself. Results come back in the order of the tasks, whatever
+order they end in. The compiled episode releases the interpreter lock, so threads run on as many cores; an engine
+that holds it (PyBullet) needs processes.
 """
 
 from __future__ import annotations
@@ -9,16 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
+
+from motorprior.search.executor_ray import RayExecutor
 
 Result = TypeVar("Result")
+Kind = Literal["threads", "ray"]
 
 
 class Executor(Protocol):
-    """Maps a function of (simulator, task) over tasks."""
+    """Maps a function of (simulator, shared, task) over tasks."""
 
-    def map(self, function: Callable[[Any, Any], Result], tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``."""
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+        """Results in the order of ``tasks``; the function may depend on its arguments only."""
         ...
 
     def close(self) -> None:
@@ -32,42 +37,57 @@ class SerialExecutor:
     def __init__(self, make_simulator: Callable[[], Any]):
         self._simulator = make_simulator()
 
-    def map(self, function: Callable[[Any, Any], Result], tasks: Sequence[Any]) -> list[Result]:
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
         """Results in the order of ``tasks``."""
-        return [function(self._simulator, task) for task in tasks]
+        return [function(self._simulator, shared, task) for task in tasks]
 
     def close(self) -> None:
-        """Nothing to stop."""
+        """Close the simulator."""
+        self._simulator.close()
 
 
 class ThreadExecutor:
     """``workers`` threads, each taking a simulator of its own from a pool."""
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int):
+        self._simulators = [make_simulator() for _ in range(workers)]
         self._idle: SimpleQueue[Any] = SimpleQueue()
-        for _ in range(workers):
-            self._idle.put(make_simulator())
+        for simulator in self._simulators:
+            self._idle.put(simulator)
         self._pool = ThreadPoolExecutor(workers)
 
-    def map(self, function: Callable[[Any, Any], Result], tasks: Sequence[Any]) -> list[Result]:
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
         """Results in the order of ``tasks``."""
 
         def run(task: Any) -> Result:
             simulator = self._idle.get()
             try:
-                return function(simulator, task)
+                return function(simulator, shared, task)
             finally:
                 self._idle.put(simulator)
 
         return list(self._pool.map(run, tasks))
 
     def close(self) -> None:
-        """Wait for running episodes and stop the threads."""
+        """Wait for running episodes, stop the threads, close the simulators."""
         self._pool.shutdown(cancel_futures=True)
+        for simulator in self._simulators:
+            simulator.close()
 
 
-def make_executor(make_simulator: Callable[[], Any], workers: int) -> Executor:
-    """Serial for one worker, threads for more."""
+def make_executor(
+    make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
+) -> Executor:
+    """Workers of a kind; one thread is no thread.
+
+    Args:
+        make_simulator: called once per worker; for Ray it must pickle.
+        workers: episodes at a time.
+        kind: threads of this process, or Ray's processes.
+        address: of the Ray cluster to join; without one Ray starts on this machine only.
+    """
+    if kind == "ray":
+        return RayExecutor(make_simulator, workers, address)
     if workers <= 1:
         return SerialExecutor(make_simulator)
     return ThreadExecutor(make_simulator, workers)

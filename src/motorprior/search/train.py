@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from motorprior.locomotion.policy import ACTION_SIZE, NUM_PARAMETERS, OBSERVATION_SIZE
-from motorprior.search.ars import Ars, ArsConfig, Moments
+from motorprior.search.ars import Ars, ArsConfig, Candidate, Moments, perturbed
 from motorprior.search.executor import Executor
 
 SHAPE = (ACTION_SIZE, OBSERVATION_SIZE + 1)
@@ -38,13 +38,28 @@ class Iteration:
     mean_steps: float
 
 
-@dataclass(frozen=True)
-class Task:
-    """One episode to run."""
+@dataclass(frozen=True, eq=False)
+class Round:
+    """What the tasks of a round share: the search's parameters (304,), observation mean and std (18,), its noise."""
 
-    weights: np.ndarray
+    parameters: np.ndarray
     mean: np.ndarray
     std: np.ndarray
+    config: ArsConfig
+    iteration: int
+
+    @classmethod
+    def of(cls, search: Ars) -> Round:
+        """The present one."""
+        moments = search.observations
+        return cls(search.parameters, moments.mean, moments.std(), search.config, search.iteration)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One episode to run: which perturbation, on the motors of which seed."""
+
+    candidate: Candidate
     seed: int
 
 
@@ -81,9 +96,10 @@ class Champion:
         return cls(weights, mean, std, float(state["champion_score"]), int(state["champion_iteration"]))
 
 
-def run_task(simulator: Any, task: Task) -> EpisodeLike:
+def run_task(simulator: Any, shared: Round, task: Task) -> EpisodeLike:
     """Run one episode on a worker's simulator."""
-    return simulator.run(task.weights, task.mean, task.std, task.seed)
+    parameters = perturbed(shared.parameters, task.candidate, shared.config, shared.iteration)
+    return simulator.run(parameters.reshape(SHAPE), shared.mean, shared.std, task.seed)
 
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
@@ -93,18 +109,9 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 
 def advance(search: Ars, executor: Executor) -> Iteration:
     """One ARS iteration: ask, run every candidate, tell."""
-    std, mean = search.observations.std(), search.observations.mean
-    iteration = search.iteration
-    tasks = [
-        Task(
-            candidate.parameters.reshape(SHAPE),
-            mean,
-            std,
-            episode_seed(search.config.seed, iteration, candidate.direction),
-        )
-        for candidate in search.ask()
-    ]
-    episodes = executor.map(run_task, tasks)
+    iteration, seed = search.iteration, search.config.seed
+    tasks = [Task(candidate, episode_seed(seed, iteration, candidate.direction)) for candidate in search.ask()]
+    episodes = executor.map(run_task, Round.of(search), tasks)
     returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
     search.tell(returns, [Moments(episode.count, episode.mean, episode.m2) for episode in episodes])
     steps = float(np.mean([episode.steps for episode in episodes]))
@@ -116,10 +123,13 @@ def contest(search: Ars, executor: Executor, champion: Champion) -> Champion:
 
     Every contest is walked on the same CONTEST_DRAWS draws of motors.
     """
-    weights, mean, std = search.parameters.reshape(SHAPE), search.observations.mean, search.observations.std()
-    tasks = [Task(weights, mean, std, episode_seed(search.config.seed, CONTEST, draw)) for draw in range(CONTEST_DRAWS)]
-    score = float(np.mean([episode.total for episode in executor.map(run_task, tasks)]))
-    return Champion(weights, mean, std, score, search.iteration) if score > champion.score else champion
+    shared = Round.of(search)
+    seeds = [episode_seed(search.config.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
+    episodes = executor.map(run_task, shared, [Task(Candidate(0, 0), seed) for seed in seeds])
+    score = float(np.mean([episode.total for episode in episodes]))
+    if score <= champion.score:
+        return champion
+    return Champion(shared.parameters.reshape(SHAPE), shared.mean, shared.std, score, search.iteration)
 
 
 def train(

@@ -15,10 +15,32 @@ from numba import types
 from numba.extending import intrinsic
 
 
+def library() -> ctypes.CDLL:
+    """Libmujoco in this process."""
+    return ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+
+
+def stop_timers() -> None:
+    """Let MuJoCo's own profiling timers (``mjData.timer``) stand still, in the whole process.
+
+    The Python bindings give MuJoCo a clock, which every ``mj_step`` reads some twenty times: a tenth of its time
+    (docs/speed.md). ``mujoco.set_mjcb_time`` cannot take it away, only replace it.
+    """
+    ctypes.c_void_p.in_dll(library(), "mjcb_time").value = None
+
+
 def mj_step_address() -> int:
     """Address of libmujoco's ``mj_step`` in this process."""
-    library = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
-    address = ctypes.cast(library.mj_step, ctypes.c_void_p).value
+    return _address("mj_step")
+
+
+def do_nothing_address() -> int:
+    """Address of a function that can stand in for ``mj_step`` and does nothing: what is left is everything else."""
+    return _address("mj_version")
+
+
+def _address(name: str) -> int:
+    address = ctypes.cast(getattr(library(), name), ctypes.c_void_p).value
     assert address is not None
     return address
 

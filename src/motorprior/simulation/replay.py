@@ -10,6 +10,7 @@ from numba import njit
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
 
 
@@ -40,6 +41,7 @@ def _play(
     measured: np.ndarray,
     base: np.ndarray,
 ) -> None:
+    world, motors, targets = borrowed(world), borrowed(motors), borrowed(targets)
     n = targets.shape[1]
     row = 0
     for step in range(targets.shape[0]):

@@ -15,12 +15,13 @@ from numba import njit
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
+from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
+from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints
-
-_FIRST_JOINT_OBSERVATION = 4
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,12 @@ class WalkConfig:
     Attributes:
         episode_steps: control steps at most.
         task: reward coefficients.
-        encoder_noise: standard deviation of white noise on the observed joint angles [rad].
+        randomization: what differs between episodes besides the motors.
     """
 
     episode_steps: int = 250
     task: TaskWeights = field(default_factory=TaskWeights)
-    encoder_noise: float = 0.0
+    randomization: Randomization = field(default_factory=Randomization)
 
 
 @dataclass(frozen=True)
@@ -63,13 +64,52 @@ class Episode:
     trace: np.ndarray
 
 
-class _Scratch(NamedTuple):
+class Walker(NamedTuple):
+    """What one walking robot needs besides world and motors; state and scratch."""
+
     observation: np.ndarray
     action: np.ndarray
     filter_state: np.ndarray
     command: np.ndarray
     target: np.ndarray
     measured: np.ndarray
+
+
+def new_walker() -> Walker:
+    """Of a robot that has not walked yet."""
+    sizes = (OBSERVATION_SIZE, ACTION_SIZE, ACTION_SIZE, ACTION_SIZE, NUM_JOINTS, NUM_JOINTS)
+    return Walker(*(np.zeros(size) for size in sizes))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def begin_walk(world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker) -> None:
+    """First observation of an episode, after the world's reset; the phase is 0."""
+    walker.filter_state[:] = 0.0
+    read_joints(world, motors, walker.measured)
+    observe(world.qpos[3:7], world.qvel[3:6], walker.measured, 0.0, walker.observation)
+    sense(sensors, 0, walker.observation)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def walk_step(
+    world: WorldArrays, motors: ActuatorArrays, walker: Walker, phase: float, control_dt: float, task: np.ndarray
+) -> tuple[float, float, bool, int]:
+    """One control step of ``walker.action``, up to the true observation.
+
+    Returns:
+        The new phase, the reward [m], whether the episode is over, and the fault.
+    """
+    qpos, qvel = world.qpos, world.qvel
+    phase = command_step(walker.action, walker.filter_state, phase, control_dt, walker.command, walker.target)
+    previous_x = qpos[0]
+    squared = hold_target(world, motors, walker.target)
+    fault = find_fault(world)
+    read_joints(world, motors, walker.measured)
+    reward, ended = evaluate_step(
+        qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], walker.measured, squared, fault,
+        previous_x, phase, control_dt, task, walker.observation,
+    )  # fmt: skip
+    return phase, reward, ended, fault
 
 
 @njit(cache=True, nogil=True)
@@ -80,40 +120,31 @@ def _episode(
     obs_mean: np.ndarray,
     obs_std: np.ndarray,
     task: np.ndarray,
-    noise: np.ndarray,
+    sensors: Sensors,
     control_dt: float,
     max_steps: int,
-    s: _Scratch,
+    s: Walker,
     mean: np.ndarray,
     m2: np.ndarray,
     trace: np.ndarray,
 ) -> tuple[float, int, int]:
     """Return total reward, steps and fault."""
-    qpos, qvel = world.qpos, world.qvel
-    s.filter_state[:] = 0.0
+    world, motors, sensors, s = borrowed(world), borrowed(motors), borrowed(sensors), borrowed(s)
+    weights, obs_mean, obs_std, task = borrowed(weights), borrowed(obs_mean), borrowed(obs_std), borrowed(task)
+    mean, m2 = borrowed(mean), borrowed(m2)
     phase, total, steps, fault = 0.0, 0.0, 0, 0
-    read_joints(world, motors, s.measured)
-    observe(qpos[3:7], qvel[3:6], s.measured, phase, s.observation)
+    begin_walk(world, motors, sensors, s)
     for step in range(max_steps):
-        for i in range(s.measured.shape[0]):
-            s.observation[_FIRST_JOINT_OBSERVATION + i] += noise[step % noise.shape[0], i]
         if trace.shape[0] > 0:
-            trace[step] = qpos
+            trace[step] = world.qpos
         accumulate_moments(s.observation, step, mean, m2)
         act(weights, obs_mean, obs_std, s.observation, s.action)
-        phase = command_step(s.action, s.filter_state, phase, control_dt, s.command, s.target)
-        previous_x = qpos[0]
-        squared = hold_target(world, motors, s.target)
-        fault = find_fault(world)
-        read_joints(world, motors, s.measured)
-        reward, ended = evaluate_step(
-            qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], s.measured, squared, fault,
-            previous_x, phase, control_dt, task, s.observation,
-        )  # fmt: skip
+        phase, reward, ended, fault = walk_step(world, motors, s, phase, control_dt, task)
         total += reward
         steps = step + 1
         if ended:
             break
+        sense(sensors, steps, s.observation)
     return total, steps, fault
 
 
@@ -124,21 +155,17 @@ class WalkSimulator:
         draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
         world: physics.
         walk: episode.
+
+    Attributes:
+        world: the robot.
     """
 
     def __init__(self, draw_motors: DrawMotors, world: WorldConfig | None = None, walk: WalkConfig | None = None):
-        self._world = World(world or WorldConfig())
+        self.world = World(world or WorldConfig())
         self._draw = draw_motors
         self._walk = walk or WalkConfig()
         self._task = self._walk.task.array()
-        self._scratch = _Scratch(
-            np.zeros(OBSERVATION_SIZE),
-            np.zeros(ACTION_SIZE),
-            np.zeros(ACTION_SIZE),
-            np.zeros(ACTION_SIZE),
-            np.zeros(NUM_JOINTS),
-            np.zeros(NUM_JOINTS),
-        )
+        self._walker = new_walker()
 
     def run(
         self,
@@ -149,20 +176,19 @@ class WalkSimulator:
         trace: bool = False,
     ) -> Episode:
         """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws."""
-        rng = np.random.default_rng(seed)
-        motors = self._world.reset(self._draw(rng))
-        mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
         steps = self._walk.episode_steps
-        qpos = np.zeros((steps if trace else 0, len(self._world.arrays.qpos)))
+        conditions = self._walk.randomization.conditions(seed, steps)
+        motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
+        sensors = self._walk.randomization.sensors(seed, steps)
+        mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
+        qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
-            self._world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
-            self._task, self._noise(rng), self._world.config.control_dt, steps, self._scratch, mean, m2, qpos,
+            self.world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
+            self._task, sensors, self.world.config.control_dt, steps, self._walker, mean, m2, qpos,
         )  # fmt: skip
-        base = self._world.arrays.qpos[:2]
+        base = self.world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()
-        return Episode(total, done, where, fault or self._world.fault(), done, mean, m2, qpos[:done])
+        return Episode(total, done, where, fault, done, mean, m2, qpos[:done])
 
-    def _noise(self, rng: np.random.Generator) -> np.ndarray:
-        if self._walk.encoder_noise == 0.0:
-            return np.zeros((1, NUM_JOINTS))
-        return self._walk.encoder_noise * rng.standard_normal((self._walk.episode_steps, NUM_JOINTS))
+    def close(self) -> None:
+        """Nothing to give back."""

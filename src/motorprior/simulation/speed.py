@@ -1,4 +1,4 @@
-"""How fast the rollout kernel is, and how much of an episode is the physics engine itself.
+"""How fast each way of simulating an episode is, and how much of it is the physics engine itself.
 
 Everything is measured side by side in one process, interleaved, as medians; only the ratios mean anything.
 """
@@ -7,29 +7,61 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import Actuator
-from motorprior.exceptions import SimulationFault
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.latent import LatentActuator
+from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import command_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation.mj_call import mj_step
-from motorprior.simulation.replay import replay
-from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldArrays, WorldConfig
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.borrowed import borrowed
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.mj_call import do_nothing_address, mj_step
+from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, torchscript_torque
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step
 
-STEPS = 500
+STEPS, SLOW_STEPS = 500, 100
+"""Control steps of an episode, and of one where the interpreter is in the loop."""
+THREADS = 2
+EPISODES_PER_THREAD = 6
+
+
+@dataclass(frozen=True)
+class Path:
+    """One way to simulate: ``run`` returns the seconds that ``steps`` control steps took on one core."""
+
+    steps: int
+    run: Callable[[], float]
 
 
 @njit(cache=True, nogil=True)
-def _mj_steps(world: WorldArrays, torque: np.ndarray) -> None:
-    """mj_step alone, with recorded torques (steps, 12)."""
-    applied = world.applied[world.applied.shape[0] - torque.shape[1] :]
-    for row in range(torque.shape[0]):
-        applied[:] = torque[row]
+def _record(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray) -> None:
+    """Fill drive (2, physics steps, 12): what the engine is given, torque and damping, with targets (steps, 12)."""
+    applied, row = world.applied[world.applied.shape[0] - targets.shape[1] :], 0
+    for step in range(targets.shape[0]):
+        for _ in range(world.substeps):
+            physics_step(world, motors, targets[step])
+            drive[0, row], drive[1, row] = applied, world.damping
+            row += 1
+
+
+@njit(cache=True, nogil=True)
+def _mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
+    """mj_step alone, with the recorded drive."""
+    world, drive = borrowed(world), borrowed(drive)
+    applied = world.applied[world.applied.shape[0] - drive.shape[2] :]
+    for row in range(drive.shape[1]):
+        applied[:] = drive[0, row]
+        world.damping[:] = drive[1, row]
         mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
 
 
@@ -48,65 +80,125 @@ def _timed(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def _episode(actuator: Actuator, physics_dt: float) -> tuple[Callable[[], float], int]:
-    """Times a whole episode of the zero policy, reset and all [s]; and how many control steps it lasts."""
-    simulator = WalkSimulator(lambda rng: actuator, WorldConfig(physics_dt=physics_dt), WalkConfig(STEPS))
+def _zero_policy_episode(simulator: Any) -> int:
+    """Walk with the zero policy, reset and all; returns how many control steps it lasted."""
     weights = np.zeros((ACTION_SIZE, OBSERVATION_SIZE + 1))
-    mean, std = np.zeros(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE)
-
-    def run() -> Episode:
-        return simulator.run(weights, mean, std, 0)
-
-    return lambda: _timed(run), run().steps
+    return simulator.run(weights, np.zeros(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE), 0).steps
 
 
-def _engine_alone(actuator: Actuator, steps: int) -> Callable[[], float]:
-    """Times mj_step, and nothing else, on the torques of that very episode, ``steps`` control steps long [s].
+def _simulated(simulator: Any) -> Path:
+    return Path(_zero_policy_episode(simulator), lambda: _timed(lambda: _zero_policy_episode(simulator)))
+
+
+def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, Path]:
+    """Episodes in the compiled loop, and mj_step alone.
+
+    Args:
+        actuators: per path its 12 motors and the physics step [s]; ``rollout`` must be among them
+            and gives the episode whose engine time is measured alone.
+    """
+    paths = {}
+    for name, (actuator, physics_dt) in actuators.items():
+        paths[name] = _simulated(
+            WalkSimulator(lambda rng, motors=actuator: motors, WorldConfig(physics_dt=physics_dt), WalkConfig(STEPS))
+        )
+    learned = actuators["rollout"][0]
+    alone = {
+        "mj_step": _engine_alone(learned, paths["rollout"].steps),
+        "without_mj_step": _everything_else(learned),
+    }
+    return {**alone, **paths, "two_threads": _two_threads(learned)}
+
+
+def interpreted_paths(learned: Actuator) -> dict[str, Path]:
+    """The same motors in a Python loop with a numpy network, with TorchScript if installed, and in PyBullet if so."""
+    walk = WalkConfig(SLOW_STEPS)
+    paths = {}
+    if isinstance(learned, LatentActuator):
+        for name, torque in (("python_numpy", numpy_torque(learned)), ("python_torch", torchscript_torque(learned))):
+            if torque is not None:
+                paths[name] = _simulated(BackendSimulator(PythonLoopBackend(learned, torque), walk))
+    with suppress(ConfigError):  # not installed
+        paths["pybullet"] = _simulated(BackendSimulator(PybulletBackend(lambda rng: learned), walk))
+    return paths
+
+
+def _engine_alone(actuator: Actuator, steps: int) -> Path:
+    """mj_step, and nothing else, on torques and damping of that very episode, ``steps`` control steps long.
 
     Raises:
-        SimulationFault: the recorded torques did not lead to the recorded end, so the timing would mean nothing.
+        SimulationFault: the recorded drive did not lead to the recorded end, so the timing would mean nothing.
     """
     world = World(WorldConfig())
-    recorded = replay(world, actuator, zero_policy_targets(steps))
+    drive = np.zeros((2, steps * world.config.substeps, spec.NUM_JOINTS))
+    motors = world.reset(actuator)
+    _record(world.arrays, motors, zero_policy_targets(steps), drive)
+    end = world.data.qpos.copy()
 
     def run() -> float:
         world.reset(actuator)
-        return _timed(lambda: _mj_steps(world.arrays, recorded.joint_torque))
+        return _timed(lambda: _mj_steps(world.arrays, drive))
 
     run()
-    if not np.array_equal(world.data.qpos[-spec.NUM_JOINTS :], recorded.joint_pos[-1]):
-        raise SimulationFault("replayed torques gave another motion")
-    return run
+    if not np.array_equal(world.data.qpos, end):
+        raise SimulationFault("the replayed drive gave another motion")
+    return Path(steps, run)
 
 
-def measure(actuators: dict[str, tuple[Actuator, float]], repeats: int = 7) -> dict[str, float]:
+def _everything_else(actuator: Actuator) -> Path:
+    """A whole episode in which a function that does nothing stands in for mj_step: the robot stays as it is."""
+    simulator = WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS))
+    simulator.world.arrays = simulator.world.arrays._replace(step=do_nothing_address())
+    return _simulated(simulator)
+
+
+def _two_threads(actuator: Actuator) -> Path:
+    """Episodes on two threads at a time; their seconds per control step count for both cores together."""
+    simulators = [WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS)) for _ in range(THREADS)]
+    steps = sum(_zero_policy_episode(simulator) for simulator in simulators) * EPISODES_PER_THREAD
+    pool = ThreadPoolExecutor(THREADS)
+
+    def walk(simulator: WalkSimulator) -> None:
+        for _ in range(EPISODES_PER_THREAD):
+            _zero_policy_episode(simulator)
+
+    return Path(steps, lambda: THREADS * _timed(lambda: list(pool.map(walk, simulators))))
+
+
+def measure(paths: dict[str, Path], repeats: int = 7) -> dict[str, float]:
     """Time every path ``repeats`` times, in turn.
 
     Args:
-        actuators: per path its 12 motors and the physics step [s]; ``rollout`` must be among them, with no
-            implicit damping, and gives the episode whose engine time is measured alone.
+        paths: what `compiled_paths` and `interpreted_paths` gave.
         repeats: odd, at least 5.
 
     Returns:
-        ``control_steps_per_s/PATH`` per core, ``mj_step_share/rollout`` and, where there is a PD,
-        ``learned_over_pd``.
+        ``control_steps_per_s/PATH`` per core and the ratios of those that were measured.
     """
-    episodes = {name: _episode(actuator, dt) for name, (actuator, dt) in actuators.items()}
-    steps = {name: length for name, (_, length) in episodes.items()}
-    works: dict[str, Callable[[], float]] = {name: work for name, (work, _) in episodes.items()}
-    steps["mj_step"] = steps["rollout"]
-    works["mj_step"] = _engine_alone(actuators["rollout"][0], steps["rollout"])
-    for work in works.values():
-        work()
-    seconds: dict[str, list[float]] = {name: [] for name in works}
+    for path in paths.values():
+        path.run()
+    seconds: dict[str, list[float]] = {name: [] for name in paths}
     for _ in range(repeats):
-        for name, work in works.items():
-            seconds[name].append(work())
-    medians = {name: float(np.median(values)) for name, values in seconds.items()}
-    figures = {f"control_steps_per_s/{name}": steps[name] / value for name, value in medians.items()}
-    shares = np.array(seconds["mj_step"]) / np.array(seconds["rollout"])
-    figures["mj_step_share/rollout"] = float(np.median(shares))
-    if "ideal_pd" in medians:
-        per_step = {name: medians[name] / steps[name] for name in ("rollout", "ideal_pd")}
-        figures["learned_over_pd"] = per_step["rollout"] / per_step["ideal_pd"]
-    return figures
+        for name, path in paths.items():
+            seconds[name].append(path.run() / path.steps)
+    rates = {name: 1.0 / np.array(values) for name, values in seconds.items()}
+    figures = {f"control_steps_per_s/{name}": float(np.median(values)) for name, values in rates.items()}
+    return figures | _ratios(rates)
+
+
+def _ratios(rates: dict[str, np.ndarray]) -> dict[str, float]:
+    """Medians of the ratios within each round."""
+    wanted = {
+        "mj_step_share/rollout": ("rollout", "mj_step", 1.0),
+        "above_mj_step_share/rollout": ("rollout", "without_mj_step", 1.0),
+        "learned_over_pd": ("ideal_pd", "rollout", 1.0),
+        "two_threads_over_one": ("two_threads", "rollout", float(THREADS)),
+        "kernel_over_python_numpy": ("rollout", "python_numpy", 1.0),
+        "kernel_over_python_torch": ("rollout", "python_torch", 1.0),
+        "kernel_over_pybullet": ("rollout", "pybullet", 1.0),
+    }
+    return {
+        name: factor * float(np.median(rates[over] / rates[under]))
+        for name, (over, under, factor) in wanted.items()
+        if over in rates and under in rates
+    }

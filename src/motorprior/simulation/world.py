@@ -16,10 +16,19 @@ from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, st
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
-from motorprior.simulation.mj_call import mj_step, mj_step_address
+from motorprior.simulation.last_words import speak_before_dying
+from motorprior.simulation.mj_call import mj_step, mj_step_address, stop_timers
+from motorprior.simulation.randomization import LONGEST_DELAY, NOMINAL, Conditions
 
-FAULTS = {1: "a joint or base coordinate is not finite", 2: "MuJoCo ran out of contact or constraint memory"}
+FAULTS = {
+    1: "a coordinate, speed or acceleration is not finite or huge",
+    2: "MuJoCo ran out of contact or constraint memory",
+}
 """Fault numbers of `BackendState` and what they mean."""
+_WARNING = mujoco.mjtWarning
+_FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
+_BAD = (int(_WARNING.mjWARN_BADQPOS), int(_WARNING.mjWARN_BADQVEL), int(_WARNING.mjWARN_BADQACC))
+_RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
 
 @dataclass(frozen=True)
@@ -63,10 +72,27 @@ class WorldArrays(NamedTuple):
     """(nv,) generalized force, the last 12 are the joints'"""
     damping: np.ndarray
     """(12,) the model's own implicit damping of the joints [N·m·s/rad], a view"""
+    passive: np.ndarray
+    """(12,) the share of it that is no motor's [N·m·s/rad]"""
     torque: np.ndarray
     """(12,) scratch"""
+    encoder_offset: np.ndarray
+    """(12,) reading of the encoders at true zero [rad]"""
+    commands: np.ndarray
+    """(ring, 12) position targets of the latest control steps, in true angles [rad]; state"""
+    clock: np.ndarray
+    """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
+    warnings: np.ndarray
+    """(kinds of warning,) int32: how often MuJoCo gave each since the reset"""
+    push: np.ndarray
+    """(steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)"""
     physics_dt: float
     substeps: int
+
+
+def _links(conditions: Conditions) -> np.ndarray:
+    """All that changes the model but its joints."""
+    return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
 
 def _keep_quiet(message: str) -> None:
@@ -79,6 +105,8 @@ class World:
     def __init__(self, config: WorldConfig):
         self.config = config
         mujoco.set_mju_user_warning(_keep_quiet)
+        stop_timers()
+        speak_before_dying()
         text = mjcf(physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -93,36 +121,65 @@ class World:
             qvel=self.data.qvel,
             applied=self.data.qfrc_applied,
             damping=self.model.dof_damping[self.first_dof :],
+            passive=np.zeros(spec.NUM_JOINTS),
             torque=np.zeros(spec.NUM_JOINTS),
+            encoder_offset=np.zeros(spec.NUM_JOINTS),
+            commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, spec.NUM_JOINTS)),
+            clock=np.zeros(2, np.int64),
+            warnings=self.data.warning.number,
+            push=np.zeros((0, 2)),
             physics_dt=config.physics_dt,
             substeps=config.substeps,
         )
+        self._applied = _links(NOMINAL)
+        self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
-    def reset(self, actuator: Actuator, joint_pos: np.ndarray = spec.NOMINAL_POSE) -> ActuatorArrays:
+    def reset(
+        self, actuator: Actuator, joint_pos: np.ndarray = spec.NOMINAL_POSE, conditions: Conditions = NOMINAL
+    ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; returns the motors' fresh arrays."""
+        self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)
-        self.model.dof_armature[self.first_dof :] = actuator.armature
-        self.arrays.damping[:] = actuator.damping
+        self.model.dof_armature[self.first_dof :] = actuator.armature + conditions.armature
+        arrays = self.arrays
+        arrays.passive[:] = conditions.damping
+        arrays.damping[:] = actuator.damping + conditions.damping
+        arrays.encoder_offset[:] = conditions.encoder_offset
+        arrays.commands[:] = joint_pos
+        arrays.clock[:] = 0, round(conditions.command_delay / self.config.physics_dt)
+        self.arrays = arrays._replace(push=conditions.push)
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 
+    def _apply(self, conditions: Conditions) -> None:
+        """Put masses, friction and gravity of these conditions into the model; nothing is compiled anew."""
+        wanted = _links(conditions)
+        if np.array_equal(wanted, self._applied):
+            return
+        self._applied = wanted
+        for name, value in self._nominal.items():
+            getattr(self.model, name)[:] = value
+        model, links = self.model, slice(1, None)  # body 0 is the world
+        model.body_mass[links] *= conditions.mass
+        model.body_inertia[links] *= conditions.mass[:, None]
+        model.body_ipos[1] += conditions.com
+        model.pair_friction[:, :2] *= conditions.friction
+        model.opt.gravity[:] = conditions.gravity
+        model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
+        mujoco.mj_setConst(model, self.data)  # what MuJoCo derives from masses
+
     def fault(self) -> int:
         """0, or a key of FAULTS."""
-        return int(find_fault(self.arrays)) or 2 * int(self._overflowed())
-
-    def _overflowed(self) -> bool:
-        number = self.data.warning.number
-        full = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
-        return any(number[int(kind)] > 0 for kind in full)
+        return int(find_fault(self.arrays))
 
 
 @njit(cache=True, nogil=True, inline="always")
 def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
 
-    Leaves the motors' torque on the joints (the engine's damping included) in ``world.torque``.
+    Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``world.torque``.
     """
     total, n = 0.0, target.shape[0]
     q, dq = world.qpos[world.qpos.shape[0] - n :], world.qvel[world.qvel.shape[0] - n :]
@@ -130,26 +187,43 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
     step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
     for joint in range(n):
         applied[joint] = world.torque[joint]
-        world.damping[joint] = motors.damping[joint]
+        world.damping[joint] = motors.damping[joint] + world.passive[joint]
     mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
     for joint in range(n):
-        world.torque[joint] -= world.damping[joint] * dq[joint]
+        world.torque[joint] -= motors.damping[joint] * dq[joint]
         total += world.torque[joint] * world.torque[joint]
     return total
 
 
 @njit(cache=True, nogil=True, inline="always")
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
-    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²]."""
+    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
+
+    The motors get the targets as late as ``world.clock`` says, in the angles of their own encoders; a push acts
+    on the origin of the chassis.
+    """
+    step, delay, ring = world.clock[0], world.clock[1], world.commands.shape[0]
+    for joint in range(target.shape[0]):
+        world.commands[step % ring, joint] = target[joint] - world.encoder_offset[joint]
+    if world.push.shape[0] > 0:
+        here = step % world.push.shape[0]
+        world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
     total = 0.0
-    for _ in range(world.substeps):
-        total += physics_step(world, motors, target)
+    for k in range(world.substeps):
+        late = (delay - k + world.substeps - 1) // world.substeps if delay > k else 0
+        total += physics_step(world, motors, world.commands[(step - late) % ring])
+    world.clock[0] = step + 1
     return total / world.substeps
 
 
 @njit(cache=True, nogil=True)
 def find_fault(world: WorldArrays) -> int:
-    """1 if a coordinate is not finite, else 0."""
+    """0, or the key of FAULTS of what went wrong since the reset."""
+    if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
+        return 2
+    for kind in _BAD:
+        if world.warnings[kind] > 0:
+            return 1
     for value in world.qpos:
         if not np.isfinite(value):
             return 1
@@ -160,3 +234,5 @@ def find_fault(world: WorldArrays) -> int:
 def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
     """(12,) joint angles [rad] as the encoders report them."""
     measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
+    for joint in range(out.shape[0]):
+        out[joint] += world.encoder_offset[joint]

@@ -9,6 +9,7 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
@@ -29,5 +30,5 @@ def draw_twin_motors(fleet: Fleet, rng: np.random.Generator) -> Actuator:
 def twin_simulator(fleet: Fleet) -> WalkSimulator:
     """A simulator whose every episode is another twin of this fleet."""
     world = WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
-    walk = WalkConfig(DURATION_STEPS, TaskWeights(), ENCODER_NOISE)
+    walk = WalkConfig(DURATION_STEPS, TaskWeights(), Randomization(joint_noise=ENCODER_NOISE))
     return WalkSimulator(lambda rng: draw_twin_motors(fleet, rng), world, walk)

@@ -5,12 +5,19 @@ Load it in PyBullet with URDF_USE_INERTIA_FROM_FILE, or inertias are recomputed 
 
 from __future__ import annotations
 
+import numpy as np
+
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import _vector
 from motorprior.robots.pupper_v2.spec import Link
 
 NO_LOAD_SPEED = 52.0
 """Speed limit [rad/s] of the joints: about 500 rpm at 24 V; assumption."""
+ROTOR_GEAR_RATIO = 1000.0
+"""Turns of a rotor per turn of its joint. Of the real 36 the same reflected inertia would couple to the motion of
+the link that carries the motor, by armature/36; MuJoCo's armature does not, so here it should not either."""
+ROTOR_MASS = 1e-6
+"""[kg]; the rotors' masses are in the links already."""
 
 
 def _link(name: str, link: Link, leg: str | None, collision: str) -> str:
@@ -38,7 +45,19 @@ def _collision(shape: str, xyz: tuple[float, float, float]) -> str:
     return f'<collision><origin xyz="{_vector(xyz)}"/><geometry>{shape}</geometry></collision>'
 
 
-def _leg(leg: str) -> str:
+def _rotor(leg: str, joint: str, parent: str, origin: tuple[float, ...], axis: str, inertia: float) -> str:
+    """A rotor on the parent link, about the joint's axis; PyBullet gears it to the joint."""
+    name = f"{leg}_{joint}_rotor"
+    return (
+        _link(name, Link(ROTOR_MASS, (0.0, 0.0, 0.0), (inertia, inertia, inertia)), None, "")
+        + f"""
+  <joint name="{name}" type="continuous">
+    <parent link="{parent}"/><child link="{name}"/><origin xyz="{_vector(origin)}"/><axis xyz="{axis}"/>
+  </joint>"""
+    )
+
+
+def _leg(leg: str, armature: np.ndarray) -> str:
     foot = _collision(f'<sphere radius="{spec.FOOT_RADIUS}"/>', spec.mirrored(spec.FOOT_OFFSET, leg))
     links = _link(f"{leg}_abduction_link", spec.ABDUCTION_LINK, leg, "")
     links += _link(f"{leg}_thigh", spec.THIGH, leg, "") + _link(f"{leg}_shank", spec.SHANK, leg, foot)
@@ -51,12 +70,29 @@ def _leg(leg: str) -> str:
     axes = ("1 0 0", "0 1 0", "0 1 0")
     for index, joint in enumerate(spec.JOINTS_PER_LEG):
         links += _joint(leg, joint, chain[index], chain[index + 1], origins[index], axes[index])
+        reflected = float(armature[spec.JOINT_NAMES.index(f"{leg}_{joint}")])
+        if reflected > 0.0:
+            inertia = reflected / ROTOR_GEAR_RATIO**2
+            links += _rotor(leg, joint, chain[index], origins[index], axes[index], inertia)
     return links
 
 
-def urdf() -> str:
-    """URDF of the robot with the masses, inertias and limits of spec.py."""
-    size = _vector(spec.CHASSIS_BOX_SIZE)
-    chassis = _link("chassis", spec.CHASSIS, None, _collision(f'<box size="{size}"/>', spec.CHASSIS_BOX_CENTER))
-    legs = "".join(_leg(leg) for leg in spec.LEGS)
+def urdf(armature: np.ndarray | None = None, com_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+    """URDF of the robot with the masses, inertias and limits of spec.py.
+
+    URDF knows no reflected inertia. Where ``armature`` is positive the joint gets a second one beside it, on the
+    same parent and about the same axis, named ``<leg>_<joint>_rotor``, whose link is the motor's rotor: inertia
+    armature / ratio², to be geared ratio:1 to the joint. Its kinetic energy is ½·armature·(joint_vel + ω/ratio)²,
+    with the parent's own rotation ω; for a high ratio that is MuJoCo's ½·armature·joint_vel².
+
+    Args:
+        armature: (12,) [kg·m²]; none if not given.
+        com_shift: added to the chassis' centre of mass [m].
+    """
+    size, plain = _vector(spec.CHASSIS_BOX_SIZE), spec.CHASSIS
+    body = Link(plain.mass, (plain.com[0] + com_shift[0], plain.com[1] + com_shift[1], plain.com[2] + com_shift[2]),
+                plain.inertia)  # fmt: skip
+    chassis = _link("chassis", body, None, _collision(f'<box size="{size}"/>', spec.CHASSIS_BOX_CENTER))
+    rotors = np.zeros(spec.NUM_JOINTS) if armature is None else armature
+    legs = "".join(_leg(leg, rotors) for leg in spec.LEGS)
     return f'<?xml version="1.0"?>\n<robot name="{spec.ROBOT_NAME}">{chassis}{legs}\n</robot>\n'

@@ -1,0 +1,156 @@
+"""The same trot on the same motors in MuJoCo and in PyBullet: how far apart, as figures and as a picture.
+
+python benchmarks/engines.py [--json FILE] [--figure FILE]
+
+Physical motors, learned-style motors with reflected inertia (a PD with armature and delay) and an ideal PD, at
+1 kHz in both engines, hung in the air and on the ground, 12 random trots of 2 s.
+"""
+
+import argparse
+import json
+import time
+from functools import partial
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.bench.fleet import load_fleet
+from motorprior.robots.pupper_v2 import spec
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import SerialExecutor
+from motorprior.search.train import advance, new_search
+from motorprior.simulation import bullet_world
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.bullet_world import BulletWorld
+from motorprior.simulation.replay import replay
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import World, WorldConfig
+from motorprior.transfer.robot_fidelity import trot_targets
+
+DRAWS, STEPS = 12, 200
+Motion = tuple[np.ndarray, np.ndarray]
+"""(control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step."""
+
+
+def motors_of(kind: str, rng: np.random.Generator) -> Actuator:
+    """Twelve motors."""
+    if kind == "physical":
+        return PhysicalActuator(load_fleet("pupper_v2").sample(rng, spec.NUM_JOINTS))
+    rotors = 0.003 if kind == "pd_armature_delay" else 0.0
+    return IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=rotors, delay=0.008 if rotors else 0.0)
+
+
+def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
+    """Replay there."""
+    recorded = replay(world, motors, targets)
+    after = recorded.joint_pos[world.config.substeps - 1 :: world.config.substeps]
+    return np.vstack([spec.NOMINAL_POSE[None], after[:-1]]), recorded.base[:, :3]
+
+
+def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Motion:
+    """The same in PyBullet."""
+    arrays, joints, base = world.reset(motors), [], []
+    for target in targets:
+        joints.append(world.joints()[0])
+        base.append(world.base().pos)
+        for _ in range(world.config.substeps):
+            world.physics_step(arrays, target)
+    return np.array(joints), np.array(base)
+
+
+def main() -> None:
+    """Measure, print, draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json")
+    parser.add_argument("--figure")
+    options = parser.parse_args()
+    figures: dict[str, float] = {}
+    shown: dict[str, tuple[Motion, Motion]] = {}
+    print("motors, place: joint RMSE [mrad], base apart after 2 s [m], seconds MuJoCo / PyBullet")
+    for kind in ("physical", "pd_armature_delay", "ideal_pd"):
+        for hung in (True, False):
+            config = WorldConfig(physics_dt=0.001, hung=hung)
+            here, there = World(config), BulletWorld(config)
+            rows, seconds = [], np.zeros(2)
+            for draw in range(DRAWS):
+                rng = np.random.default_rng([draw, 77])
+                motors, targets = motors_of(kind, rng), trot_targets(rng, STEPS)
+                marks = [time.perf_counter()]
+                one = in_mujoco(here, motors, targets)
+                marks.append(time.perf_counter())
+                other = in_bullet(there, motors, targets)
+                seconds += np.diff([*marks, time.perf_counter()])
+                apart = 0.0 if hung else float(np.hypot(*(one[1][-1] - other[1][-1])[:2]))
+                rows.append((1e3 * float(np.sqrt(np.mean(np.square(one[0] - other[0])))), apart))
+                shown.setdefault(f"{kind} {'hung' if hung else 'ground'}", (one, other))
+            there.close()
+            place = "hung" if hung else "ground"
+            medians = np.median(rows, axis=0)
+            figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
+            print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
+    figures |= convergence() | iteration_seconds()
+    if options.json:
+        with open(options.json, "w", encoding="utf-8") as file:
+            json.dump(figures, file, indent=1)
+    if options.figure:
+        draw_figure(options.figure, shown)
+
+
+def convergence() -> dict[str, float]:
+    """How far the shipped number of solver iterations is from ten times as many, on the ground."""
+    rng = np.random.default_rng(0)
+    targets, motors = trot_targets(rng, STEPS), motors_of("pd_armature_delay", rng)
+    motions = []
+    shipped = bullet_world.SOLVER_ITERATIONS
+    for iterations in (shipped, 10 * shipped):
+        bullet_world.SOLVER_ITERATIONS = iterations
+        world = BulletWorld(WorldConfig(physics_dt=0.001))
+        motions.append(in_bullet(world, motors, targets))
+        world.close()
+    bullet_world.SOLVER_ITERATIONS = shipped
+    apart = 1e3 * float(np.sqrt(np.mean(np.square(motions[0][0] - motions[1][0]))))
+    print(f"{shipped} against {10 * shipped} solver iterations: {apart:.2g} mrad")
+    return {"iterations_rmse_mrad": apart}
+
+
+def iteration_seconds() -> dict[str, float]:
+    """Of one ARS iteration (32 episodes of up to 250 control steps, the second of a search) on one core."""
+    figures, walk = {}, WalkConfig()
+    for kind in ("physical", "pd_armature_delay"):
+        simulators = {
+            "mujoco": WalkSimulator(partial(motors_of, kind), WorldConfig(physics_dt=0.001), walk),
+            "pybullet": BackendSimulator(PybulletBackend(partial(motors_of, kind)), walk),
+        }
+        for engine, simulator in simulators.items():
+            search, executor = new_search(ArsConfig()), SerialExecutor(lambda made=simulator: made)
+            advance(search, executor)
+            started = time.perf_counter()
+            steps = advance(search, executor).mean_steps
+            figures[f"iteration_s/{kind}/{engine}"] = time.perf_counter() - started
+            print(f"{kind}, {engine}: {figures[f'iteration_s/{kind}/{engine}']:.2f} s per iteration, {steps:.0f} steps")
+    return figures
+
+
+def draw_figure(path: str, shown: dict[str, tuple[Motion, Motion]]) -> None:
+    """Knee of the first leg and the way of the base, in both engines."""
+    import matplotlib.pyplot as plt
+
+    time_axis = spec.CONTROL_DT * np.arange(STEPS)
+    figure, axes = plt.subplots(2, 2, figsize=(9, 5), constrained_layout=True)
+    for row, name in zip(axes, ("physical ground", "pd_armature_delay ground"), strict=True):
+        for motion, label, style in zip(shown[name], ("MuJoCo", "PyBullet"), ("-", "--"), strict=True):
+            row[0].plot(time_axis, motion[0][:, 2], style, label=label)
+            row[1].plot(time_axis, motion[1][:, 0], style, label=f"{label}, forward")
+            row[1].plot(time_axis, motion[1][:, 1], style, label=f"{label}, left", alpha=0.5)
+        row[0].set(title=f"{name}: front right knee", xlabel="time [s]", ylabel="angle [rad]")
+        row[1].set(title="chassis", xlabel="time [s]", ylabel="position [m]")
+        row[0].legend(fontsize=7)
+        row[1].legend(fontsize=7)
+    figure.savefig(path)
+
+
+if __name__ == "__main__":
+    main()

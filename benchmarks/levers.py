@@ -1,0 +1,144 @@
+"""What each setting of MuJoCo costs or saves in one mj_step of this robot, and how far it moves a trot.
+
+python benchmarks/levers.py [--json FILE]
+
+Every variant replays the same torques (for the time) and the same trot in closed loop on the same motors (for
+the motion); times are medians of interleaved runs. Motion: root mean square difference of all joint angles over
+the first second, against the shipped settings and against steps of 0.25 ms.
+"""
+
+import argparse
+import ctypes
+import json
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.robots.pupper_v2 import mjcf as robot
+from motorprior.simulation import speed
+from motorprior.simulation.mj_call import library
+from motorprior.simulation.replay import replay
+from motorprior.simulation.world import World, WorldConfig
+
+MOTORS = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.008)
+UNDAMPED = IdealPd.uniform(12, kp=4.0, kd=0.0, torque_limit=1.26, armature=0.003)
+"""Without damping for the engine, as learned motors are: Euler then needs no second factorisation."""
+FINE_DT = 0.00025
+REPEATS = 9
+
+
+def every_geom(**settings: object) -> str:
+    """The robot's MJCF with contacts between all geoms and the floor instead of four explicit pairs."""
+    text = ORIGINAL(**settings)
+    pairs = text[text.index("<contact>") : text.index("</contact>") + len("</contact>")]
+    friction = f'friction="{0.45} 0.005 0.0001"'
+    body, floor = 'contype="0" conaffinity="0" rgba="0.85', 'contype="0" conaffinity="0" rgba="0.9'
+    text = text.replace(pairs, "").replace(body, f'{friction} contype="1" conaffinity="2" rgba="0.85')
+    return text.replace(floor, f'{friction} contype="2" conaffinity="1" rgba="0.9')
+
+
+ORIGINAL = robot.mjcf
+
+
+def option(**values: object) -> Callable[[mujoco.MjModel], None]:
+    """Set fields of mjOption."""
+
+    def change(model: mujoco.MjModel) -> None:
+        for name, value in values.items():
+            setattr(model.opt, name, value)
+
+    return change
+
+
+def islands_on(model: mujoco.MjModel) -> None:
+    """Let MuJoCo look for constraint islands."""
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+
+
+VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
+    "shipped": lambda model: None,
+    "islands on": islands_on,
+    "every geom collides": lambda model: None,
+    "sparse Jacobian": option(jacobian=int(mujoco.mjtJacobian.mjJAC_SPARSE)),
+    "implicitfast": option(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)),
+    "implicit": option(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICIT)),
+    "RK4": option(integrator=int(mujoco.mjtIntegrator.mjINT_RK4)),
+    "elliptic cone": option(cone=int(mujoco.mjtCone.mjCONE_ELLIPTIC)),
+    "solver CG": option(solver=int(mujoco.mjtSolver.mjSOL_CG)),
+    "tolerance 1e-5": option(tolerance=1e-5),
+    "at most 3 iterations": option(iterations=3),
+    "warm start off": lambda model: setattr(
+        model.opt, "disableflags", model.opt.disableflags | int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+    ),
+    "joint limits off": lambda model: setattr(
+        model.opt, "disableflags", model.opt.disableflags | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    ),
+    "engine timers on": lambda model: None,
+}
+
+
+def world_of(name: str, physics_dt: float = 0.002) -> World:
+    """A world with one setting changed."""
+    swap = patch("motorprior.simulation.world.mjcf", every_geom) if name == "every geom collides" else nullcontext()
+    with swap:
+        world = World(WorldConfig(physics_dt=physics_dt))
+    VARIANTS[name](world.model)
+    return world
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """RMS difference of joint angles at the control steps of the first second [mrad]."""
+    a, b = (angles[len(angles) // 200 - 1 :: len(angles) // 200][:100] for angles in (one, other))
+    return float(1e3 * np.sqrt(np.mean(np.square(a - b))))
+
+
+def main() -> None:
+    """Measure and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json")
+    path = parser.parse_args().json
+    clock = ctypes.c_void_p.in_dll(library(), "mjcb_time")
+    ticking = clock.value  # what the Python bindings gave MuJoCo; a World takes it away
+    targets = speed.zero_policy_targets(200)
+    fine = replay(world_of("shipped", FINE_DT), MOTORS, targets).joint_pos
+    shipped = replay(world_of("shipped"), MOTORS, targets).joint_pos
+    figures, works = {}, {}
+    for name in VARIANTS:
+        joint_pos = replay(world_of(name), MOTORS, targets).joint_pos
+        figures[f"from_shipped_mrad/{name}"] = apart(joint_pos, shipped)
+        figures[f"from_fine_steps_mrad/{name}"] = apart(joint_pos, fine)
+        for kind, motors in (("undamped", UNDAMPED), ("damped", MOTORS)):
+            world = world_of(name)
+            torque = replay(world, motors, targets).joint_torque
+            works[name, kind] = (world, motors, torque)
+    seconds: dict[tuple[str, str], list[float]] = {key: [] for key in works}
+    for _ in range(REPEATS):
+        for key, (world, motors, torque) in works.items():
+            world.reset(motors)
+            clock.value = ticking if key[0] == "engine timers on" else None
+            started = time.perf_counter()
+            speed._mj_steps(world.arrays, torque)
+            seconds[key].append((time.perf_counter() - started) / len(torque))
+    clock.value = None
+    for (name, kind), values in seconds.items():
+        ratio = np.median(np.array(values) / np.array(seconds["shipped", kind]))
+        figures[f"mj_step_us_{kind}/{name}"] = 1e6 * float(np.median(values))
+        figures[f"time_over_shipped_{kind}/{name}"] = float(ratio)
+    print("setting | mj_step over shipped, undamped | damped joints | from shipped [mrad] | from 0.25 ms [mrad]")
+    for name in VARIANTS:
+        columns = [figures[f"time_over_shipped_{kind}/{name}"] for kind in ("undamped", "damped")]
+        columns += [figures[f"from_{which}_mrad/{name}"] for which in ("shipped", "fine_steps")]
+        print(name, "|", " | ".join(f"{value:.2f}" for value in columns))
+    print("shipped mj_step [us]:", round(figures["mj_step_us_undamped/shipped"], 2))
+    if path:
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump(figures, file, indent=1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Episodes on many processes and machines, by Ray.
+
+Tasks are stateless, so Ray itself runs those of a lost worker or node again elsewhere; a worker keeps a
+simulator between tasks, which changes no result. Nothing is joined unasked: without an address Ray starts a
+cluster of this machine alone, whatever RAY_ADDRESS says or other clusters run.
+"""
+
+# pyright: reportMissingImports=false
+# An extra.
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from motorprior.exceptions import ConfigError, SimulationFault
+
+Result = TypeVar("Result")
+RETRIES = 3
+"""Times a chunk of tasks runs again after its worker or node was lost."""
+CHUNKS_PER_WORKER, MANY_CHUNKS = 4, 256
+"""Several chunks per worker even out episodes of different lengths; beyond MANY_CHUNKS starting them costs the
+driver more than that saves (docs/scaling.md), and each worker gets one."""
+_SIMULATORS: dict[str, Any] = {}
+"""In a worker process: the simulator of the executor it last worked for."""
+_NUMBERS = itertools.count()
+
+
+class RayExecutor:
+    """``workers`` processes on this machine, or those of a cluster.
+
+    Args:
+        make_simulator: what a worker calls once; pickled by value.
+        workers: chunks of episodes at a time; on a cluster, as many of them as it has cores free.
+        address: of a running cluster to join.
+
+    Raises:
+        ConfigError: Ray is not installed, this process is in a cluster that was not asked for, or the one that
+            was asked for does not answer.
+    """
+
+    def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
+        self._ray, self._workers = _import_ray(), workers
+        _join(self._ray, workers, address)
+        self._name = f"{os.getpid()}-{next(_NUMBERS)}"
+        self._make = self._ray.put(make_simulator)
+        options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
+        self._run = self._ray.remote(_run_chunk).options(**options)
+
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+        """Results in the order of ``tasks``.
+
+        Raises:
+            SimulationFault: tasks whose worker died RETRIES + 1 times.
+        """
+        size = chunk_size(len(tasks), self._workers)
+        chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
+        common = self._ray.put((function, shared))
+        running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
+        results: list[Result] = []
+        for chunk, reference in zip(chunks, running, strict=True):
+            try:
+                results += self._ray.get(reference)
+            except (self._ray.exceptions.WorkerCrashedError, self._ray.exceptions.NodeDiedError) as error:
+                raise SimulationFault(
+                    f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})",
+                    remedy="read Ray's logs; finished iterations are kept",
+                ) from error
+        return results
+
+    def close(self) -> None:
+        """Leave the cluster; stops it if it was started here."""
+        self._ray.shutdown()
+
+
+def chunk_size(tasks: int, workers: int) -> int:
+    """Tasks that travel together."""
+    chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
+    return max(1, -(-tasks // chunks))
+
+
+def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
+    """In a worker: run the tasks one after the other."""
+    if name not in _SIMULATORS:
+        for old in _SIMULATORS.values():
+            old.close()
+        _SIMULATORS.clear()
+        _SIMULATORS[name] = make_simulator()
+    function, shared = common
+    return [function(_SIMULATORS[name], shared, task) for task in tasks]
+
+
+def _join(ray: Any, workers: int, address: str | None) -> None:
+    if ray.is_initialized():
+        raise ConfigError(
+            "this process is in a Ray cluster already", remedy="call ray.shutdown() first, and give the address to join"
+        )
+    quiet = {"log_to_driver": False, "logging_level": "ERROR"}
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
+    if address is None:
+        ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
+        return
+    _require_answer(address)
+    ray.init(address=address, **quiet)
+
+
+def _require_answer(address: str) -> None:
+    """Refuse an address where nobody listens; Ray itself would try for minutes.
+
+    Raises:
+        ConfigError: not HOST:PORT, or no connection.
+    """
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10.0).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise ConfigError(
+            f"no Ray cluster answers at --ray-address ({error})", where=address, remedy="give HOST:PORT of its head"
+        ) from error
+
+
+def _import_ray() -> Any:
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError("Ray is not installed", remedy="pip install 'motorprior[ray]'") from error
+    return ray

@@ -1,0 +1,87 @@
+"""PyBullet behind the `Backend` contract: the paper's engine, one Python call per physics step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.backend import BackendState
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.bullet_world import PHYSICS_DT, BulletWorld
+from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.randomization import NOMINAL, Conditions, Randomization
+from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.world import WorldConfig
+
+
+class PybulletBackend:
+    """A simulated Pupper with other motors in every episode; see `bullet_world` for what it has in common with MuJoCo.
+
+    Args:
+        draw_motors: called at every reset with a generator seeded by the reset's seed.
+        config: physics; the chassis must be free. 1 kHz if not given.
+        randomization: what else differs between episodes.
+        terrain: the ground; other bumps in every episode.
+        episode_steps: control steps that pushes are drawn for.
+
+    Raises:
+        ConfigError: PyBullet is not installed, or the robot hangs.
+    """
+
+    def __init__(
+        self,
+        draw_motors: DrawMotors,
+        config: WorldConfig | None = None,
+        randomization: Randomization | None = None,
+        terrain: Terrain | None = None,
+        episode_steps: int = 500,
+    ):
+        self._config = config or replace(WorldConfig(), physics_dt=PHYSICS_DT)
+        if self._config.hung:
+            raise ConfigError("a hung robot cannot walk", remedy="use hung=False")
+        self._world = BulletWorld(self._config, terrain)
+        self._draw, self._episode_steps = draw_motors, episode_steps
+        self._randomization = randomization or Randomization()
+        self._conditions: Conditions = NOMINAL
+
+    def reset(self, seed: int) -> BackendState:
+        """Stand in the nominal pose on newly drawn motors, in a fresh client."""
+        self._conditions = self._randomization.conditions(seed, self._episode_steps)
+        motors = self._draw(np.random.default_rng(seed))
+        self._motors = self._world.reset(motors, conditions=self._conditions, seed=seed)
+        self._delay = round(self._conditions.command_delay / self._config.physics_dt)
+        self._commands = [spec.NOMINAL_POSE] * (-(-self._delay // self._config.substeps))
+        self._step = 0
+        return self._state(0.0)
+
+    def step(self, position_target: np.ndarray) -> BackendState:
+        """Hold (12,) targets [rad] for one control step."""
+        self._commands.append(np.asarray(position_target, dtype=np.float64) - self._conditions.encoder_offset)
+        pushes, substeps, total = self._conditions.push, self._config.substeps, 0.0
+        push = pushes[self._step % len(pushes)] if len(pushes) else None
+        with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
+            for k in range(substeps):
+                late = -(-max(0, self._delay - k) // substeps)
+                total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
+        del self._commands[: len(self._commands) - (-(-self._delay // substeps))]
+        self._step += 1
+        return self._state(total / substeps)
+
+    def close(self) -> None:
+        """Close the client."""
+        self._world.close()
+
+    def _state(self, torque_squared_sum: float) -> BackendState:
+        base, measured = self._world.base(), self._world.measured_joint_pos(self._motors)
+        finite = all(np.all(np.isfinite(value)) for value in (base.pos, base.quat, base.ang_vel, measured))
+        return BackendState(
+            base_pos=base.pos,
+            base_quat=base.quat,
+            base_lin_vel=base.lin_vel,
+            base_ang_vel=base.ang_vel,
+            measured_joint_pos=measured,
+            torque_squared_sum=torque_squared_sum,
+            fault=0 if finite else 1,
+        )

@@ -1,0 +1,239 @@
+"""One robot in PyBullet, the paper's engine: the same links, motors and clocks as in `world`, another solver.
+
+Joints. Bullet has no reflected inertia and integrates joint damping explicitly, which a light leg does not
+survive. Both are cured by the motor's rotor, a link of its own that a gear constraint couples to the joint
+(`robots.pupper_v2.urdf`): with its inertia armature + physics_dt·damping and the torque of step k at
+
+    torque - damping·joint_vel(k),
+
+the step gives (M + armature + physics_dt·damping)·Δjoint_vel = physics_dt·(torque - damping·joint_vel(k) + …),
+which is MuJoCo's Euler step with implicit damping.
+
+Exactness. Bullet keeps caches that neither ``resetSimulation`` nor ``restoreState`` clears; only a fresh client
+gives the same bytes again, so every reset makes one.
+"""
+
+# pyright: reportMissingModuleSource=false, reportMissingImports=false
+# An extra.
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.torque_law import make_explicit, measure_joint_pos, reset_actuator, step_actuator
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO, urdf
+from motorprior.simulation.randomization import NOMINAL, Conditions
+from motorprior.simulation.terrain import Terrain, heights
+from motorprior.simulation.world import WorldConfig
+
+PHYSICS_DT = 0.001
+"""Step of PyBullet [s] (puppersim)."""
+SOLVER_ITERATIONS = 20
+"""Of contacts and gears together; 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)."""
+_STIFF = 1e6
+_NO_LIMIT = 1e9
+
+
+@dataclass(frozen=True)
+class BaseMotion:
+    """Chassis frame: position [m], quaternion (w, x, y, z), linear velocity [m/s] in world, angular in body axes."""
+
+    pos: np.ndarray
+    quat: np.ndarray
+    lin_vel: np.ndarray
+    ang_vel: np.ndarray
+
+
+class BulletWorld:
+    """A simulated Pupper in a PyBullet client of its own; `close` it.
+
+    Raises:
+        ConfigError: PyBullet is not installed.
+    """
+
+    def __init__(self, config: WorldConfig, terrain: Terrain | None = None):
+        self.config, self.terrain = config, terrain or Terrain()
+        self._bullet, self._client = import_bullet(), -1
+        self._folder = tempfile.TemporaryDirectory(prefix="motorprior-")
+        self._damping, self._passive = np.zeros(spec.NUM_JOINTS), np.zeros(spec.NUM_JOINTS)
+        self._conditions, self._torque = NOMINAL, np.zeros(spec.NUM_JOINTS)
+
+    def reset(
+        self,
+        actuator: Actuator,
+        joint_pos: np.ndarray = spec.NOMINAL_POSE,
+        conditions: Conditions = NOMINAL,
+        seed: int = 0,
+    ) -> ActuatorArrays:
+        """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; ``seed`` shapes a rough terrain."""
+        self._disconnect()
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._conditions, self._damping = conditions, np.asarray(actuator.damping, dtype=np.float64)
+        self._passive = self._damping + conditions.damping
+        rotors = actuator.armature + conditions.armature + self.config.physics_dt * self._passive
+        self._load(rotors, conditions, seed)
+        self._free_joints(np.asarray(joint_pos, dtype=np.float64))
+        self._weigh(conditions)
+        motors = actuator.arrays(self.config.physics_dt)
+        reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
+        return motors
+
+    def close(self) -> None:
+        """Give the client and the temporary folder back."""
+        self._disconnect()
+        self._folder.cleanup()
+
+    def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
+        """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
+
+        Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``torque``.
+
+        Args:
+            motors: what `reset` gave.
+            target: true joint angles [rad].
+            push: (2,) horizontal force on the origin of the chassis [N].
+        """
+        q, dq = self.joints()
+        step_actuator(motors, self.config.physics_dt, target, q, dq, self._torque)
+        make_explicit(motors, dq, self._torque)
+        forces = self._torque - self._passive * dq
+        self._torque -= self._damping * dq
+        self.call("setJointMotorControlArray", self.robot, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
+        if push is not None:
+            where = self.base().pos.tolist()
+            self.call("applyExternalForce", self.robot, -1, [*push, 0.0], where, self._bullet.WORLD_FRAME)
+        self.call("stepSimulation")
+        return float(self._torque @ self._torque)
+
+    @property
+    def torque(self) -> np.ndarray:
+        """(12,) of the latest physics step [N·m]."""
+        return self._torque
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """True joint angles (12,) [rad] and velocities (12,) [rad/s]."""
+        states = self.call("getJointStates", self.robot, self._indices)
+        table = np.array([state[:2] for state in states])
+        return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
+
+    def measured_joint_pos(self, motors: ActuatorArrays) -> np.ndarray:
+        """(12,) joint angles [rad] as the encoders report them."""
+        measured = np.zeros(spec.NUM_JOINTS)
+        measure_joint_pos(motors, self.joints()[0], measured)
+        return measured + self._conditions.encoder_offset
+
+    def base(self) -> BaseMotion:
+        """Motion of the chassis frame; Bullet's own frame is the centre of mass."""
+        centre, xyzw = self.call("getBasePositionAndOrientation", self.robot)
+        lin_vel, ang_vel = (np.array(value) for value in self.call("getBaseVelocity", self.robot))
+        rotation = np.array(self._bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
+        arm = -rotation @ self._com
+        return BaseMotion(
+            pos=np.array(centre) + arm,
+            quat=np.array([xyzw[3], *xyzw[:3]]),
+            lin_vel=lin_vel + np.cross(ang_vel, arm),
+            ang_vel=rotation.T @ ang_vel,
+        )
+
+    def call(self, name: str, *args: Any, **options: Any) -> Any:
+        """A function of PyBullet on this world's client."""
+        return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
+
+    def _disconnect(self) -> None:
+        if self._client >= 0:
+            self._bullet.disconnect(self._client)
+            self._client = -1
+
+    def _load(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
+        """Floor and robot, with inertias from the file."""
+        path = Path(self._folder.name) / "robot.urdf"
+        shift = conditions.com
+        path.write_text(urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))), encoding="utf-8")
+        self._com = np.array(spec.CHASSIS.com) + shift
+        self.call("setTimeStep", self.config.physics_dt)
+        self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
+        self.call("setGravity", *conditions.gravity.tolist())
+        if not self.config.hung:
+            self._lay_floor(seed)
+        height = 0.4 if self.config.hung else spec.standing_height()
+        flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
+        self.robot = self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
+        names = [
+            self.call("getJointInfo", self.robot, index)[1].decode()
+            for index in range(self.call("getNumJoints", self.robot))
+        ]
+        self._names = {name: index for index, name in enumerate(names)}
+        self._indices = [self._names[name] for name in spec.JOINT_NAMES]
+
+    def _lay_floor(self, seed: int) -> None:
+        if self.terrain.roughness == 0.0:
+            shape = self.call("createCollisionShape", self._bullet.GEOM_PLANE)
+            floor = self.call("createMultiBody", 0.0, shape)
+        else:
+            field = heights(self.terrain, seed)
+            shape = self.call(
+                "createCollisionShape", self._bullet.GEOM_HEIGHTFIELD, meshScale=[self.terrain.cell] * 2 + [1.0],
+                heightfieldData=field.ravel().tolist(), numHeightfieldRows=field.shape[1],
+                numHeightfieldColumns=field.shape[0],
+            )  # fmt: skip
+            middle = 0.5 * (float(field.min()) + float(field.max()))  # Bullet centres a field between its extremes
+            floor = self.call("createMultiBody", 0.0, shape, basePosition=[0.0, 0.0, middle])
+        self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
+
+    def _free_joints(self, joint_pos: np.ndarray) -> None:
+        """No motor and no damping of Bullet's own; rotors geared to their joints."""
+        self.call("changeDynamics", self.robot, -1, linearDamping=0.0, angularDamping=0.0)
+        for index in self._names.values():
+            self.call(
+                "changeDynamics", self.robot, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                maxJointVelocity=_NO_LIMIT,
+            )  # fmt: skip
+            self.call("setJointMotorControl2", self.robot, index, self._bullet.VELOCITY_CONTROL, force=0.0)
+        for joint, name in enumerate(spec.JOINT_NAMES):
+            self.call("resetJointState", self.robot, self._indices[joint], joint_pos[joint])
+            rotor = self._names.get(f"{name}_rotor")
+            if rotor is not None:
+                self.call("resetJointState", self.robot, rotor, ROTOR_GEAR_RATIO * joint_pos[joint])
+                self._gear(self._indices[joint], rotor, joint)
+
+    def _gear(self, joint_index: int, rotor_index: int, joint: int) -> None:
+        axis = [1, 0, 0] if joint % 3 == 0 else [0, 1, 0]
+        gear = self.call(
+            "createConstraint", self.robot, joint_index, self.robot, rotor_index, self._bullet.JOINT_GEAR, axis,
+            [0, 0, 0], [0, 0, 0],
+        )  # fmt: skip
+        self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=_STIFF)
+
+    def _weigh(self, conditions: Conditions) -> None:
+        """Friction of the feet, and masses and inertias times their factors."""
+        friction = self.config.foot_friction * conditions.friction
+        for number, index in enumerate([-1, *self._indices]):
+            self.call("changeDynamics", self.robot, index, lateralFriction=friction, restitution=0.0)
+            factor = float(conditions.mass[number])
+            if factor != 1.0:
+                info = self.call("getDynamicsInfo", self.robot, index)
+                inertia = [factor * value for value in info[2]]
+                self.call("changeDynamics", self.robot, index, mass=factor * info[0], localInertiaDiagonal=inertia)
+
+
+def import_bullet() -> Any:
+    """PyBullet.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        import pybullet
+    except ImportError as error:
+        raise ConfigError(
+            "PyBullet is not installed",
+            remedy="pip install 'motorprior[pybullet]' on Python 3.11, the last that it has wheels for",
+        ) from error
+    return pybullet

@@ -1,0 +1,157 @@
+"""Other robots in every episode: what may differ, how far, and one draw of it. Off by default.
+
+Ranges go in, one `Conditions` per episode comes out; both engines apply it without building the robot anew.
+The motors of an episode are drawn elsewhere (`DrawMotors`) and from another stream, so that turning a range on
+changes no motor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.sensing import JOINT_READINGS, READINGS, Sensors, perfect_sensors
+from motorprior.robots.pupper_v2 import spec
+
+NUM_LINKS = 1 + spec.NUM_JOINTS
+"""Chassis, then abduction link, thigh and shank of every leg."""
+LONGEST_DELAY = 0.2
+"""[s]"""
+_STREAM, _SENSOR_STREAM = 0xD12A, 0x5E50
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Randomization:
+    """Ranges that every episode draws from, uniformly; the defaults change nothing."""
+
+    armature: Range = (0.0, 0.0)
+    """Reflected inertia added to each joint, least and most [kg·m²]."""
+    damping: Range = (0.0, 0.0)
+    """Passive damping added to each joint, least and most [N·m·s/rad]."""
+    friction: Range = (1.0, 1.0)
+    """Factor on the friction of the feet, least and most [-]."""
+    mass: Range = (1.0, 1.0)
+    """Factor on mass and inertia of each link, least and most [-]."""
+    com: float = 0.0
+    """Largest shift of the chassis' centre of mass along each axis [m]."""
+    gravity_tilt: float = 0.0
+    """Largest angle between gravity and the vertical [rad]: a slope, seen from the robot."""
+    encoder_offset: float = 0.0
+    """Largest error of each encoder's zero [rad]; the motor's own loop sees it too."""
+    joint_noise: float = 0.0
+    """Standard deviation of white noise on the observed joint angles [rad]."""
+    tilt_noise: float = 0.0
+    """Standard deviation of white noise on the observed roll and pitch [rad]."""
+    rate_noise: float = 0.0
+    """Standard deviation of white noise on the observed roll and pitch rates [rad/s]."""
+    sensor_delay: Range = (0.0, 0.0)
+    """Age of what the policy observes, least and most [s]."""
+    command_delay: Range = (0.0, 0.0)
+    """Age of the position targets that the motors get, least and most [s], in whole physics steps."""
+    push: float = 0.0
+    """Largest horizontal impulse on the chassis [N·s], spread over one control step."""
+    push_interval: float = 1.0
+    """Time between two pushes [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse ranges that are upside down or out of bounds."""
+        least = {"friction": 0.01, "mass": 0.1, "push_interval": spec.CONTROL_DT}
+        most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            low, high = value if isinstance(value, tuple) else (value, value)
+            bounds = least.get(field.name, 0.0), most.get(field.name, 1e3)
+            if not bounds[0] <= low <= high <= bounds[1]:
+                raise ConfigError(
+                    f"--randomization.{field.name.replace('_', '-')} {value} is not a range within "
+                    f"{bounds[0]:g}..{bounds[1]:g}",
+                    remedy="give the smaller number first, both within the bounds",
+                )
+
+    def as_json(self) -> dict[str, object]:
+        """For the record of a run."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    def conditions(self, seed: int, episode_steps: int) -> Conditions:
+        """The robot and its surroundings in the episode of this seed."""
+        if self == _NOTHING:
+            return NOMINAL
+        rng = np.random.default_rng([_STREAM, seed])
+        joints, tilt = spec.NUM_JOINTS, self.gravity_tilt * np.sqrt(rng.uniform())
+        bearing, g = rng.uniform(0.0, 2.0 * np.pi), spec.GRAVITY
+        down = np.array([np.sin(tilt) * np.cos(bearing), np.sin(tilt) * np.sin(bearing), -np.cos(tilt)])
+        return Conditions(
+            armature=rng.uniform(*self.armature, joints),
+            damping=rng.uniform(*self.damping, joints),
+            friction=float(rng.uniform(*self.friction)),
+            mass=rng.uniform(*self.mass, NUM_LINKS),
+            com=rng.uniform(-self.com, self.com, 3),
+            gravity=g * down if self.gravity_tilt else np.array([0.0, 0.0, -g]),
+            encoder_offset=rng.uniform(-self.encoder_offset, self.encoder_offset, joints),
+            command_delay=float(rng.uniform(*self.command_delay)),
+            push=self._pushes(rng, episode_steps),
+        )
+
+    def _pushes(self, rng: np.random.Generator, episode_steps: int) -> np.ndarray:
+        """(episode_steps, 2) horizontal force [N] of every control step; no rows if there is no push."""
+        if self.push == 0.0:
+            return np.zeros((0, 2))
+        force, every = np.zeros((episode_steps, 2)), max(1, round(self.push_interval / spec.CONTROL_DT))
+        for step in range(every, episode_steps, every):
+            strength, bearing = rng.uniform(0.0, self.push), rng.uniform(0.0, 2.0 * np.pi)
+            force[step] = strength / spec.CONTROL_DT * np.array([np.cos(bearing), np.sin(bearing)])
+        return force
+
+    def sensors(self, seed: int, episode_steps: int) -> Sensors:
+        """How the policy's sensors err in the episode of this seed."""
+        if not (self.sensor_delay[1] or self.joint_noise or self.tilt_noise or self.rate_noise):
+            return perfect_sensors()
+        deviation = np.full(READINGS, self.joint_noise)
+        deviation[:2], deviation[2:JOINT_READINGS] = self.tilt_noise, self.rate_noise
+        rng = np.random.default_rng([_SENSOR_STREAM, seed])
+        delay = float(rng.uniform(*self.sensor_delay)) / spec.CONTROL_DT
+        rows = episode_steps + 1 if deviation.any() else 0
+        noise = deviation * rng.standard_normal((rows, READINGS))
+        return Sensors(noise, delay, np.zeros((int(delay) + 2 if delay > 0.0 else 0, READINGS)))
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """One draw: 12 joints, 13 links, in the order of the robot."""
+
+    armature: np.ndarray
+    """(12,) added [kg·m²]"""
+    damping: np.ndarray
+    """(12,) added, passive [N·m·s/rad]"""
+    friction: float
+    """factor"""
+    mass: np.ndarray
+    """(13,) factors on mass and inertia"""
+    com: np.ndarray
+    """(3,) shift of the chassis' centre of mass [m]"""
+    gravity: np.ndarray
+    """(3,) [m/s²]"""
+    encoder_offset: np.ndarray
+    """(12,) reading at true zero [rad]"""
+    command_delay: float
+    """[s]"""
+    push: np.ndarray
+    """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
+
+
+NOMINAL = Conditions(
+    armature=np.zeros(spec.NUM_JOINTS),
+    damping=np.zeros(spec.NUM_JOINTS),
+    friction=1.0,
+    mass=np.ones(NUM_LINKS),
+    com=np.zeros(3),
+    gravity=np.array([0.0, 0.0, -spec.GRAVITY]),
+    encoder_offset=np.zeros(spec.NUM_JOINTS),
+    command_delay=0.0,
+    push=np.zeros((0, 2)),
+)
+"""The robot as it is in the specification."""
+_NOTHING = Randomization()

@@ -1,0 +1,51 @@
+"""Ground that is not flat: gentle random bumps, level where the robot starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from motorprior.exceptions import ConfigError
+
+HIGHEST = 0.05
+"""[m]; the robot stands 0.17 m high."""
+START_RADIUS, BLEND = 0.25, 0.25
+"""Level around the origin [m], and the width over which the bumps begin [m]."""
+_STREAM = 0x7E44
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A square patch of ground about the origin.
+
+    Attributes:
+        roughness: highest bump above the lowest [m]; 0 is an endless flat floor.
+        cell: distance between neighbouring heights [m].
+        extent: edge of the patch [m].
+        wavelength: of the shortest bumps [m], four standard deviations of the Gaussian that smooths them.
+    """
+
+    roughness: float = 0.0
+    cell: float = 0.04
+    extent: float = 8.0
+    wavelength: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Refuse cliffs."""
+        if not 0.0 <= self.roughness <= HIGHEST:
+            raise ConfigError(
+                f"--roughness {self.roughness} m is not in 0..{HIGHEST} m", remedy="give a height the robot can step on"
+            )
+
+
+def heights(terrain: Terrain, seed: int) -> np.ndarray:
+    """(n, n) heights [m], y by x, zero around the origin; white noise, smoothed, scaled to the roughness."""
+    count = round(terrain.extent / terrain.cell) + 1
+    noise = np.random.default_rng([_STREAM, seed]).standard_normal((count, count))
+    field = gaussian_filter(noise, 0.25 * terrain.wavelength / terrain.cell)
+    field *= terrain.roughness / np.ptp(field)
+    line = terrain.cell * (np.arange(count) - (count - 1) / 2)
+    apart = np.hypot(*np.meshgrid(line, line))
+    return field * np.clip((apart - START_RADIUS) / BLEND, 0.0, 1.0)

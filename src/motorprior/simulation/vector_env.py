@@ -1,0 +1,154 @@
+"""Many walking robots as one Gymnasium environment: each thread steps its share of them in one compiled call."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numba import njit
+from numba.typed import List
+
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.env import FURTHEST
+from motorprior.locomotion.policy import ACTION_SIZE
+from motorprior.locomotion.sensing import sense
+from motorprior.simulation.borrowed import borrowed
+from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.rollout import WalkConfig, begin_walk, new_walker, walk_step
+from motorprior.simulation.world import World, WorldConfig
+
+_MOST = 2**31
+
+
+@njit(cache=True, nogil=True)
+def _begin(worlds, motors, sensors, walkers, index, observations):
+    """First observation of one robot."""
+    begin_walk(borrowed(worlds[index]), borrowed(motors[index]), borrowed(sensors[index]), borrowed(walkers[index]))
+    observations[index] = walkers[index].observation
+
+
+@njit(cache=True, nogil=True)
+def _step(worlds, motors, sensors, walkers, share, actions, control_dt, task, steps, out):
+    """One control step of the robots in ``share``; ``out`` is (observations, rewards, over, faults, phases)."""
+    observations, rewards, over, faults, phases = out
+    for index in share:
+        world, walker = borrowed(worlds[index]), borrowed(walkers[index])
+        walker.action[:] = actions[index]
+        phases[index], rewards[index], over[index], faults[index] = walk_step(
+            world, borrowed(motors[index]), walker, phases[index], control_dt, task
+        )
+        steps[index] += 1
+        if faults[index] == 0:
+            sense(borrowed(sensors[index]), steps[index], walker.observation)
+        observations[index] = walker.observation
+
+
+class WalkVectorEnv(VectorEnv):
+    """N robots; one whose episode is over is reset by the next step, whose reward is then zero.
+
+    It gives what N `locomotion.env.PupperWalkEnv` on `MujocoBackend` give under `gymnasium.vector.SyncVectorEnv`,
+    bit for bit, on any number of threads.
+
+    Args:
+        num_envs: N.
+        draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
+        config: physics.
+        walk: episode.
+        threads: at most one per robot is of use.
+
+    Raises:
+        ConfigError: no robot, or no thread.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
+
+    def __init__(self, num_envs: int, draw_motors: DrawMotors, config: WorldConfig, walk: WalkConfig, threads: int = 1):
+        if num_envs < 1 or threads < 1:
+            raise ConfigError(f"{num_envs} robots on {threads} threads", remedy="use at least one of each")
+        self.num_envs, self._walk, self._draw, self._dt = num_envs, walk, draw_motors, config.control_dt
+        self.single_observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
+        self.single_action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._worlds, self._task = [World(config) for _ in range(num_envs)], walk.task.array()
+        self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
+        self._pool, self._threads = ThreadPoolExecutor(threads), threads
+        self._steps, self._over = np.zeros(num_envs, np.int64), np.zeros(num_envs, bool)
+        self._observations = np.zeros((num_envs, len(FURTHEST)))
+        self._rewards, self._phases, self._faults = np.zeros(num_envs), np.zeros(num_envs), np.zeros(num_envs, np.int64)
+        parts = [self._drawn(index, 0) for index in range(num_envs)]
+        self._lists: Any = tuple(List(column) for column in zip(*parts, strict=True))  # pyright: ignore[reportCallIssue]
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin N episodes; from one seed, robot i gets seed + i."""
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        for index, own in enumerate(seeds):
+            if own is not None:
+                self._rngs[index] = seeding.np_random(own)[0]
+            self._begin(index, own)
+        return self._observations.copy(), self._info()
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance every robot by one control step, or reset it if its episode is over.
+
+        Args:
+            actions: (N, 16), clipped to [-1, 1].
+
+        Returns:
+            Observations (N, 18), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase, base_pos.
+
+        Raises:
+            ConfigError: actions of another shape, or not finite.
+        """
+        actions = np.ascontiguousarray(actions, dtype=np.float64)
+        if actions.shape != (self.num_envs, ACTION_SIZE) or not np.all(np.isfinite(actions)):
+            raise ConfigError(f"actions of shape {actions.shape}, wanted finite ones of {(self.num_envs, ACTION_SIZE)}")
+        resting = self._over.copy()
+        running, terminated = np.flatnonzero(~resting), np.zeros(self.num_envs, bool)
+        out = (self._observations, self._rewards, terminated, self._faults, self._phases)
+        shares = [running[first :: self._threads] for first in range(self._threads)]
+        jobs = [np.ascontiguousarray(share) for share in shares if len(share)]
+        list(self._pool.map(lambda share: self._step_share(share, actions, out), jobs))
+        for index in np.flatnonzero(resting):
+            self._begin(int(index), None)
+            self._rewards[index] = 0.0
+        truncated = ~terminated & ~resting & (self._steps >= self._walk.episode_steps)
+        self._over = terminated | truncated
+        return self._observations.copy(), self._rewards.copy(), terminated, truncated, self._info()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop the threads."""
+        self._pool.shutdown()
+
+    def _step_share(self, share: np.ndarray, actions: np.ndarray, out: tuple) -> None:
+        worlds, motors, sensors, walkers = self._lists
+        _step(worlds, motors, sensors, walkers, share, actions, self._dt, self._task, self._steps, out)
+
+    def _drawn(self, index: int, seed: int) -> tuple[Any, ...]:
+        """World, motors, sensors and walker of a new episode."""
+        world, episode_steps, varied = self._worlds[index], self._walk.episode_steps, self._walk.randomization
+        motors = self._draw(np.random.default_rng(seed))
+        arrays = world.reset(motors, conditions=varied.conditions(seed, episode_steps))
+        return world.arrays, arrays, varied.sensors(seed, episode_steps), new_walker()
+
+    def _begin(self, index: int, seed: int | None) -> None:
+        drawn = int(self._rngs[index].integers(_MOST)) if seed is None else seed
+        for column, part in zip(self._lists, self._drawn(index, drawn), strict=True):
+            column[index] = part
+        self._steps[index], self._phases[index], self._faults[index] = 0, 0.0, 0
+        self._over[index] = False
+        worlds, motors, sensors, walkers = self._lists
+        _begin(worlds, motors, sensors, walkers, index, self._observations)
+
+    def _info(self) -> dict[str, Any]:
+        every = np.ones(self.num_envs, bool)
+        base = np.array([world.arrays.qpos[:3] for world in self._worlds])
+        values = {"fault": self._faults.copy(), "phase": self._phases.copy(), "base_pos": base}
+        return values | {f"_{name}": every for name in values}

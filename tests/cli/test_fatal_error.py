@@ -1,0 +1,63 @@
+"""A fatal error of MuJoCo inside a compiled episode costs no finished iteration."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from motorprior.artifacts import read_tensors
+from motorprior.locomotion.policy import Policy
+
+WALK = ("walk", "--actuator", "pd", "--episode-steps", "20", "--iterations", "12")
+SABOTAGE = """
+import mujoco, sys
+from numba import njit
+from motorprior.cli.main import main
+from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.simulation.mj_call import mj_step, mj_step_address
+from motorprior.simulation.rollout import WalkSimulator
+
+XML = mjcf().replace("<worldbody>", '<size memory="2K"/><worldbody>', 1)
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)  # its memory is too small for a step: mju_error
+
+@njit(nogil=True)
+def step(address, model, data):
+    mj_step(address, model, data)
+
+episodes, healthy = [0], WalkSimulator.run
+
+LIMIT = int(sys.argv.pop())
+def limited(self, *args, **options):
+    episodes[0] += 1
+    if episodes[0] == LIMIT:
+        step(mj_step_address(), model._address, data._address)
+    return healthy(self, *args, **options)
+
+WalkSimulator.run = limited
+main()
+"""
+
+
+def walk(out: Path, workers: int, fail_at: int | None = None) -> subprocess.CompletedProcess[str]:
+    head = ["-m", "motorprior.cli.main"] if fail_at is None else ["-c", SABOTAGE]
+    tail = [] if fail_at is None else [str(fail_at)]
+    words = [sys.executable, *head, *WALK, "--workers", str(workers), "--out", str(out), *tail]
+    return subprocess.run(words, capture_output=True, text=True, check=False, cwd=out.parent)
+
+
+def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tmp_path: Path):
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert walk(whole, 1).returncode == 0
+    # an iteration has 32 episodes, the contest after the tenth 16 more: episode 350 is in the 11th
+    failed = walk(broken, 2, fail_at=350)
+    assert failed.returncode == 2
+    said = failed.stderr.strip().splitlines()[-1]
+    assert said.startswith("error: MuJoCo stopped: mj_stackAlloc") and "10 iterations" in said and " -> " in said
+    state, header = read_tensors(broken / "search.safetensors")
+    assert int(state["iteration"]) == len(header["curve"]) == 10
+    assert Policy.load(broken / "policy.safetensors").provenance["iteration"] == 10  # usable as it is
+    assert not (broken / "stage.json").exists()
+    assert not list(tmp_path.glob("MUJOCO_LOG*"))
+    assert walk(broken, 2).returncode == 0
+    for name in ("policy.safetensors", "curve.json", "stage.json"):
+        assert (broken / name).read_bytes() == (whole / name).read_bytes()

@@ -1,0 +1,101 @@
+"""`motorprior walk` on either engine and any executor, with randomisation; `motorprior speed` measures them all."""
+
+import sys
+from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motorprior.artifacts import read_json, read_tensors
+from motorprior.exceptions import SimulationFault
+from motorprior.locomotion.policy import Policy
+from motorprior.simulation.rollout import WalkSimulator
+
+Command = Callable[..., Any]
+SMALL = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5)
+RESULTS = ("policy.safetensors", "curve.json")
+
+
+def contents(folder: Path) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in RESULTS]
+
+
+def test_pybullet_trains_and_gives_the_same_bytes_again(motorprior: Command, tmp_path: Path):
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    few = ("--search.num-directions", 2, "--search.num-top-directions", 1)
+    line = (*SMALL, *few, "--engine", "pybullet", "--roughness", 0.01)
+    for name, workers in (("one", 1), ("two", 2)):
+        assert motorprior(*line, "--workers", workers, "--out", tmp_path / name).code == 0
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    assert motorprior(*SMALL, *few, "--out", tmp_path / "mujoco").code == 0
+    assert contents(tmp_path / "one") != contents(tmp_path / "mujoco")
+    provenance = Policy.load(tmp_path / "one" / "policy.safetensors").provenance
+    assert (provenance["engine"], provenance["roughness"]) == ("pybullet", 0.01)
+
+
+def test_randomisation_is_recorded_with_the_result_and_changes_it(motorprior: Command, tmp_path: Path):
+    ranges = ("--randomization.friction", 0.5, 1.5, "--randomization.push", 0.1)
+    assert motorprior(*SMALL, "--out", tmp_path / "plain").code == 0
+    assert motorprior(*SMALL, *ranges, "--out", tmp_path / "random").code == 0
+    recorded = Policy.load(tmp_path / "random" / "policy.safetensors").provenance["randomization"]
+    assert (recorded["friction"], recorded["push"], recorded["mass"]) == ([0.5, 1.5], 0.1, [1.0, 1.0])
+    stage = read_json(tmp_path / "random" / "stage.json")["config"]["randomization"]
+    assert stage["friction"] == [0.5, 1.5]
+    assert contents(tmp_path / "plain") != contents(tmp_path / "random")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--roughness", 0.01), ("--roughness", "pybullet")),
+        (("--engine", "pybullet", "--roughness", 1), ("--roughness 1", "0.05")),
+        (("--ray-address", "127.0.0.1:6379"), ("--ray-address", "--executor ray")),
+        (("--randomization.friction", 1.2, 0.8), ("--randomization.friction", "0.8")),
+        (("--randomization.sensor-delay", 0, 3), ("--randomization.sensor-delay", "0.2")),
+        (("--randomization.push", "nan"), ("--randomization.push", "nan")),
+    ],
+)
+def test_what_cannot_be_is_refused(refused: Callable[..., None], tmp_path: Path, options: tuple, words: tuple):
+    refused(*SMALL, *options, "--out", tmp_path / "walk", words=words)
+
+
+def test_an_engine_or_library_that_is_not_installed_is_named(
+    refused: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    monkeypatch.setitem(sys.modules, "ray", None)
+    out = ("--out", tmp_path / "walk")
+    refused(*SMALL, "--engine", "pybullet", *out, words=("PyBullet is not installed", "motorprior[pybullet]"))
+    refused(*SMALL, "--executor", "ray", *out, words=("Ray is not installed", "motorprior[ray]"))
+
+
+def test_episodes_that_fail_cost_no_finished_iteration(
+    motorprior: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    line = ("walk", "--actuator", "pd", "--iterations", 3, "--episode-steps", 5, "--workers", 1)
+    assert motorprior(*line, "--out", tmp_path / "whole").code == 0
+    healthy, episodes = WalkSimulator.run, iter(range(10_000))
+
+    def run(self: WalkSimulator, *args: Any) -> Any:
+        if next(episodes) == 70:  # in the third iteration of 32 episodes
+            raise SimulationFault("lost", remedy="try again")
+        return healthy(self, *args)
+
+    with monkeypatch.context() as context:
+        context.setattr(WalkSimulator, "run", run)
+        assert motorprior(*line, "--out", tmp_path / "broken").code == 2
+    assert int(read_tensors(tmp_path / "broken" / "search.safetensors")[0]["iteration"]) == 2
+    assert motorprior(*line, "--out", tmp_path / "broken").code == 0
+    assert contents(tmp_path / "broken") == contents(tmp_path / "whole")
+
+
+def test_speed_writes_a_flat_map_of_every_path(motorprior: Command, tmp_path: Path, prior: Path):
+    assert motorprior("speed", "--prior", prior, "--json", tmp_path / "speed.json").code == 0
+    figures = read_json(tmp_path / "speed.json")
+    paths = {"mj_step", "ideal_pd", "rollout", "physical", "two_threads", "python_numpy"}
+    assert {f"control_steps_per_s/{path}" for path in paths} <= set(figures)
+    ratios = {"mj_step_share/rollout", "learned_over_pd", "two_threads_over_one", "kernel_over_python_numpy"}
+    assert ratios <= set(figures)
+    assert all(isfinite(value) and value > 0.0 for value in figures.values())

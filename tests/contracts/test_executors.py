@@ -1,0 +1,184 @@
+"""What every executor promises: results in order, same bytes on any workers, nothing lost with a worker or node."""
+
+# pyright: reportMissingImports=false
+# Ray is an extra.
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.cli.motors import MotorChoice
+from motorprior.cli.walk import Walk, simulator_maker
+from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import Executor, make_executor
+from motorprior.search.train import Champion, new_search, train
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+
+WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
+
+
+def draw_pd(rng):
+    kp = rng.uniform(8.0, 10.0, 12)
+    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+
+
+def make_walker():
+    return WalkSimulator(draw_pd, walk=WALK)
+
+
+def searched(executor: Executor, iterations: int = 2, progress=None) -> bytes:
+    """Everything a search has found, as bytes."""
+    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
+    champion = train(search, executor, iterations, Champion.nobody(), progress)
+    assert np.any(search.parameters != 0.0)
+    found = [*search.state().values(), *champion.state().values()]
+    return b"".join(np.asarray(value).tobytes() for value in found)
+
+
+@pytest.fixture(scope="module")
+def serial() -> bytes:
+    return searched(make_executor(make_walker, 1))
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_any_number_of_threads_gives_the_same_search(serial, workers):
+    executor = make_executor(make_walker, workers)
+    assert searched(executor) == serial
+    executor.close()
+
+
+class Sleeper:
+    """A simulator that takes its time."""
+
+    closed = 0
+
+    def close(self):
+        type(self).closed += 1
+
+
+def nap(simulator, shared, task):
+    time.sleep(0.02 * (5 - task))
+    return shared, task
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_results_come_in_the_order_of_the_tasks_whatever_order_they_end_in(workers):
+    executor, Sleeper.closed = make_executor(Sleeper, workers), 0
+    assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]
+    assert executor.map(nap, "y", []) == []
+    executor.close()
+    assert Sleeper.closed == workers
+
+
+def broken(simulator, shared, task):
+    raise SimulationFault("broken down")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_fault_reaches_the_caller(workers):
+    executor = make_executor(Sleeper, workers)
+    with pytest.raises(SimulationFault, match="broken down"):
+        executor.map(broken, None, range(3))
+    executor.close()
+
+
+# Ray: starting it takes seconds, so the tests below share one cluster of two nodes.
+
+
+@pytest.fixture(scope="module")
+def ray():
+    module = pytest.importorskip("ray", reason="Ray is not installed: pip install 'motorprior[ray]'")
+    import sys
+
+    import ray.cloudpickle
+
+    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    return module
+
+
+@pytest.fixture(scope="module")
+def cluster(ray):
+    """The head of a cluster, one core; it notices within a second that a node is gone, instead of 15 s."""
+    from ray.cluster_utils import Cluster
+
+    often = {"health_check_initial_delay_ms": 0, "health_check_period_ms": 250, "health_check_failure_threshold": 3}
+    head = {"num_cpus": 1, "include_dashboard": False, "_system_config": often}
+    nodes = Cluster(initialize_head=True, head_node_args=head)
+    yield nodes
+    nodes.shutdown()
+
+
+def remember(simulator, shared, task):
+    """Leave a mark that says where the task runs, and be slow."""
+    import os
+
+    import ray as there
+
+    node = there.get_runtime_context().get_node_id()
+    (Path(shared) / f"{task}-{os.getpid()}-{node}").touch()
+    time.sleep(0.5)
+    return task * task
+
+
+def die(simulator, shared, task):
+    import os
+
+    if task == 3:
+        os._exit(1)
+    return task
+
+
+def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
+    doomed = cluster.add_node(num_cpus=1)
+    executor = make_executor(make_walker, 2, "ray", cluster.address)
+    try:
+        assert searched(executor) == serial  # both nodes at work
+
+        doomed_id = doomed.node_id
+        killer = threading.Thread(target=kill_when_busy, args=(doomed, tmp_path, doomed_id))
+        killer.start()
+        assert executor.map(remember, str(tmp_path), range(10)) == [task * task for task in range(10)]
+        killer.join()
+        marks = [mark.name.split("-") for mark in tmp_path.iterdir()]
+        lost = {task for task, _, node in marks if node == doomed_id}
+        elsewhere = {task for task, _, node in marks if node != doomed_id}
+        assert lost and elsewhere == {str(task) for task in range(10)}  # every lost task ran again
+
+        assert searched(executor) == serial  # on what is left
+        with pytest.raises(SimulationFault, match="died 4 times"):
+            executor.map(die, None, range(4))
+        assert executor.map(nap, None, range(2)) == [(None, 0), (None, 1)]
+    finally:
+        executor.close()
+
+
+def kill_when_busy(node, folder, node_id):
+    while not any(mark.name.endswith(node_id) for mark in folder.iterdir()):
+        time.sleep(0.02)
+    node.kill_raylet(check_alive=False)
+
+
+def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, tmp_path):
+    config = Walk(tmp_path, MotorChoice("fleet"), episode_steps=30)
+    make = simulator_maker(config, config.motors.drawer())  # what the command line sends to Ray
+    monkeypatch.setenv("RAY_ADDRESS", cluster.address)
+    executor = make_executor(make, 3, "ray")
+    try:
+        assert ray.get_runtime_context().gcs_address != cluster.address
+        assert ray.cluster_resources()["CPU"] == 3
+        assert searched(executor) == searched(make_executor(make, 1))
+        with pytest.raises(ConfigError, match="already"):
+            make_executor(make, 1, "ray")
+    finally:
+        executor.close()
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "here:there"])
+def test_a_cluster_that_does_not_answer_is_named(ray, address):
+    with pytest.raises(ConfigError, match=f"{address}: no Ray cluster answers"):
+        make_executor(make_walker, 1, "ray", address)

@@ -1,0 +1,231 @@
+"""PyBullet keeps mechanics in closed form, reflected inertia included, and agrees with MuJoCo."""
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO
+from motorprior.simulation.bullet_world import BulletWorld
+from motorprior.simulation.replay import replay
+from motorprior.simulation.terrain import Terrain, heights
+from motorprior.simulation.world import World, WorldConfig, physics_step
+
+pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+
+HUNG = WorldConfig(hung=True, physics_dt=0.001)
+STANDING = WorldConfig(physics_dt=0.001)
+LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
+PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
+PHYSICAL = PhysicalActuator(load_fleet("pupper_v2").sample(np.random.default_rng(0), 12))
+KNEE_INERTIA = 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
+"""Of the shank about the knee [kg·m²]."""
+
+
+def network():
+    """A latent network of random weights that is about as stiff as a PD of 6 N·m/rad and 0.3 N·m·s/rad."""
+    rng = np.random.default_rng(0)
+    w1, w2 = 0.01 * rng.standard_normal((4, 8)), 0.01 * rng.standard_normal((8, 8))
+    w1[0, 0], w1[2, 0], w2[0, 0] = 0.1, -0.1, 1.0
+    return LatentNetwork(
+        w1=w1, v1=0.02 * rng.standard_normal((3, 8)), b1=np.zeros(8), w2=w2, b2=np.zeros(8), w3=np.r_[1.0, np.zeros(7)],
+        b3=np.array(0.0), log_armature=np.array(np.log(0.003)), armature_slope=np.array([0.2, 0.0, 0.0]), taps=(0, 2),
+        period=0.002, error_scale=0.1, velocity_scale=2.0, torque_scale=6.0, torque_limit=1.26, has_armature=True,
+    )  # fmt: skip
+
+
+LATENT = LatentActuator(network(), np.random.default_rng(1).standard_normal((12, 3)))
+MOTORS: dict[str, Actuator] = {"ideal_pd": PD, "latent": LATENT, "physical": PHYSICAL}
+
+
+@pytest.fixture
+def make():
+    """Makes a world and closes it after the test."""
+    worlds = []
+
+    def world(config: WorldConfig) -> BulletWorld:
+        worlds.append(BulletWorld(config))
+        return worlds[-1]
+
+    yield world
+    for one in worlds:
+        one.close()
+
+
+def trot(steps):
+    targets, phase = np.zeros((steps, 12)), 0.0
+    for step in range(steps):
+        joint_targets(phase, 0.4, 0.1, 1.0, targets[step])
+        phase = advance_phase(phase, 1.5, spec.CONTROL_DT)
+    return targets
+
+
+def played(world, motors, targets):
+    """(physics steps, 12) joint angles and torques, and (control steps, 3) base positions, as `replay` records them."""
+    arrays, joint_pos, joint_torque, base = world.reset(motors), [], [], []
+    for target in targets:
+        base.append(world.base().pos)
+        for _ in range(world.config.substeps):
+            world.physics_step(arrays, target)
+            joint_torque.append(world.torque.copy())
+            joint_pos.append(world.joints()[0])
+    return np.array(joint_pos), np.array(joint_torque), np.array(base)
+
+
+def test_free_fall(make):
+    world = make(STANDING)
+    arrays = world.reset(LIMP)
+    start = world.base().pos
+    world.call("resetBasePositionAndOrientation", world.robot, [0, 0, 10], [0, 0, 0, 1])
+    start = world.base().pos
+    for _ in range(200):
+        world.physics_step(arrays, spec.NOMINAL_POSE)
+    # semi-implicit Euler over m steps h: v = -g·m·h, z = z0 - g·h²·m·(m+1)/2; the legs fall alike
+    base, m, h = world.base(), 200, 0.001
+    np.testing.assert_allclose(base.lin_vel, [0.0, 0.0, -9.81 * m * h], atol=1e-9)
+    np.testing.assert_allclose(base.pos - start, [0.0, 0.0, -9.81 * h**2 * m * (m + 1) / 2], atol=1e-9)
+    np.testing.assert_allclose(world.joints()[0], spec.NOMINAL_POSE, atol=1e-9)
+
+
+@pytest.mark.parametrize(("armature", "damping"), [(0.003, 0.0), (0.003, 0.02), (0.0008, 0.05)])
+def test_a_knee_with_reflected_inertia_is_a_damped_oscillator(make, armature, damping):
+    # all but the knees held by rotors of 1e3 kg·m²; gravity off; (KNEE_INERTIA + armature)·ddq = -kp·q - damping·dq
+    world, kp = make(HUNG), 2.0
+    rotors = np.array([1e3, 1e3, armature] * 4)
+    motors = IdealPd(np.tile([0, 0, kp], 4), np.tile([0, 0, damping], 4), np.full(12, 1e9), rotors, np.zeros(12))
+    arrays = world.reset(motors)
+    world.call("setGravity", 0, 0, 0)
+    inertia = KNEE_INERTIA + armature
+    decay = damping / (2 * inertia)
+    wave = np.sqrt(kp / inertia - decay**2)
+    angle = []
+    target = spec.NOMINAL_POSE + np.tile([0.0, 0.0, 0.2], 4)
+    for _ in range(200):
+        world.physics_step(arrays, target)
+        angle.append(world.joints()[0][2::3])
+    t = 0.001 * np.arange(1, 201)[:, None]
+    ringing = np.exp(-decay * t) * (np.cos(wave * t) + decay / wave * np.sin(wave * t))
+    # Euler errs by about dt·wave/2 of the amplitude: 0.001·42/2·0.2 = 4.2e-3 rad at most
+    np.testing.assert_allclose(np.array(angle) - spec.NOMINAL_POSE[2], np.tile(0.2 * (1 - ringing), 4), atol=4.5e-3)
+
+
+def test_a_strongly_damped_light_knee_does_not_chatter(make):
+    # explicit damping of 0.84 N·m·s/rad on 3.45e-4 kg·m² at 1 ms would grow by |1 - 2.4| per step
+    world = make(HUNG)
+    arrays = world.reset(IdealPd.uniform(12, kp=0.0, kd=0.84, torque_limit=1e9))
+    world.call("setGravity", 0, 0, 0)
+    there = World(HUNG)
+    same = there.reset(IdealPd.uniform(12, kp=0.0, kd=0.84, torque_limit=1e9))
+    there.model.opt.gravity[:] = 0.0
+    there.data.qvel[2::3] = 5.0
+    for leg, index in zip(spec.LEGS, world._indices[2::3], strict=True):
+        world.call("resetJointState", world.robot, index, -1.2, 5.0)
+        world.call(
+            "resetJointState",
+            world.robot,
+            world._names[f"{leg}_knee_rotor"],
+            -1.2 * ROTOR_GEAR_RATIO,
+            5.0 * ROTOR_GEAR_RATIO,
+        )
+    for _ in range(10):
+        world.physics_step(arrays, spec.NOMINAL_POSE)
+        physics_step(there.arrays, same, spec.NOMINAL_POSE)
+        # implicit in both: the knees come to rest without changing their direction
+        np.testing.assert_allclose(world.joints()[1], there.data.qvel, atol=0.02)
+        assert np.all(world.joints()[1][2::3] > 0.0)
+
+
+@pytest.mark.parametrize("motors", MOTORS)
+def test_the_same_history_gives_the_same_torque(make, motors):
+    # the torque law replayed alone on what Bullet's joints did
+    world, actuator = make(HUNG), MOTORS[motors]
+    arrays, targets = world.reset(actuator), trot(20)
+    alone, torque = actuator.arrays(0.001), np.zeros(12)
+    reset_actuator(alone, spec.NOMINAL_POSE.copy(), spec.NOMINAL_POSE.copy())
+    for target in targets:
+        for _ in range(10):
+            q, dq = world.joints()
+            world.physics_step(arrays, target)
+            step_actuator(alone, 0.001, target, q, dq, torque)
+            np.testing.assert_array_equal(world.torque, torque - actuator.damping * dq)
+
+
+@pytest.mark.parametrize("motors", MOTORS)
+def test_a_hung_robot_trots_as_in_mujoco(make, motors):
+    # without contacts both integrate the same equations: 1 s agrees to rounding, and to the gear's 1/1000 where
+    # there is a reflected inertia
+    targets = trot(100)
+    there = replay(World(HUNG), MOTORS[motors], targets)
+    joint_pos, joint_torque, _ = played(make(HUNG), MOTORS[motors], targets)
+    tolerance = 1e-9 if motors == "physical" else 1e-4
+    np.testing.assert_allclose(joint_pos, there.joint_pos, atol=tolerance)
+    assert np.abs(joint_torque - there.joint_torque).max() < (1e-6 if motors == "physical" else 1e-3)
+    assert np.ptp(joint_pos, axis=0)[1::3].min() > 0.2
+
+
+@pytest.mark.parametrize("motors", MOTORS)
+def test_the_robot_stands_as_in_mujoco(make, motors):
+    targets = np.tile(spec.NOMINAL_POSE, (100, 1))
+    there = replay(World(STANDING), MOTORS[motors], targets)
+    joint_pos, _, base = played(make(STANDING), MOTORS[motors], targets)
+    # MuJoCo's regularised friction lets loaded feet creep outwards by millimetres, Bullet's holds them: the soft
+    # abductions show it most. Over legs of 0.17 m, 0.03 rad are 5 mm.
+    apart = np.abs(joint_pos[-1] - there.joint_pos[-1]).reshape(4, 3).max(axis=0)
+    assert np.all(apart < [0.03, 0.02, 0.02])
+    np.testing.assert_allclose(base[-1], there.base[-1, :3], atol=0.003)
+
+
+def test_the_standing_robot_carries_its_weight_on_four_feet(make):
+    world = make(STANDING)
+    arrays = world.reset(PD)
+    for _ in range(1000):
+        world.physics_step(arrays, spec.NOMINAL_POSE)
+    touching = world.call("getContactPoints", world.robot)
+    assert {point[3] for point in touching} == set(world._indices[2::3])
+    assert sum(point[9] for point in touching) == pytest.approx(2.1354 * 9.81, rel=0.02)
+
+
+def test_the_base_is_the_chassis_frame_not_its_centre_of_mass(make):
+    world = make(STANDING)
+    world.reset(PD)
+    np.testing.assert_allclose(world.base().pos, [0.0, 0.0, spec.standing_height()], atol=1e-9)
+    # turning about z at 2 rad/s about the centre of mass, 0.048 m ahead of the frame: the frame moves to -y
+    world.call("resetBaseVelocity", world.robot, [0, 0, 0], [0, 0, 2])
+    base = world.base()
+    np.testing.assert_allclose(base.lin_vel, np.cross([0, 0, 2], [-0.048, 0, 0.00964]), atol=1e-9)
+    np.testing.assert_allclose(base.ang_vel, [0, 0, 2], atol=1e-9)
+
+
+def test_only_a_fresh_client_is_exact_and_every_reset_makes_one(make):
+    targets = trot(30)
+    used, fresh = make(STANDING), make(STANDING)
+    played(used, PHYSICAL, -targets)  # other motion, a fall
+    for one, other in zip(played(used, PD, targets), played(fresh, PD, targets), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_the_same_seed_gives_the_same_bumps_and_the_start_is_level():
+    terrain = Terrain(roughness=0.03)
+    first, again, other = heights(terrain, 1), heights(terrain, 1), heights(terrain, 2)
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+    assert 0.02 < np.ptp(first) <= 0.03 + 1e-12
+    middle = first.shape[0] // 2
+    assert np.all(first[middle, middle - 6 : middle + 7] == 0.0) and first[middle, middle + 20] != 0.0
+
+
+def test_the_bumps_are_where_the_field_says(make):
+    world = BulletWorld(STANDING, Terrain(roughness=0.03))
+    world.reset(PD, seed=4)
+    field, cell = heights(world.terrain, 4), world.terrain.cell
+    middle = field.shape[0] // 2
+    for row, column in ((20, 30), (100, 60), (150, 150), (30, 170)):
+        x, y = (column - middle) * cell, (row - middle) * cell
+        hit = world.call("rayTest", [x, y, 1.0], [x, y, -1.0])[0]
+        assert hit[3][2] == pytest.approx(field[row, column], abs=1e-3)
+    world.close()

@@ -1,0 +1,53 @@
+"""One short search has the bytes it had when this was written, where the libraries are the same."""
+
+import hashlib
+import platform
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import SerialExecutor
+from motorprior.search.train import Champion, new_search, train
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+
+HOLDS_FOR = {
+    "mujoco": "4.0.0",
+    "numba": "0.68.1",
+    "llvmlite": "0.50.0",
+    "numpy": "2.4.6",
+    "machine": "x86_64",
+    "libc": "glibc",
+}
+DIGEST = "0b3e46002bd65ad063abb7bd39e4d5f83e8f3ff81693e279a9ed8074c4e36fe5"
+"""SHA-256 of everything that the search below has found. A change that moves it must say why in the changelog."""
+
+
+def draw(rng):
+    kp = rng.uniform(8.0, 10.0, 12)
+    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+
+
+def found() -> str:
+    everything = Randomization(
+        armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
+        encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
+        command_delay=(0.001, 0.018), push=0.1, push_interval=0.2,
+    )  # fmt: skip
+    walk = WalkConfig(episode_steps=80, randomization=everything)
+    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=11))
+    champion = train(search, SerialExecutor(lambda: WalkSimulator(draw, walk=walk)), 3, Champion.nobody())
+    arrays = [*search.state().values(), *champion.state().values()]
+    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
+
+
+def test_the_bytes_are_those_of_the_golden_run():
+    here = {name: version(name) for name in ("mujoco", "numba", "llvmlite", "numpy")}
+    here |= {"machine": platform.machine(), "libc": platform.libc_ver()[0]}
+    other = {name: f"{value}, not {HOLDS_FOR[name]}" for name, value in here.items() if value != HOLDS_FOR[name]}
+    if other:
+        pytest.skip(f"the golden digest holds for other libraries: {other}")
+    assert found() == DIGEST

@@ -1,0 +1,229 @@
+"""Other robots in every episode: off by default, each range does what it says, in both engines alike."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.bullet_world import BulletWorld
+from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.randomization import NOMINAL, Randomization
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
+
+EVERYTHING = Randomization(
+    armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
+    encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
+    command_delay=(0.001, 0.018), push=0.1, push_interval=0.2,
+)  # fmt: skip
+PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
+LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
+POLICY = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
+STEPS = 100
+
+
+def draw_pd(rng):
+    kp = rng.uniform(8.0, 10.0, 12)
+    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+
+
+def episode(randomization, seed=3):
+    return WalkSimulator(draw_pd, walk=WalkConfig(STEPS, randomization=randomization)).run(*POLICY, seed, trace=True)
+
+
+def test_off_by_default():
+    conditions = replace(Randomization(), push_interval=0.5).conditions(5, 100)  # drawn, from empty ranges
+    assert Randomization().conditions(5, 100) is NOMINAL
+    for field in fields(conditions):
+        np.testing.assert_array_equal(getattr(conditions, field.name), getattr(NOMINAL, field.name))
+    assert NOMINAL.friction == 1.0 and np.all(NOMINAL.mass == 1.0) and NOMINAL.push.shape == (0, 2)
+    np.testing.assert_array_equal(NOMINAL.gravity, [0.0, 0.0, -9.81])
+    sensors = Randomization().sensors(5, 100)
+    assert (len(sensors.noise), sensors.delay, len(sensors.past)) == (0, 0.0, 0)
+
+
+def test_the_compiled_episode_is_the_python_episode_with_everything_on():
+    walk = WalkConfig(STEPS, randomization=EVERYTHING)
+    compiled = WalkSimulator(draw_pd, walk=walk)
+    python = BackendSimulator(MujocoBackend(draw_pd, None, EVERYTHING, STEPS), walk)
+    for seed in range(4):
+        one, other = (simulator.run(*POLICY, seed, trace=True) for simulator in (compiled, python))
+        assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
+        np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
+        np.testing.assert_array_equal(one.mean, other.mean)
+
+
+def test_an_episode_does_not_depend_on_those_before_it():
+    used = WalkSimulator(draw_pd, walk=WalkConfig(STEPS, randomization=EVERYTHING))
+    for seed in (8, 9):
+        used.run(*POLICY, seed)
+    after, fresh = used.run(*POLICY, 3, trace=True), episode(EVERYTHING)
+    np.testing.assert_array_equal(after.trace, fresh.trace)
+    assert episode(Randomization()).total == WalkSimulator(draw_pd, walk=WalkConfig(STEPS)).run(*POLICY, 3).total
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Randomization) if field.name != "push_interval"])
+def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
+    only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.2)
+    plain, changed = episode(Randomization()), episode(only)
+    assert changed.total != plain.total
+    assert not np.array_equal(changed.trace, plain.trace)
+    np.testing.assert_array_equal(changed.trace, episode(only).trace)
+
+
+def test_draws_fill_their_ranges():
+    draws = [EVERYTHING.conditions(seed, STEPS) for seed in range(300)]
+    for name in ("armature", "damping", "friction", "mass"):
+        low, high = getattr(EVERYTHING, name)
+        values = np.array([getattr(draw, name) for draw in draws])
+        assert low <= values.min() < low + 0.1 * (high - low) and high - 0.1 * (high - low) < values.max() <= high
+    gravity = np.array([draw.gravity for draw in draws])
+    np.testing.assert_allclose(np.linalg.norm(gravity, axis=1), 9.81)
+    tilt = np.arccos(-gravity[:, 2] / 9.81)
+    assert 0.045 < tilt.max() <= 0.05 and np.abs(gravity[:, :2].mean(axis=0)).max() < 0.05
+    assert np.abs([draw.com for draw in draws]).max() <= 0.01
+
+
+def test_mass_friction_and_gravity_reach_mujoco():
+    conditions, world = EVERYTHING.conditions(1, STEPS), World(WorldConfig())
+    plain = World(WorldConfig()).model
+    world.reset(PD, conditions=conditions)
+    np.testing.assert_allclose(world.model.body_mass[1:], plain.body_mass[1:] * conditions.mass)
+    np.testing.assert_allclose(world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None])
+    np.testing.assert_allclose(world.model.body_ipos[1], plain.body_ipos[1] + conditions.com)
+    np.testing.assert_allclose(world.model.pair_friction[:, 0], 0.45 * conditions.friction)
+    np.testing.assert_allclose(world.model.dof_armature[6:], 0.003 + conditions.armature)
+    np.testing.assert_array_equal(world.model.opt.gravity, conditions.gravity)
+    world.reset(PD)
+    for name in ("body_mass", "body_inertia", "body_ipos", "pair_friction", "body_subtreemass", "body_invweight0"):
+        np.testing.assert_array_equal(getattr(world.model, name), getattr(plain, name))
+
+
+def test_the_reported_torque_is_the_motors_without_the_added_damping():
+    world = World(WorldConfig(hung=True))
+    motors = world.reset(PD, conditions=replace(NOMINAL, damping=np.full(12, 0.1)))
+    world.data.qvel[:] = 1.0
+    hold_target(world.arrays._replace(substeps=1), motors, spec.NOMINAL_POSE.copy())
+    np.testing.assert_allclose(world.arrays.torque, -0.84)
+    np.testing.assert_allclose(world.model.dof_damping, 0.94)
+
+
+def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
+    offset = np.linspace(-0.05, 0.05, 12)
+    world = World(WorldConfig(hung=True))
+    world.model.opt.gravity[:] = 0.0
+    motors = world.reset(PD, conditions=replace(NOMINAL, encoder_offset=offset))
+    measured, target = np.zeros(12), spec.NOMINAL_POSE + 0.1
+    for _ in range(200):
+        hold_target(world.arrays, motors, target)
+    read_joints(world.arrays, motors, measured)
+    np.testing.assert_allclose(measured, target, atol=1e-4)
+    np.testing.assert_allclose(world.data.qpos, target - offset, atol=1e-4)
+
+
+@pytest.mark.parametrize("delay", [0.002, 0.006, 0.010, 0.024])
+def test_a_command_delay_is_the_delay_of_the_motors_own_line(delay):
+    # an ideal PD has a delay line of its own, at the same physics steps: the two must give the same motion
+    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
+    ours, theirs = World(WorldConfig(hung=True)), World(WorldConfig(hung=True))
+    one = ours.reset(PD, conditions=replace(NOMINAL, command_delay=delay))
+    other = theirs.reset(replace(PD, delay=np.full(12, delay)))
+    for target in targets:
+        hold_target(ours.arrays, one, target)
+        hold_target(theirs.arrays, other, target)
+        np.testing.assert_allclose(ours.data.qpos, theirs.data.qpos, atol=1e-12)
+
+
+def backends(randomization):
+    yield MujocoBackend(lambda rng: LIMP, WorldConfig(physics_dt=0.001), randomization, 20)
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    yield PybulletBackend(lambda rng: LIMP, None, randomization, episode_steps=20)
+
+
+def test_a_push_is_an_impulse_in_both_engines():
+    only = Randomization(push=0.2, push_interval=0.05)
+    force = only.conditions(7, 20).push
+    assert np.flatnonzero(force.any(axis=1)).tolist() == [5, 10, 15] and np.hypot(*force.T).max() <= 0.2 / 0.01
+    speeds = []
+    for backend in backends(only):
+        backend.reset(7)
+        # five steps of falling alike, then the push
+        before = [backend.step(spec.NOMINAL_POSE) for _ in range(5)][-1]
+        after = backend.step(spec.NOMINAL_POSE)
+        speeds.append(after.base_lin_vel - before.base_lin_vel)
+        backend.close()
+    # the legs hang loosely from the chassis, so its speed changes by more than impulse / 2.135 kg, in its direction
+    impulse = 0.01 * force[5]
+    for speed in speeds:
+        assert speed[:2] @ impulse > 0.7 * np.hypot(*impulse) ** 2 / 2.1354
+    np.testing.assert_allclose(speeds[0], speeds[1], atol=0.2 * np.hypot(*speeds[0][:2]))
+
+
+def test_masses_and_gravity_reach_pybullet():
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    conditions, world = EVERYTHING.conditions(1, STEPS), BulletWorld(WorldConfig(physics_dt=0.001))
+    mujoco = World(WorldConfig())
+    mujoco.reset(PD, conditions=conditions)
+    world.reset(PD, conditions=conditions)
+    for body, index in enumerate([-1, *world._indices]):
+        info = world.call("getDynamicsInfo", world.robot, index)
+        assert info[0] == pytest.approx(mujoco.model.body_mass[1 + body])
+        np.testing.assert_allclose(info[2], mujoco.model.body_inertia[1 + body], rtol=1e-6)
+        np.testing.assert_allclose(info[3], mujoco.model.body_ipos[1 + body], atol=1e-9)
+        assert info[1] == pytest.approx(0.45 * conditions.friction)
+    world.close()
+
+
+def test_both_engines_fall_along_the_tilted_gravity():
+    tilted = replace(NOMINAL, gravity=np.array([1.0, -2.0, -9.0]))
+    world = World(WorldConfig())
+    motors = world.reset(LIMP, conditions=tilted)
+    world.data.qpos[2] = 10.0
+    for _ in range(10):
+        hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
+    np.testing.assert_allclose(world.data.qvel[:3], 0.1 * tilted.gravity, atol=1e-9)
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    bullet = BulletWorld(WorldConfig(physics_dt=0.001))
+    motors = bullet.reset(LIMP, conditions=tilted)
+    bullet.call("resetBasePositionAndOrientation", bullet.robot, [0, 0, 10], [0, 0, 0, 1])
+    for _ in range(100):
+        bullet.physics_step(motors, spec.NOMINAL_POSE)
+    np.testing.assert_allclose(bullet.base().lin_vel, 0.1 * tilted.gravity, atol=1e-9)
+    bullet.close()
+
+
+def test_perfect_sensors_tell_the_truth():
+    observation = np.arange(18.0)
+    sense(perfect_sensors(), 0, observation)
+    np.testing.assert_array_equal(observation, np.arange(18.0))
+
+
+@pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
+def test_delayed_readings_are_interpolated_and_the_phase_is_not_delayed(delay):
+    truth = np.random.default_rng(0).standard_normal((10, 18))
+    sensors = Sensors(np.zeros((0, 16)), delay, np.zeros((int(delay) + 2, 16)))
+    for count, row in enumerate(truth):
+        observation = row.copy()
+        sense(sensors, count, observation)
+        late = [np.interp(max(count - delay, 0.0), np.arange(10), truth[:, i]) for i in range(16)]
+        np.testing.assert_allclose(observation, [*late, *row[16:]], atol=1e-12)
+
+
+def test_noise_has_the_stated_deviations():
+    noise = Randomization(joint_noise=0.01, tilt_noise=0.02, rate_noise=0.03).sensors(0, 20_000).noise
+    np.testing.assert_allclose(noise.std(axis=0), [0.02] * 2 + [0.03] * 2 + [0.01] * 12, rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("friction", (1.2, 0.8)), ("mass", (0.0, 1.0)), ("push", -1.0), ("sensor_delay", (0.0, 0.5)), ("com", np.nan)],
+)
+def test_an_impossible_range_is_refused_by_the_name_it_has_on_the_command_line(name, value):
+    with pytest.raises(ConfigError, match=f"--randomization.{name.replace('_', '-')}"):
+        Randomization(**{name: value})

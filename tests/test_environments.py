@@ -1,0 +1,89 @@
+"""Gymnasium makes the walking task by name, alone or many at once, on either engine and on any motors."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+
+import motorprior.environments
+from motorprior.environments import make_env
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.policy import act
+from motorprior.locomotion.task import TaskWeights
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
+
+ID = "motorprior/PupperWalk-v0"
+FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, 16))), 20, axis=0)
+
+
+def bullet():
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.filterwarnings("error")
+def test_check_env_is_clean(engine):
+    if engine == "pybullet":
+        bullet()
+    settings = {"engine": engine, "actuator": "pd", "episode_steps": 10}
+    if engine == "mujoco":
+        settings["randomization"] = Randomization(joint_noise=0.01, sensor_delay=(0.0, 0.03), mass=(0.9, 1.1))
+    env = gymnasium.make(ID, **settings)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+def test_its_episode_is_that_of_motorprior_walk():
+    weights = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
+    env = gymnasium.make(ID, actuator="fleet", episode_steps=50, task=TaskWeights(heading=0.1))
+    choice = motorprior.environments.MotorChoice("fleet")
+    walk = WalkConfig(50, TaskWeights(heading=0.1))
+    simulator = WalkSimulator(choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), walk)
+    (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(16)
+    while not ended:
+        act(*weights, observation, action)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        total, ended = total + float(reward), terminated or truncated
+    assert total == simulator.run(*weights, seed=4).total
+    env.close()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads):
+    def make():
+        return make_env(actuator="pd", episode_steps=40)
+
+    ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, actuator="pd", episode_steps=40)
+    theirs = SyncVectorEnv([make] * 5)
+    pairs = [(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])]
+    assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
+    ends = np.zeros(2, int)
+    for actions in FALLING:
+        one, other = ours.step(actions), theirs.step(actions)
+        pairs += zip(one[:4], other[:4], strict=True)
+        ends += one[2].sum(), one[3].sum()
+        np.testing.assert_array_equal(one[4]["phase"], other[4]["phase"])
+    for one, other in pairs:
+        np.testing.assert_array_equal(one, other)
+    assert ends.min() > 0  # both falls and time limits were met
+    ours.close()
+    theirs.close()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"engine": "bullet"}, "mujoco"),
+        ({"actuator": "servo"}, "prior"),
+        ({"actuator": "pd", "gain": 3.0}, "gain"),
+        ({"actuator": "prior"}, "--prior"),
+        ({"roughness": 0.01}, "PyBullet only"),
+        ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
+    ],
+)
+def test_wrong_words_are_refused(settings, words):
+    with pytest.raises(ConfigError, match=words):
+        gymnasium.make(ID, **settings)
