@@ -104,7 +104,7 @@ def _choice(
         raise ConfigError(f"{wrong!r} is unknown", remedy=f"actuator is one of {ACTUATORS}, a PD has {known}")
     files = [None if file is None else Path(file) for file in (prior, posterior)]
     kind: Literal["prior", "pd", "fleet"] = actuator  # pyright: ignore[reportAssignmentType]
-    return MotorChoice(kind, files[0], files[1], fleet, **pd)
+    return MotorChoice(kind, files[0], files[1], fleet=fleet, **pd)
 
 
 def _backend(

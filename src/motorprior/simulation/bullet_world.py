@@ -64,6 +64,7 @@ class BulletWorld:
         self._folder = tempfile.TemporaryDirectory(prefix="motorprior-")
         self._damping, self._passive = np.zeros(spec.NUM_JOINTS), np.zeros(spec.NUM_JOINTS)
         self._conditions, self._torque = NOMINAL, np.zeros(spec.NUM_JOINTS)
+        self._joints: tuple[np.ndarray, np.ndarray] | None = None
 
     def reset(
         self,
@@ -74,6 +75,7 @@ class BulletWorld:
     ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; ``seed`` shapes a rough terrain."""
         self._disconnect()
+        self._joints = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._conditions, self._damping = conditions, np.asarray(actuator.damping, dtype=np.float64)
         self._passive = self._damping + conditions.damping
@@ -100,16 +102,17 @@ class BulletWorld:
             target: true joint angles [rad].
             push: (2,) horizontal force on the origin of the chassis [N].
         """
-        q, dq = self.joints()
+        q, dq = self._joints if self._joints is not None else self.joints()
         step_actuator(motors, self.config.physics_dt, target, q, dq, self._torque)
         make_explicit(motors, dq, self._torque)
         forces = self._torque - self._passive * dq
-        self._torque -= self._damping * dq
         self.call("setJointMotorControlArray", self.robot, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
         if push is not None:
             where = self.base().pos.tolist()
             self.call("applyExternalForce", self.robot, -1, [*push, 0.0], where, self._bullet.WORLD_FRAME)
         self.call("stepSimulation")
+        self._joints = self.joints()
+        self._torque -= self._damping * self._joints[1]
         return float(self._torque @ self._torque)
 
     @property
