@@ -13,6 +13,7 @@ from motorprior.logs.checks import check_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log, write_log
 from motorprior.logs.pupper_import import read_pupper_log
+from motorprior.logs.robot_run import is_robot_run, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 
 
@@ -21,22 +22,24 @@ class LogsCheck:
     """Log doctor: repeats, gaps, clock, units, range, tracking."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Motor logs (.parquet) or raw Pupper v2 logs (.csv, .csv.gz, .txt)."""
+    """Motor logs (.parquet), recordings of a robot (.csv) or raw Pupper v2 logs (.csv, .csv.gz, .txt)."""
 
 
 @dataclass(frozen=True)
 class LogsImport:
-    """Convert raw Pupper v2 logs to motor logs."""
+    """Convert recordings of a robot and raw Pupper v2 logs to motor logs."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Raw logs (.csv, .csv.gz, or the original .txt pickles)."""
+    """Recordings of `motorprior record` or `deploy` (.csv), or raw logs (.csv, .csv.gz, original .txt pickles)."""
     out: Path
     """Folder for the .parquet files."""
 
 
 def read_any(path: Path) -> MotorLog:
-    """Read a motor log, or a raw Pupper log, by its ending."""
-    return read_log(path) if path.suffix == ".parquet" else read_pupper_log(path)
+    """Read a motor log, a recording of `motorprior record` or `deploy`, or a raw Pupper log."""
+    if path.suffix == ".parquet":
+        return read_log(path)
+    return read_robot_run(path) if is_robot_run(path) else read_pupper_log(path)
 
 
 def _require_paths(paths: tuple[Path, ...]) -> None:

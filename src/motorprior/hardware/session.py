@@ -1,0 +1,186 @@
+"""From a port to a moving robot and safely back: what deployment and recording have in common.
+
+    open, doctor, arm, ramp to the nominal pose, [walk or excite], crouch, idle
+
+Every way out leads through the last two, or through idle alone where a fault leaves no time to sit down.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import FrameType
+
+import numpy as np
+
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.control_loop import ControlLoop, without_collector
+from motorprior.hardware.health import is_imu_alive
+from motorprior.hardware.motions import Motion, ramp
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
+
+_FIRST_LOOK = 1.0
+"""Time to listen before arming [s]."""
+_FEWEST_FRAMES = 20
+"""In the first look; the slowest firmware sends 100."""
+_RANGE_SLACK = 0.1
+"""A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
+_HOLD = 0.5
+
+
+class StopRequest:
+    """Set by Ctrl-C, a polite kill, or a lost terminal; the second one is an order to drop everything."""
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+
+    def __call__(self) -> bool:
+        """Whether to stop."""
+        return self.reason is not None
+
+    def on_signal(self, number: int, _: FrameType | None) -> None:
+        """Handler of a signal.
+
+        Raises:
+            RobotFault: the second time, idle at once.
+        """
+        if self.reason is not None:
+            raise RobotFault("stopped", f"{signal.Signals(number).name} came twice")
+        self.reason = signal.Signals(number).name
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[StopRequest]:
+    """SIGINT, SIGTERM and SIGHUP end the motion cleanly while this is open."""
+    request = StopRequest()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, request.on_signal) for number in numbers}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What the robot is told besides its targets.
+
+    Attributes:
+        kp: [A/rad].
+        kd: [A·s/rad].
+        max_current: [A].
+    """
+
+    kp: float = spec.WIRE_KP
+    kd: float = spec.WIRE_KD
+    max_current: float = spec.MAX_CURRENT
+
+
+def first_look(robot: Robot, need_imu: bool) -> Measurement:
+    """Listen for a second and refuse a robot that must not be armed.
+
+    Raises:
+        RobotFault: too few frames, an IMU that is not read, joints out of range, a tilted body, or a fault.
+    """
+    before = robot.stream.accepted
+    robot.listen(time.monotonic() + _FIRST_LOOK)
+    measurement = robot.check()
+    telemetry, frames = measurement.telemetry, robot.stream.accepted - before
+    if frames < _FEWEST_FRAMES:
+        raise RobotFault("stale telemetry", f"{frames} frames in {_FIRST_LOOK:g} s", remedy="see `motorprior doctor`")
+    if need_imu and not is_imu_alive(telemetry):
+        raise RobotFault(
+            "no IMU",
+            "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be seen",
+            remedy="flash a firmware that reads the IMU, or give --without-imu and stay within reach of the robot",
+        )
+    outside = (telemetry.pos < spec.JOINT_LOWER - _RANGE_SLACK) | (telemetry.pos > spec.JOINT_UPPER + _RANGE_SLACK)
+    if outside.any():
+        worst = int(np.argmax(outside))
+        raise RobotFault(
+            "joint range",
+            f"{spec.JOINT_NAMES[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is "
+            f"{spec.JOINT_LOWER[worst]:+.2f} to {spec.JOINT_UPPER[worst]:+.2f}",
+            remedy="switch the robot on with its legs free so that it finds its end stops",
+        )
+    if max(abs(telemetry.roll), abs(telemetry.pitch)) > robot.limits.max_tilt:
+        raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
+    return measurement
+
+
+def run_armed(
+    robot: Robot,
+    gains: Gains,
+    stop: StopRequest,
+    work: Callable[[ControlLoop], None],
+    *,
+    control_dt: float = spec.CONTROL_DT,
+    crouch: bool = True,
+) -> None:
+    """Arm, ramp to the nominal pose, ``work``, then crouch and idle, whatever happens.
+
+    Args:
+        robot: idle, looked at.
+        gains: to send.
+        stop: ends any motion.
+        work: plays motions on the loop it gets.
+        control_dt: control period [s].
+        crouch: sit down at the end; a hung robot need not.
+
+    Raises:
+        RobotFault: the fault that ended the run; the robot is idle.
+    """
+    with without_collector():
+        try:
+            robot.arm(gains.kp, gains.kd, gains.max_current)
+            loop = ControlLoop(robot, robot.limits, control_dt, stop)
+            loop.play(_to_nominal(robot, control_dt), Mode.RAMP)
+            if not stop():
+                work(loop)
+            if crouch:
+                _sit_down(robot, control_dt)
+        except RobotFault as fault:
+            if crouch and fault.safe_state == "crouch":
+                _try_to_sit_down(robot, control_dt, fault)
+            raise
+        except Exception as error:
+            if crouch:
+                fault = RobotFault("program error", str(error), safe_state="crouch")
+                _try_to_sit_down(robot, control_dt, fault)
+            raise
+        finally:
+            robot.idle()
+
+
+def _to_nominal(robot: Robot, control_dt: float) -> Motion:
+    target = robot.gate.target
+    assert target is not None, "armed"
+    return ramp(target, spec.NOMINAL_POSE, robot.limits.slow_speed, control_dt, _HOLD)
+
+
+def _sit_down(robot: Robot, control_dt: float) -> None:
+    """Crouch, on a clock of its own: a signal or a slow host that ended the motion must not end this."""
+    robot.gate.descend()
+    target = robot.gate.target
+    if target is None:
+        return
+    patient = replace(robot.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
+    loop = ControlLoop(robot, patient, control_dt, lambda: False)
+    loop.play(ramp(target, spec.CROUCH_POSE, robot.limits.slow_speed, control_dt), Mode.CROUCH)
+
+
+def _try_to_sit_down(robot: Robot, control_dt: float, fault: RobotFault) -> None:
+    """Crouch after a fault; a second fault on the way leaves idle, which follows anyway."""
+    try:
+        robot.gate.shut(fault)
+        robot.forgive(fault)
+        _sit_down(robot, control_dt)
+    except RobotFault:
+        return
