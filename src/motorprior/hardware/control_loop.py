@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import math
+import os
 import time
 from array import array
 from collections.abc import Callable, Iterator
@@ -122,15 +124,21 @@ class ControlLoop:
         wanted = self._deadline - measurement.arrival - _AFTER_TELEMETRY
         wanted -= self._period * round(wanted / self._period)
         self._deadline += self._period - min(_LARGEST_SHIFT, max(-_LARGEST_SHIFT, wanted))
-        while self._deadline < time.monotonic():
-            self._deadline += self._period
-            self.timing.skipped += 1
+        behind = time.monotonic() - self._deadline
+        if behind > 0.0:
+            self._pace.check(behind + self._period)  # this step took so long that the next one is left out
+            skipped = math.ceil(behind / self._period)
+            self._deadline += skipped * self._period
+            self.timing.skipped += skipped
 
 
 @contextmanager
-def without_collector() -> Iterator[None]:
-    """No pause of the garbage collector: everything alive now is set aside, and cycles wait until afterwards."""
-    was_enabled = gc.isenabled()
+def undisturbed() -> Iterator[None]:
+    """Real-time priority where this user may have it, and no pause of the garbage collector.
+
+    Everything alive now is set aside, and cycles wait until afterwards.
+    """
+    was_enabled, before = gc.isenabled(), _set_policy(_REAL_TIME)
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -140,3 +148,20 @@ def without_collector() -> Iterator[None]:
         gc.unfreeze()
         if was_enabled:
             gc.enable()
+        if before is not None:
+            _set_policy(before)
+
+
+_REAL_TIME = (1, 10)  # SCHED_FIFO, priority; the watchdog's is higher
+
+
+def _set_policy(wanted: tuple[int, int]) -> tuple[int, int] | None:
+    """Scheduling policy and priority of this process from now on; what they were, or None where it may not."""
+    if not hasattr(os, "sched_setscheduler"):  # not Linux
+        return None
+    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+    try:
+        os.sched_setscheduler(0, wanted[0], os.sched_param(wanted[1]))
+    except OSError:
+        return None
+    return before

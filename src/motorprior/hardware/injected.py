@@ -16,7 +16,7 @@ KINDS = ("frozen", "jumping", "stalled", "dead", "tilted", "hot_current", "mute"
 _WITH_JOINT = ("frozen", "jumping", "stalled", "dead", "hot_current")
 _FORM = re.compile(r"(?P<kind>\w+?)(:(?P<joint>\w+))?(@(?P<at>[0-9.]+))?$")
 JUMP = 0.8
-"""[rad]"""
+"""[rad] to either side, in turn at every frame."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class FaultySensors:
                 pos[fault.joint] = self._frozen.setdefault(fault.joint, float(pos[fault.joint]))
                 vel[fault.joint] = 0.0
             elif fault.kind == "jumping":
-                pos[fault.joint] += JUMP * (1 if int(200.0 * now) % 2 else -1)
+                pos[fault.joint] += JUMP * (1 if round(100.0 * now) % 2 else -1)
             elif fault.kind == "hot_current":
                 current[fault.joint] = 9.5
             elif fault.kind == "tilted":

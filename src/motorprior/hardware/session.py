@@ -17,7 +17,7 @@ from types import FrameType
 import numpy as np
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import ControlLoop, without_collector
+from motorprior.hardware.control_loop import ControlLoop, undisturbed
 from motorprior.hardware.health import is_imu_alive
 from motorprior.hardware.motions import Motion, ramp
 from motorprior.hardware.robot import Robot
@@ -137,7 +137,7 @@ def run_armed(
     Raises:
         RobotFault: the fault that ended the run; the robot is idle.
     """
-    with without_collector():
+    with undisturbed():
         try:
             robot.arm(gains.kp, gains.kd, gains.max_current)
             loop = ControlLoop(robot, robot.limits, control_dt, stop)

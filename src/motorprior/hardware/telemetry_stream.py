@@ -86,7 +86,7 @@ class TelemetryStream:
 
     def _is_possible(self, new: Telemetry, arrival: float) -> bool:
         limits = self._limits
-        if new.ts < 0 or np.abs(new.pos).max() > _FURTHEST_ANGLE or np.abs(new.vel).max() > 2.0 * limits.joint_speed:
+        if new.ts < 0 or np.abs(new.pos).max() > _FURTHEST_ANGLE or np.abs(new.vel).max() > 3.0 * limits.joint_speed:
             return False
         if max(map(abs, (new.roll, new.pitch, new.yaw))) > _FURTHEST_ANGLE:
             return False

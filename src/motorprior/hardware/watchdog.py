@@ -18,6 +18,7 @@ import sys
 import termios
 import time
 
+_PRIORITY = 20
 _BURST = 40
 """Idle frames at once: more bytes than the longest command, of which the dead host may have sent a part."""
 _REPEAT = 0.02
@@ -31,8 +32,8 @@ def main(arguments: list[str]) -> None:
     timeout, idle = float(arguments[3]), bytes.fromhex(arguments[4])
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
         signal.signal(ignored, signal.SIG_IGN)
-    with contextlib.suppress(OSError):  # not everybody may
-        os.setpriority(os.PRIO_PROCESS, 0, -10)
+    with contextlib.suppress(OSError, AttributeError):  # not everybody may, not every system can
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     os.set_blocking(port, False)
     os.write(report, b"r")
     if guard(beats, timeout):

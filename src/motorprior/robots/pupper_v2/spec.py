@@ -153,7 +153,7 @@ class SafetyLimits:
     stuck_time: float = 0.12
     telemetry_age: float = 0.1
     implausible_frames: int = 3
-    joint_speed: float = 30.0
+    joint_speed: float = 20.0
     body_rate: float = 35.0
     measured_current: float = 9.0
     temperature: float = 80.0
