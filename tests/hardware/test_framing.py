@@ -1,6 +1,7 @@
 """Any bytes go in, however they are cut; nothing but frames and lines comes out, and memory stays bounded."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
 
 def cut(data: bytes, at: list[int]) -> list[bytes]:
     bounds = sorted({0, len(data), *(place % (len(data) + 1) for place in at)})
-    return [data[a:b] for a, b in zip(bounds, bounds[1:], strict=False)]
+    return [data[a:b] for a, b in pairwise(bounds)]
 
 
 good = st.integers(0, 9).flatmap(

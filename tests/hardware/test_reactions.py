@@ -138,7 +138,7 @@ def test_an_error_in_the_program_sits_down_and_idles(
             raise error
         return error
 
-    with pytest.raises((ValueError, RobotFault), match="a bug|not 12 finite angles"):
+    with pytest.raises((ValueError, RobotFault), match=r"a bug|not 12 finite angles"):
         run(robot, lambda loop: loop.play(broken, Mode.WALK))
     when(pupper, IDLE)
     assert sits(pupper)

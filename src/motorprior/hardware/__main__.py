@@ -22,7 +22,9 @@ SECONDS = 3.0
 
 def parser() -> argparse.ArgumentParser:
     """The command line, made from the settings and their docstrings."""
-    top = argparse.ArgumentParser(prog="python -m motorprior.hardware", description="Deploy to, record from, or examine a robot.")
+    top = argparse.ArgumentParser(
+        prog="python -m motorprior.hardware", description="Deploy to, record from, or examine a robot."
+    )
     commands = top.add_subparsers(dest="command", required=True)
     for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
         command = commands.add_parser(name)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode, run_columns
 
@@ -64,7 +63,7 @@ class Recorder:
         telemetry = measurement.telemetry
         if in_force is None or (self._with_current and telemetry.cur is None):
             return
-        line = self._row(telemetry, in_force[1], in_force[2]).encode()
+        line = self._row(measurement, *in_force).encode()
         try:
             written = os.write(self._file, line)
         except OSError as error:
@@ -81,13 +80,16 @@ class Recorder:
         if self.rows == 0:
             self.path.unlink(missing_ok=True)
 
-    def _row(self, telemetry: Telemetry, target: np.ndarray, mode: Mode) -> str:
+    def _row(self, measurement: Measurement, sent: float, target: np.ndarray, mode: Mode) -> str:
+        telemetry = measurement.telemetry
         if self._format is None:
             self._with_current = telemetry.cur is not None
             columns = run_columns(self._with_current)
             os.write(self._file, (",".join(columns) + "\n").encode())
-            self._format = "%.3f,%d" + ",%.7g" * (len(columns) - 2) + "\n"
-        values = [1e-3 * telemetry.ts, int(mode), *target.tolist(), *telemetry.pos.tolist(), *telemetry.vel.tolist()]
+            self._format = "%.3f,%d,%.4f" + ",%.7g" * (len(columns) - 3) + "\n"
+        now = 1e-3 * telemetry.ts
+        since = now + sent - measurement.sampled
+        values = [now, int(mode), since, *target.tolist(), *telemetry.pos.tolist(), *telemetry.vel.tolist()]
         if self._with_current and telemetry.cur is not None:
             values += telemetry.cur.tolist()
         values += [telemetry.roll, telemetry.pitch, telemetry.yaw]
