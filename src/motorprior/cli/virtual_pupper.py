@@ -135,6 +135,7 @@ def run_virtual_pupper(config: VirtualPupperCommand) -> None:
 def _life(robot: VirtualPupper, forward: float, left: float, attitude: np.ndarray) -> dict:
     targets = [at for at, what in robot.events if what == "target"]
     return {
+        "started": robot.started,
         "forward_m": float(forward),
         "left_m": float(left),
         "tilt_rad": float(np.abs(attitude[:2]).max()),

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import math
-import os
 import time
 from array import array
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,38 +127,3 @@ class ControlLoop:
             skipped = math.ceil(behind / self._period)
             self._deadline += skipped * self._period
             self.timing.skipped += skipped
-
-
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """Real-time priority where this user may have it, and no pause of the garbage collector.
-
-    Everything alive now is set aside, and cycles wait until afterwards.
-    """
-    was_enabled, before = gc.isenabled(), _set_policy(_REAL_TIME)
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if was_enabled:
-            gc.enable()
-        if before is not None:
-            _set_policy(before)
-
-
-_REAL_TIME = (1, 10)  # SCHED_FIFO, priority; the watchdog's is higher
-
-
-def _set_policy(wanted: tuple[int, int]) -> tuple[int, int] | None:
-    """Scheduling policy and priority of this process from now on; what they were, or None where it may not."""
-    if not hasattr(os, "sched_setscheduler"):  # not Linux
-        return None
-    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
-    try:
-        os.sched_setscheduler(0, wanted[0], os.sched_param(wanted[1]))
-    except OSError:
-        return None
-    return before

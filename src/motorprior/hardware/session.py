@@ -17,9 +17,10 @@ from types import FrameType
 import numpy as np
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import ControlLoop, undisturbed
+from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.health import is_imu_alive
 from motorprior.hardware.motions import Motion, ramp
+from motorprior.hardware.real_time import no_garbage_collection, real_time_priority
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
@@ -137,7 +138,7 @@ def run_armed(
     Raises:
         RobotFault: the fault that ended the run; the robot is idle.
     """
-    with undisturbed():
+    with no_garbage_collection(), real_time_priority():
         try:
             robot.arm(gains.kp, gains.kd, gains.max_current)
             loop = ControlLoop(robot, robot.limits, control_dt, stop)

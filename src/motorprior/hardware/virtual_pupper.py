@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 
 from motorprior.hardware.firmware import Body, Drive, Firmware, FirmwareConfig, Sensors
 from motorprior.hardware.injected import Fault, FaultySensors, NoisyLine
+from motorprior.hardware.real_time import real_time_priority
 
 _READ_SIZE = 4096
 
@@ -27,6 +28,7 @@ class VirtualPupper:
         events: (time on the monotonic clock [s], mode or "target"), in order.
         firmware: its state.
         received: bytes from the host.
+        started: when `run` began, on the monotonic clock [s].
 
     Args:
         body: motors and mechanics.
@@ -56,6 +58,7 @@ class VirtualPupper:
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
         self.received = 0
+        self.started = 0.0
         self._stop = threading.Event()
         self._plugged = True
 
@@ -71,22 +74,23 @@ class VirtualPupper:
     def run(self) -> None:
         """Live until `stop`."""
         try:
-            started = time.monotonic()
-            while not self._stop.is_set():
-                self._turn(started)
+            with real_time_priority():
+                self.started = time.monotonic()
+                while not self._stop.is_set():
+                    self._turn()
         finally:
             self._unplug()
 
-    def _turn(self, started: float) -> None:
+    def _turn(self) -> None:
         """Wait for bytes or for the next telemetry, and bring the robot up to date."""
         ahead = self._period - (1e-3 * self.firmware.now) % self._period
-        wake = started + 1e-3 * self.firmware.now + ahead
+        wake = self.started + 1e-3 * self.firmware.now + ahead
         wake = min(wake, self._to_host.due(), self._to_robot.due())
         readers = [self._master] if self._plugged else []
         ready, _, _ = select.select(readers, [], [], max(0.0, wake - time.monotonic()))
         data = self._read() if ready else b""
         now = time.monotonic()
-        elapsed = int(1e3 * (now - started)) - self.firmware.now
+        elapsed = int(1e3 * (now - self.started)) - self.firmware.now
         for piece in self._advance(max(0, elapsed)):
             self._to_host.put(piece, now)
         self._to_robot.put(data, now)
