@@ -25,6 +25,8 @@ from motorprior.robots.pupper_v2 import spec
 PATIENT = replace(spec.SAFETY, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)
 """Limits for a machine that has other things to do, and for tests in a hurry: quick ramps. The real ones are tested
 without a clock in test_safety.py, and measured by benchmarks/hardware.py."""
+BARE = [sys.executable, str(Path(__file__).with_name("bare_environment.py")), "motorprior.hardware"]
+"""The command line of the robot's computer, without numba, safetensors, tyro and all the rest."""
 QUIET = 0.15
 """Time for the first frames [s]."""
 
@@ -92,9 +94,12 @@ def _when(robot: VirtualPupper, what: str, after: float = 0.0, patience: float =
 
 
 def _deploying(port: str, policy: Path, out: Path, *options: str) -> subprocess.Popen:
-    """`deploy` in a process of its own, as on the robot's computer."""
-    command = [sys.executable, "-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out)]
-    return subprocess.Popen([*command, "--yes", *options], stderr=subprocess.PIPE, text=True)
+    """`deploy` in a process of its own that has what the robot's computer has."""
+    return subprocess.Popen(
+        [*BARE, "deploy", str(policy), "--port", port, "--out", str(out), "--yes", *options],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 @pytest.fixture

@@ -22,7 +22,6 @@ from motorprior.hardware.protocol import IDLE, Command, Telemetry, encode_comman
 
 READERS = {"command": command_reader, "telemetry": telemetry_reader}
 MOST_KEPT = max(framing.largest for framing in (COMMAND_FRAMING, TELEMETRY_FRAMING)) + 8 + LONGEST_LINE
-Encode = Callable[[Command | Telemetry], bytes]
 
 
 def telemetry(ts: int) -> Telemetry:
@@ -74,7 +73,8 @@ def test_the_same_messages_however_the_stream_is_cut(kind: str, data: bytes, at:
 def test_a_million_bytes_of_noise_with_frames_in_them(kind: str):
     """No exception, bounded memory, and the frames between the noise are found."""
     rng, reader, sent, found, size = np.random.default_rng(7), READERS[kind](), [], [], 0
-    frame, make = (command_frame, target) if kind == "command" else (telemetry_frame, telemetry)
+    make: Callable = target if kind == "command" else telemetry
+    frame: Callable = command_frame if kind == "command" else telemetry_frame
     while size < 1_000_000:
         junk = rng.integers(0, 256, int(rng.integers(1, 4000)), dtype=np.uint8)
         if rng.random() < 0.5:  # starts of frames everywhere

@@ -20,6 +20,13 @@ from motorprior.hardware.protocol import (
     encode_telemetry,
 )
 
+
+def packed(value: object) -> bytes:
+    made = msgpack.packb(value)
+    assert made is not None
+    return made
+
+
 number = st.floats(-(2.0**100), 2.0**100, width=32)
 array = st.lists(number, min_size=12, max_size=12).map(np.array)
 triple = st.lists(number, min_size=3, max_size=3).map(np.array)
@@ -115,12 +122,12 @@ def test_a_full_position_command_fits():
         b"\x80",
         b"\xc1",
         b"\x91\x01",
-        msgpack.packb({"kp": "much"}),
-        msgpack.packb({"speed": 1.0}),
-        msgpack.packb({"kp": float("nan")}),
-        msgpack.packb({"pos": [0.0] * 13}),
-        msgpack.packb({"pos": [True] * 12}),
-        msgpack.packb({"idle": True}) + b"\x00",
+        packed({"kp": "much"}),
+        packed({"speed": 1.0}),
+        packed({"kp": float("nan")}),
+        packed({"pos": [0.0] * 13}),
+        packed({"pos": [True] * 12}),
+        packed({"idle": True}) + b"\x00",
         b"\x81" + b"\x91" * 200,
         b"\xdf\xff\xff\xff\xff",
     ],
@@ -135,10 +142,10 @@ def test_a_payload_that_makes_no_sense_is_an_error_and_nothing_else(payload: byt
 
 def test_keys_of_a_newer_firmware_are_passed_over():
     found = msgpack.unpackb(encode_telemetry(at_rest()))
-    assert same(decode_telemetry(msgpack.packb({**found, "mood": "good"})), at_rest())
+    assert same(decode_telemetry(packed({**found, "mood": "good"})), at_rest())
     del found["vel"]
     with pytest.raises(ProtocolError, match=r"without \['vel'\]"):
-        decode_telemetry(msgpack.packb(found))
+        decode_telemetry(packed(found))
 
 
 def test_the_framings_are_those_of_the_wire():

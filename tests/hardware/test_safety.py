@@ -15,9 +15,9 @@ LIMITS = spec.SAFETY
 target = st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=12, max_size=12).map(np.array)
 
 
-def armed(pose: np.ndarray = spec.NOMINAL_POSE, **settings) -> SafetyGate:
+def armed(**settings: float) -> SafetyGate:
     gate = SafetyGate(LIMITS, **{"kp": 50.0, "kd": 5.0, "max_current": 7.0, **settings})
-    gate.take_hold(pose, 0.0)
+    gate.take_hold(spec.NOMINAL_POSE, 0.0)
     return gate
 
 

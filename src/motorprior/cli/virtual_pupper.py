@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -109,27 +109,32 @@ def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
 
 def run_virtual_pupper(config: VirtualPupperCommand) -> None:
     """Live until Ctrl-C, or for the seconds that were asked for."""
-    robot, body = make(config.robot)
-    start = body.live.state().base
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: robot.stop())
     if config.seconds is not None:
         require_at_least(0, seconds=config.seconds)
-        signal.signal(signal.SIGALRM, lambda *_: robot.stop())
-        signal.setitimer(signal.ITIMER_REAL, max(1e-3, config.seconds))
-    if config.link is not None:
-        _link(config.link, robot.port)
-    CONSOLE.print(f"virtual Pupper number {config.robot.seed} on {config.link or robot.port}", soft_wrap=True)
-    try:
+    robot, body = make(config.robot)
+    start = body.live.state().base
+    with _ended_by_signals(robot.stop, config.seconds), _named(config.link, robot.port):
+        CONSOLE.print(f"virtual Pupper number {config.robot.seed} on {config.link or robot.port}", soft_wrap=True)
         robot.run()
-    finally:
-        if config.link is not None:
-            config.link.unlink(missing_ok=True)
     end = body.live.state()
     forward, left = (end.base - start)[:2]
     CONSOLE.print(f"virtual Pupper: went {forward:+.2f} m forward, {left:+.2f} m left, now {robot.firmware.mode}")
     if config.json is not None:
         write_json(config.json, _life(robot, forward, left, end.attitude))
+
+
+@contextlib.contextmanager
+def _ended_by_signals(stop: Callable[[], None], seconds: float | None) -> Iterator[None]:
+    """Ctrl-C, a polite kill or the end of ``seconds`` [s] call ``stop`` while this is open."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = {number: signal.signal(number, lambda *_: stop()) for number in numbers}
+    signal.setitimer(signal.ITIMER_REAL, 0.0 if seconds is None else max(1e-3, seconds))
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _life(robot: VirtualPupper, forward: float, left: float, attitude: np.ndarray) -> dict:
@@ -147,19 +152,29 @@ def _life(robot: VirtualPupper, forward: float, left: float, attitude: np.ndarra
     }
 
 
-def _link(link: Path, port: str) -> None:
-    """A name for the port, which appears at once or not at all."""
+@contextlib.contextmanager
+def _named(link: Path | None, port: str) -> Iterator[None]:
+    """A name for the port, which appears at once or not at all, while this is open.
+
+    Raises:
+        ConfigError: the link cannot be made.
+    """
+    if link is None:
+        yield
+        return
+    if link.exists() and not link.is_symlink():
+        raise ConfigError("there is a file already", where=link, remedy="choose another --link")
+    temporary = link.with_name(f".{link.name}.{os.getpid()}")
     try:
         link.parent.mkdir(parents=True, exist_ok=True)
-        if link.exists() and not link.is_symlink():
-            raise ConfigError("there is a file already", where=link, remedy="choose another --link")
-        temporary = link.with_name(f".{link.name}.{os.getpid()}")
         temporary.symlink_to(port)
         os.replace(temporary, link)
     except OSError as error:
-        raise ConfigError(
-            f"cannot make the link ({error.strerror})", where=link, remedy="choose another --link"
-        ) from error
+        raise ConfigError(f"cannot make the link ({error.strerror})", where=link, remedy="choose another") from error
+    try:
+        yield
+    finally:
+        link.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

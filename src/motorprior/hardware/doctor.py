@@ -40,7 +40,8 @@ def examine(robot: Robot, seconds: float) -> list[Diagnosis]:
     Raises:
         RobotFault: the port is gone, or nothing came that can be read.
     """
-    started, ages, poses, worst_age = time.monotonic(), [], [], 0.0
+    started, before = time.monotonic(), robot.stream.accepted
+    ages, poses, worst_age = [], [], 0.0
     while time.monotonic() < started + seconds:
         robot.listen(time.monotonic() + 0.005)
         latest = robot.stream.latest
@@ -56,7 +57,7 @@ def examine(robot: Robot, seconds: float) -> list[Diagnosis]:
         )
     telemetry = latest.telemetry
     return [
-        _frames(robot, seconds),
+        _frames(robot, (robot.stream.accepted - before) / seconds),
         Diagnosis("telemetry", f"{1e3 * np.median(ages):.1f} ms on the way, {1e3 * worst_age:.0f} ms old at most",
                   worst_age < spec.SAFETY.telemetry_age, "close other programs, use another cable or port"),
         Diagnosis("IMU", f"roll {telemetry.roll:+.3f} rad, pitch {telemetry.pitch:+.3f} rad", is_imu_alive(telemetry),
@@ -68,9 +69,8 @@ def examine(robot: Robot, seconds: float) -> list[Diagnosis]:
     ]  # fmt: skip
 
 
-def _frames(robot: Robot, seconds: float) -> Diagnosis:
+def _frames(robot: Robot, rate: float) -> Diagnosis:
     stream, damaged = robot.stream, robot.rejected + robot.stream.impossible
-    rate = stream.accepted / seconds
     return Diagnosis(
         "frames",
         f"{rate:.0f} per second, {damaged} damaged, {stream.repeated} repeated",

@@ -133,6 +133,8 @@ class Firmware:
         """Let time pass; what is sent meanwhile."""
         out, end, period = bytearray(), self.now + milliseconds, self._config.telemetry_period
         while self.now < end:
+            out += "".join(f"{line}\r\n" for line in self._text).encode()
+            self._text.clear()
             if self.mode == HOMING:
                 self._home()
             every_millisecond = self.mode in (HOMING, ERROR)
@@ -144,8 +146,6 @@ class Firmware:
             if self.now % period == 0:
                 self._look()
                 out += telemetry_frame(self._telemetry())
-            out += "".join(f"{line}\r\n" for line in self._text).encode()
-            self._text.clear()
         return bytes(out)
 
     def _obey(self, command: Command) -> None:
@@ -160,6 +160,7 @@ class Firmware:
         if command.activations is not None:
             self._active = (command.activations > 0.5).astype(float)
         if command.zero:
+            self._target += self._zero - self._sensors.pos  # it stays where it is
             self._zero = self._sensors.pos.copy()
         if command.home:
             self._target = self._sensors.pos - self._zero

@@ -53,10 +53,10 @@ class PupperBackend:
                 first_look(self._robot, self._need_imu)
                 self._robot.arm(self._gains.kp, self._gains.kd, self._gains.max_current)
                 self._armed, self.fault = True, None
-            target = self._robot.gate.target
+            limits, target = self._robot.limits, self._robot.gate.target
             assert target is not None, "armed"
-            loop = ControlLoop(self._robot, spec.SAFETY, self._period, lambda: False)
-            motion = ramp(target, spec.NOMINAL_POSE, spec.SAFETY.slow_speed, self._period, hold=0.3)
+            loop = ControlLoop(self._robot, limits, self._period, lambda: False)
+            motion = ramp(target, spec.NOMINAL_POSE, limits.slow_speed, self._period, hold=0.3)
             self._last = loop.play(motion, Mode.RAMP)
         except RobotFault as fault:
             self._give_up(fault)
