@@ -5,6 +5,7 @@ what the watchdog is for.
 """
 
 import os
+import resource
 import signal
 import threading
 import time
@@ -15,18 +16,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import ERROR, IDLE, POSITION
-from motorprior.hardware.health import check_extras
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual_pupper import VirtualPupper
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 
 STEPS_BEFORE, STEPS_AFTER = 30, 300
@@ -49,8 +50,14 @@ def walker(trot: Path, virtual: Callable, host: Callable) -> Walker:
     return made
 
 
-def walk_into(loop, walker: Walker, disaster: Callable[[], object], mode: Mode = Mode.WALK) -> RobotFault:
+def walk_into(loop: ControlLoop, walker: Walker, disaster: Callable[[], object]) -> RobotFault:
     """Walk, let something happen, and go on walking; the fault that ended it."""
+    with pytest.raises(RobotFault) as caught:
+        walk_until(loop, walker, disaster)
+    return caught.value
+
+
+def walk_until(loop: ControlLoop, walker: Walker, disaster: Callable[[], object]) -> None:
     steps = 0
 
     def after_step(_: Measurement) -> None:
@@ -60,9 +67,7 @@ def walk_into(loop, walker: Walker, disaster: Callable[[], object], mode: Mode =
             disaster()
         assert steps < STEPS_BEFORE + STEPS_AFTER, "walked on"
 
-    with pytest.raises(RobotFault) as caught:
-        loop.play(walker, mode, after_step)
-    return caught.value
+    loop.play(walker, Mode.WALK, after_step)
 
 
 @pytest.mark.parametrize(("kind", "joint", "found"), SENSED, ids=[row[0] for row in SENSED])
@@ -225,11 +230,37 @@ def test_a_signal_sits_down_and_idles(
     assert sits(pupper)
 
 
-def test_hot_motors_and_an_empty_battery_leave_time_to_sit_down():
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    well = Telemetry(**zeros, pos=np.zeros(12), vel=np.zeros(12), temp=np.full(12, 40.0), bat=24.0)
-    check_extras(well, spec.SAFETY)
-    for change, kind in (({"temp": np.full(12, 95.0)}, "temperature"), ({"bat": 17.0}, "battery")):
-        with pytest.raises(RobotFault) as caught:
-            check_extras(replace(well, **change), spec.SAFETY)
-        assert (caught.value.kind, caught.value.safe_state) == (kind, "crouch")
+@pytest.mark.parametrize(
+    ("kind", "joint", "found"),
+    [("hot_motor", "FL_knee", "temperature"), ("flat", None, "battery"), ("numb", None, "frozen IMU")],
+)
+def test_what_leaves_time_sits_down_and_idles(
+    virtual: Callable, host: Callable, walker: Walker, when: Callable, kind: str, joint: str | None, found: str
+):
+    pupper = virtual()
+    robot = host(pupper.port)
+    index = spec.JOINT_NAMES.index(joint) if joint else 0
+    with pytest.raises(RobotFault) as caught:
+        run(robot, lambda loop: walk_until(loop, walker, lambda: pupper.break_down(kind, index)))
+    assert caught.value.kind == found and (joint is None or joint in str(caught.value))
+    when(pupper, IDLE)
+    assert sits(pupper)
+
+
+def test_a_full_disk_sits_down_and_idles(
+    virtual: Callable, host: Callable, walker: Walker, when: Callable, tmp_path: Path
+):
+    """The disk is a limit of the file size here."""
+    pupper = virtual()
+    robot = host(pupper.port, recorder=Recorder(tmp_path / "run.csv"))
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, before[1]))
+    try:
+        with pytest.raises(ArtifactError, match=r"run\.csv: cannot write"):
+            run(robot, lambda loop: loop.play(walker, Mode.WALK))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    when(pupper, IDLE)
+    assert sits(pupper)
+    assert read_robot_run(tmp_path / "run.csv", (Mode.RAMP,)).num_rows > 10

@@ -53,8 +53,8 @@ def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callabl
     """1 % of the frames lost, 1 % damaged, 1 % twice, both ways."""
     pupper = virtual(drop=0.01, corrupt=0.01, duplicate=0.01)
     policy = Policy.load(trot)
-    run = walk(host(pupper.port), policy, gains_for(policy), StopRequest(), seconds=2.0)
-    assert run.stopped_by == "time" and len(run.timing.sent) > 150
+    run = walk(host(pupper.port), policy, gains_for(policy), StopRequest(), seconds=1.5)
+    assert run.stopped_by == "time" and len(run.timing.sent) > 100
     deadline = time.monotonic() + 2.0
     while pupper.firmware.mode != IDLE and time.monotonic() < deadline:
         time.sleep(0.01)

@@ -14,7 +14,7 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.robot import Robot
-from motorprior.hardware.session import Gains, StopRequest, first_look, run_armed
+from motorprior.hardware.session import Gains, StopRequest, confirm_and_look_again, first_look, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
@@ -115,8 +115,7 @@ def walk(
     """
     walker = Walker(policy)
     walker.warm_up(first_look(robot, need_imu))
-    confirm()
-    first_look(robot, need_imu)  # the user may have taken his time
+    confirm_and_look_again(robot, confirm, need_imu)
     outcome: list[Run] = []
 
     def work(loop: ControlLoop) -> None:

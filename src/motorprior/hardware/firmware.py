@@ -53,6 +53,8 @@ class Sensors:
         current: (12,) [A].
         attitude: roll, pitch, yaw [rad].
         rates: of roll, pitch, yaw about the body's axes [rad/s].
+        temperature: (12,) of the motors [°C], where it is measured.
+        battery: [V], where it is measured.
     """
 
     pos: np.ndarray
@@ -60,6 +62,8 @@ class Sensors:
     current: np.ndarray
     attitude: np.ndarray
     rates: np.ndarray
+    temperature: np.ndarray | None = None
+    battery: float | None = None
 
 
 class Body(Protocol):
@@ -207,6 +211,7 @@ class Firmware:
         telemetry = Telemetry(
             ts=self.now, roll=float(roll), pitch=float(pitch), yaw=float(yaw), roll_rate=float(roll_rate),
             pitch_rate=float(pitch_rate), yaw_rate=float(yaw_rate), pos=sensors.pos - self._zero, vel=sensors.vel,
+            temp=sensors.temperature, bat=sensors.battery,
         )  # fmt: skip
         if not config.with_currents:
             return telemetry

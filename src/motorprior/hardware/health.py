@@ -33,6 +33,29 @@ class Tilt:
             raise RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
 
 
+class FrozenImu:
+    """An IMU that was alive says the same number again and again: a fall would not be seen."""
+
+    def __init__(self, limits: SafetyLimits):
+        self._limits = limits
+        self._last: tuple[float, ...] = ()
+        self._since = 0.0
+
+    def check(self, telemetry: Telemetry, now: float) -> None:
+        """Raise once all six values have been the same for ``imu_time``."""
+        values = (telemetry.roll, telemetry.pitch, telemetry.yaw)
+        values += (telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate)
+        if values != self._last or not is_imu_alive(telemetry):
+            self._last, self._since = values, now
+        elif now - self._since >= self._limits.imu_time:
+            raise RobotFault(
+                "frozen IMU",
+                f"roll, pitch, yaw and their rates have been the same for {now - self._since:.2f} s",
+                safe_state="crouch",
+                remedy="look for a loose IMU, switch the robot off and on",
+            )
+
+
 class Tracking:
     """A joint is not where its target has been leading it.
 

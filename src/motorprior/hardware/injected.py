@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from motorprior.exceptions import ConfigError
 from motorprior.hardware.firmware import Sensors
 from motorprior.robots.pupper_v2 import spec
 
-KINDS = ("frozen", "jumping", "stalled", "dead", "tilted", "hot_current", "mute", "unplugged")
-_WITH_JOINT = ("frozen", "jumping", "stalled", "dead", "hot_current")
+KINDS = (
+    *("frozen", "jumping", "stalled", "dead", "hot_current", "hot_motor"),
+    *("tilted", "numb", "flat", "mute", "unplugged"),
+)
+_WITH_JOINT = KINDS[:6]
 _FORM = re.compile(r"(?P<kind>\w+?)(:(?P<joint>\w+))?(@(?P<at>[0-9.]+))?$")
 JUMP = 0.8
 """[rad] to either side, in turn at every frame."""
@@ -24,8 +27,8 @@ class Fault:
     """One thing that breaks.
 
     Attributes:
-        kind: frozen or jumping (encoder), stalled or dead (motor), tilted (the IMU says 1 rad), hot_current (9.5 A),
-            mute (no telemetry), unplugged.
+        kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C),
+            tilted (the IMU says 1 rad), numb (the IMU repeats itself), flat (17 V), mute (no telemetry), unplugged.
         at: time since the robot started [s].
         joint: index, where the kind has one.
     """
@@ -68,7 +71,8 @@ class FaultySensors:
     def __call__(self, sensors: Sensors, now: float) -> Sensors:
         """What is read at ``now`` [s] instead of the truth."""
         pos, vel, current = sensors.pos.copy(), sensors.vel.copy(), sensors.current.copy()
-        attitude = sensors.attitude.copy()
+        attitude, rates = sensors.attitude.copy(), sensors.rates
+        temperature, battery = sensors.temperature, sensors.battery
         for fault in self._faults:
             if now < fault.at:
                 continue
@@ -79,9 +83,15 @@ class FaultySensors:
                 pos[fault.joint] += JUMP * (1 if round(100.0 * now) % 2 else -1)
             elif fault.kind == "hot_current":
                 current[fault.joint] = 9.5
+            elif fault.kind == "hot_motor":
+                temperature = np.where(np.arange(spec.NUM_JOINTS) == fault.joint, 95.0, 40.0)
             elif fault.kind == "tilted":
                 attitude[0] = 1.0
-        return replace(sensors, pos=pos, vel=vel, current=current, attitude=attitude)
+            elif fault.kind == "numb":
+                attitude, rates = np.full(3, 0.01), np.zeros(3)
+            elif fault.kind == "flat":
+                battery = 17.0
+        return Sensors(pos, vel, current, attitude, rates, temperature, battery)
 
 
 @dataclass

@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import played
 from motorprior.hardware.robot import Robot
-from motorprior.hardware.session import Gains, StopRequest, first_look, run_armed
+from motorprior.hardware.session import Gains, StopRequest, confirm_and_look_again, first_look, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
 
@@ -45,8 +45,7 @@ def excite(
         RobotFault: why it ended early; the robot is idle and the recording is kept.
     """
     first_look(robot, need_imu)
-    confirm()
-    first_look(robot, need_imu)
+    confirm_and_look_again(robot, confirm, need_imu)
     timing, done = Timing(), 0
 
     def count(_: Measurement) -> None:

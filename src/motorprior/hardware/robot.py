@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Iterator
 from types import TracebackType
 
 import numpy as np
 
-from motorprior.exceptions import MotorPriorError, RobotFault
+from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.axes import from_wire
 from motorprior.hardware.guardian import Guardian
-from motorprior.hardware.health import Tilt, Tracking, check_extras, check_stream
+from motorprior.hardware.health import FrozenImu, Tilt, Tracking, check_extras, check_stream
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.safety import SafetyGate
 from motorprior.hardware.serial_link import SerialLink
@@ -20,7 +21,8 @@ from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.spec import SafetyLimits
 
-_IDLE_REPEATS, _IDLE_PAUSE = 5, 0.01
+_IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
+"""The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 
@@ -48,7 +50,7 @@ class Robot:
         self.sent = 0
         self._gate: SafetyGate | None = None
         self._guardian: Guardian | None = None
-        self._tilt, self._tracking = Tilt(limits), Tracking(limits)
+        self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(limits)
         self._checked: Measurement | None = None
         self._error_line: str | None = None
         self._forgiven: set[str] = set()
@@ -92,8 +94,8 @@ class Robot:
                     self._hear(message)
                     continue
                 measurement = self.stream.take(from_wire(message), arrival)
-                if measurement is not None and self._recorder is not None:
-                    self._recorder.write(measurement)
+                if measurement is not None:
+                    self._record(measurement)
             if time.monotonic() >= until:
                 return
 
@@ -107,18 +109,17 @@ class Robot:
             line, self._error_line = self._error_line, None
             raise RobotFault("firmware", f"the robot says {line!r}", remedy="switch it off and on again")
         measurement = check_stream(self.stream, self.limits, time.monotonic())
-        telemetry = measurement.telemetry
-        try:
-            check_extras(telemetry, self.limits)
-        except RobotFault as fault:
-            if fault.kind not in self._forgiven:
-                raise
         if measurement is self._checked:
             return measurement
         self._checked = measurement
-        self._tilt.check(telemetry, 1e-3 * telemetry.ts)
+        telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
+        with self._unless_forgiven():
+            check_extras(telemetry, self.limits)
+        with self._unless_forgiven():
+            self._imu.check(telemetry, now)
+        self._tilt.check(telemetry, now)
         if (target := self.target) is not None:
-            self._tracking.check(telemetry.pos, target, 1e-3 * telemetry.ts)
+            self._tracking.check(telemetry.pos, target, now)
         return measurement
 
     def arm(self, kp: float, kd: float, max_current: float, target_speed: float | None = None) -> None:
@@ -163,9 +164,10 @@ class Robot:
         if self._gate is not None:
             command = self._gate.idle()
             self._link.forget_unsent()
-            for _ in range(_IDLE_REPEATS):
+            for repeats in _IDLE_BURSTS:
                 with contextlib.suppress(MotorPriorError):  # the port may be gone
-                    self._link.send(command)
+                    for _ in range(repeats):
+                        self._link.send(command)
                 time.sleep(_IDLE_PAUSE)
             self._gate = None
         if self._guardian is not None:
@@ -182,6 +184,25 @@ class Robot:
             self._link.close()
             if self._recorder is not None:
                 self._recorder.close()
+
+    @contextlib.contextmanager
+    def _unless_forgiven(self) -> Iterator[None]:
+        try:
+            yield
+        except RobotFault as fault:
+            if fault.kind not in self._forgiven:
+                raise
+
+    def _record(self, measurement: Measurement) -> None:
+        """A recording that fails ends the motion, and must not hinder the way down."""
+        if (recorder := self._recorder) is None:
+            return
+        try:
+            recorder.write(measurement)
+        except ArtifactError:
+            self._recorder = None
+            recorder.close()
+            raise
 
     def _hear(self, line: str) -> None:
         self.text = [*self.text[1 - _KEPT_TEXT :], line]

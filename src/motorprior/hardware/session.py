@@ -16,7 +16,7 @@ from types import FrameType
 
 import numpy as np
 
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.health import is_imu_alive
 from motorprior.hardware.motions import Motion, ramp
@@ -33,6 +33,8 @@ _FEWEST_FRAMES = 20
 _RANGE_SLACK = 0.1
 """A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
 _HOLD = 0.5
+_QUICK = 0.1
+"""Somebody who confirms within this time [s] is a script."""
 
 
 class StopRequest:
@@ -116,6 +118,18 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
     return measurement
 
 
+def confirm_and_look_again(robot: Robot, confirm: Callable[[], None], need_imu: bool) -> None:
+    """The arm step; a robot that waited for it is looked at once more.
+
+    Raises:
+        RobotFault: nobody confirmed, or see `first_look`.
+    """
+    before = time.monotonic()
+    confirm()
+    if time.monotonic() - before > _QUICK:
+        first_look(robot, need_imu)
+
+
 def run_armed(
     robot: Robot,
     gains: Gains,
@@ -183,5 +197,5 @@ def _try_to_sit_down(robot: Robot, control_dt: float, fault: RobotFault) -> None
         robot.gate.shut(fault)
         robot.forgive(fault)
         _sit_down(robot, control_dt)
-    except RobotFault:
+    except MotorPriorError:
         return

@@ -121,6 +121,7 @@ class SafetyLimits:
         max_tilt: |roll| or |pitch| beyond which the robot is falling [rad]; training episodes end at 0.4, walking stays
             below 0.15.
         tilt_time: for so long [s]: one damaged frame is no fall.
+        imu_time: an IMU that repeats itself for so long [s] is frozen: a sensor has noise.
         tracking_error: between a joint and its target seen through a first-order lag of kd/kp [rad]. Five policies on
             twelve twins each exceeded 0.45 for at most 0.2 s.
         tracking_time: for so long [s].
@@ -147,6 +148,7 @@ class SafetyLimits:
     highest_kd: float = 6.0
     max_tilt: float = 0.7
     tilt_time: float = 0.03
+    imu_time: float = 0.3
     tracking_error: float = 0.6
     tracking_time: float = 0.25
     stuck_motion: float = 0.004
