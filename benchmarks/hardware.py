@@ -54,6 +54,9 @@ FAULTS = (
     "hot_current:RL_hip",
     "mute",
     "unplugged",
+    "hot_motor:FL_knee",
+    "flat",
+    "numb",
 )
 NOISE = ("--robot.drop", "0.01", "--robot.corrupt", "0.01")
 QUANTILES = {"p50": 50.0, "p99": 99.0, "max": 100.0}

@@ -21,7 +21,12 @@ def heard(firmware: Firmware, milliseconds: int) -> list[Telemetry | str]:
 
 
 def tell(firmware: Firmware, **command) -> None:
-    firmware.receive(command_frame(Command(**command)))
+    """Gains first, in a command of their own, as a host must."""
+    pos = command.pop("pos", None)
+    if command:
+        firmware.receive(command_frame(Command(**command)))
+    if pos is not None:
+        firmware.receive(command_frame(Command(pos=pos)))
 
 
 @pytest.mark.parametrize("period", [10, 5])
@@ -63,6 +68,13 @@ def test_the_current_law_with_the_gains_that_were_sent(still_body):
     tell(firmware, activations=np.eye(12)[4])
     heard(firmware, 10)
     assert np.flatnonzero(still_body.drive.kp).tolist() == [4]
+
+
+def test_beside_a_position_no_other_key_is_read(still_body):
+    firmware = started(still_body)
+    firmware.receive(command_frame(Command(pos=NOMINAL, kp=1.0, idle=True)))
+    heard(firmware, 10)
+    assert firmware.mode == POSITION and np.all(still_body.drive.kp == spec.WIRE_KP)
 
 
 def test_it_holds_its_last_target_for_ever_when_the_host_is_gone(still_body):

@@ -96,7 +96,7 @@ def test_a_target_on_the_wire_moves_the_joint_it_names(still_body):
     firmware = Firmware(still_body, FirmwareConfig(homes=False))
     wire = spec.JOINT_SIGNS * spec.NOMINAL_POSE
     wire[0] = -0.3
-    firmware.receive(command_frame(Command(pos=wire, kp=50.0, kd=5.0, max_current=7.0)))
+    firmware.receive(command_frame(Command(pos=wire)))
     firmware.advance(2000)
     assert still_body.pos[0] < -0.29 and abs(still_body.pos[3]) < 1e-6
 

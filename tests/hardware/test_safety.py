@@ -43,7 +43,8 @@ def test_what_passes_is_inside_every_bound(steps: list[tuple[np.ndarray, float]]
         sent = spec.JOINT_SIGNS * command.pos
         assert np.all(sent >= spec.JOINT_LOWER) and np.all(sent <= spec.JOINT_UPPER)
         assert np.abs(sent - last).max() <= min(speed, LIMITS.target_speed) * 2 * spec.CONTROL_DT + 1e-12
-        assert (command.kp, command.kd, command.max_current) == (50.0, 5.0, 7.0)
+        law = gate.law()
+        assert (law.pos, law.kp, law.kd, law.max_current) == (None, 50.0, 5.0, 7.0)
         last = sent
 
 
@@ -75,7 +76,11 @@ def test_the_first_fault_shuts_the_gate_and_stays():
     gate = armed()
     gate.shut(RobotFault("fall", "down"))
     gate.shut(RobotFault("current", "later"))
-    for action in (lambda: gate.admit(spec.NOMINAL_POSE, 1.0), lambda: gate.take_hold(spec.NOMINAL_POSE, 1.0)):
+    for action in (
+        lambda: gate.admit(spec.NOMINAL_POSE, 1.0),
+        gate.law,
+        lambda: gate.take_hold(spec.NOMINAL_POSE, 1.0),
+    ):
         with pytest.raises(RobotFault, match="fall"):
             action()
     gate.descend()

@@ -22,6 +22,7 @@ from motorprior.hardware.pilot import Pilot
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest, first_look
 from motorprior.locomotion.policy import Policy
+from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
 
 
@@ -170,3 +171,17 @@ def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
     policy = Policy.load(trot)
     assert (gains_for(policy).kp, gains_for(policy).kd) == (50.0, 5.0)
     assert (gains_for(policy, 22.0, 2.2).kp, gains_for(policy, 22.0, 2.2).kd) == (22.0, 2.2)
+
+
+def test_gains_reach_the_robot_in_commands_of_their_own_and_again(
+    virtual: Callable, host: Callable, stand_up: Callable
+):
+    """Some firmwares read nothing but `pos` beside it, and any command may get lost."""
+    pupper = virtual()
+    pupper.firmware._gains = (1.0, 1.0, 1.0)
+    robot = host(pupper.port)
+    loop = stand_up(robot)
+    assert pupper.firmware._gains == (50.0, 5.0, 7.0)
+    pupper.firmware._gains = (1.0, 1.0, 1.0)
+    loop.play(ramp(spec.NOMINAL_POSE, spec.NOMINAL_POSE, 1.0, spec.CONTROL_DT), Mode.RAMP)
+    assert pupper.firmware._gains == (50.0, 5.0, 7.0)

@@ -3,7 +3,8 @@
 After Nate711/DJIPupperTests (MIT): it homes by itself, then holds; a target puts it into position mode with the gains
 it knows; `idle` takes the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every
 millisecond until it is switched off. It has no watchdog. Assumptions: it takes no targets while homing; homing ends in
-the crouch pose; `home` homes again; `zero` makes the present pose 0. Cartesian commands are read and ignored.
+the crouch pose; `home` homes again; `zero` makes the present pose 0. Cartesian commands are read and ignored. Some
+versions leave a command with `pos` without reading its other keys, so this one does too: a host must not rely on them.
 """
 
 from __future__ import annotations
@@ -155,14 +156,13 @@ class Firmware:
     def _obey(self, command: Command) -> None:
         if self.mode == ERROR:
             return
-        kp, kd, limit = self._gains
-        self._gains = (
-            kp if command.kp is None else command.kp,
-            kd if command.kd is None else command.kd,
-            limit if command.max_current is None else command.max_current,
-        )
-        if command.activations is not None:
-            self._active = (command.activations > 0.5).astype(float)
+        if command.pos is not None:  # and nothing else of that command
+            if self.mode != HOMING:
+                self._target = command.pos.copy()
+                self._enter(POSITION)
+                self._on_change("target")
+            return
+        self._set_law(command)
         if command.zero:
             self._target += self._zero - self._sensors.pos  # it stays where it is
             self._zero = self._sensors.pos.copy()
@@ -171,10 +171,16 @@ class Firmware:
             self._enter(HOMING)
         if command.idle:
             self._enter(IDLE)
-        elif command.pos is not None and self.mode != HOMING:
-            self._target = command.pos.copy()
-            self._enter(POSITION)
-            self._on_change("target")
+
+    def _set_law(self, command: Command) -> None:
+        kp, kd, limit = self._gains
+        self._gains = (
+            kp if command.kp is None else command.kp,
+            kd if command.kd is None else command.kd,
+            limit if command.max_current is None else command.max_current,
+        )
+        if command.activations is not None:
+            self._active = (command.activations > 0.5).astype(float)
 
     def _enter(self, mode: str) -> None:
         if mode != self.mode:

@@ -23,6 +23,8 @@ from motorprior.robots.pupper_v2.spec import SafetyLimits
 
 _IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
 """The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
+_LAW_EVERY = 10
+"""Commands with a target between two with the gains: one of those may get lost."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 
@@ -34,7 +36,7 @@ class Robot:
         limits: of the safety layer.
         stream: believed telemetry and its counters, in the library's signs.
         text: the last lines that the robot printed.
-        sent: commands with a target.
+        sent: commands with a target since it was armed.
         received: messages, text included.
 
     Args:
@@ -133,7 +135,7 @@ class Robot:
         self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
         measurement = self.check()
         gate.take_hold(measurement.telemetry.pos, time.monotonic())
-        self._gate = gate
+        self._gate, self.sent = gate, 0
         self._tracking.forget()
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
@@ -146,6 +148,8 @@ class Robot:
         if self._guardian is not None:
             self._guardian.beat()
         command = gate.admit(target, time.monotonic())
+        if self.sent % _LAW_EVERY == 0:
+            self._link.send(gate.law())
         sent = self._link.send(command)
         self.sent += 1
         if self._recorder is not None and (target_in_force := gate.target) is not None:

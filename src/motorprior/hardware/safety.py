@@ -84,7 +84,17 @@ class SafetyGate:
         near = np.clip(inside, self._target - reach, self._target + reach)
         self.slew_clips += int(np.count_nonzero(near != inside))
         self._target, self._time = near, now
-        return Command(pos=to_wire(near), kp=self._kp, kd=self._kd, max_current=self._max_current)
+        return Command(pos=to_wire(near))
+
+    def law(self) -> Command:
+        """Gains and current limit, a command of their own: some firmwares read nothing but `pos` beside it.
+
+        Raises:
+            RobotFault: the gate is shut.
+        """
+        if self._fault is not None and not self._descending:
+            raise self._fault
+        return Command(kp=self._kp, kd=self._kd, max_current=self._max_current)
 
     def shut(self, fault: RobotFault) -> RobotFault:
         """Shut the gate for good; the first fault is the one that stays."""
