@@ -121,7 +121,8 @@ class Robot:
             self._imu.check(telemetry, now)
         self._tilt.check(telemetry, now)
         if (target := self.target) is not None:
-            self._tracking.check(telemetry.pos, target, now)
+            with self._unless_forgiven():
+                self._tracking.check(telemetry.pos, target, now)
         return measurement
 
     def arm(self, kp: float, kd: float, max_current: float, target_speed: float | None = None) -> None:
@@ -131,6 +132,7 @@ class Robot:
             RobotFault: something is wrong with the robot, the gains, or the watchdog.
         """
         gate = SafetyGate(self.limits, kp, kd, max_current, target_speed)
+        self._forgiven.clear()
         self._guardian = Guardian(self._link.fileno(), self.limits.watchdog)
         self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
         measurement = self.check()
@@ -156,10 +158,10 @@ class Robot:
             self._recorder.sent(sent, target_in_force, mode)
         return sent
 
-    def forgive(self, fault: RobotFault) -> None:
-        """Go on in spite of a fault that leaves time to sit down."""
-        self._forgiven.add(fault.kind)
-        if fault.kind == "watchdog" and self._guardian is not None:
+    def forgive(self, *kinds: str) -> None:
+        """Go on in spite of faults that leave time to sit down."""
+        self._forgiven.update(kinds)
+        if "watchdog" in kinds and self._guardian is not None:
             self._guardian.release()
             self._guardian = None
 

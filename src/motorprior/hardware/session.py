@@ -183,6 +183,7 @@ def _to_nominal(robot: Robot, control_dt: float) -> Motion:
 def _sit_down(robot: Robot, control_dt: float) -> None:
     """Crouch, on a clock of its own: a signal or a slow host that ended the motion must not end this."""
     robot.gate.descend()
+    robot.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
     target = robot.gate.target
     if target is None:
         return
@@ -195,7 +196,7 @@ def _try_to_sit_down(robot: Robot, control_dt: float, fault: RobotFault) -> None
     """Crouch after a fault; a second fault on the way leaves idle, which follows anyway."""
     try:
         robot.gate.shut(fault)
-        robot.forgive(fault)
+        robot.forgive(fault.kind)
         _sit_down(robot, control_dt)
     except MotorPriorError:
         return

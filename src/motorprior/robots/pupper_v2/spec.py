@@ -128,7 +128,7 @@ class SafetyLimits:
         stuck_motion: a joint that moved less than this [rad] while its lagged target moved by ``stuck_target`` ...
         stuck_target: ... [rad] ...
         stuck_time: ... within this time [s] has a frozen encoder or is blocked. On the same twins a joint that stood
-            still for so long was led at most 0.08 rad.
+            still for so long was led at most 0.09 rad.
         telemetry_age: oldest measurement that may be acted on [s].
         implausible_frames: so many impossible frames in a row are no noise on the line.
         joint_speed: fastest believable joint [rad/s]; walking stays below 13.
@@ -152,8 +152,8 @@ class SafetyLimits:
     tracking_error: float = 0.6
     tracking_time: float = 0.25
     stuck_motion: float = 0.004
-    stuck_target: float = 0.15
-    stuck_time: float = 0.2
+    stuck_target: float = 0.2
+    stuck_time: float = 0.25
     telemetry_age: float = 0.1
     implausible_frames: int = 3
     joint_speed: float = 20.0
