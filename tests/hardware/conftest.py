@@ -130,6 +130,12 @@ def deploying() -> Iterator[Callable[..., subprocess.Popen]]:
 
 
 @pytest.fixture
+def bare_command() -> list[str]:
+    """See BARE."""
+    return BARE
+
+
+@pytest.fixture
 def still_body() -> "StillBody":
     """A body for firmware alone."""
     return StillBody()

@@ -83,7 +83,7 @@ def test_the_first_fault_shuts_the_gate_and_stays():
     ):
         with pytest.raises(RobotFault, match="fall"):
             action()
-    gate.descend()
+    gate.let_down()
     with pytest.raises(RobotFault, match="fall"):
         gate.admit(spec.CROUCH_POSE, 1.0)  # no way down after a fall
     assert gate.idle().idle
@@ -92,7 +92,8 @@ def test_the_first_fault_shuts_the_gate_and_stays():
 def test_a_fault_that_leaves_time_lets_the_way_down_pass_slowly():
     gate = armed()
     gate.shut(RobotFault("battery", "empty", safe_state="crouch"))
-    gate.descend()
+    gate.let_down()
+    gate.slow_down()
     command = gate.admit(spec.CROUCH_POSE, 0.01)
     moved = np.abs(spec.JOINT_SIGNS * command.pos - spec.NOMINAL_POSE).max()
     assert moved == pytest.approx(LIMITS.slow_speed * 0.01)

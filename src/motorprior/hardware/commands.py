@@ -77,12 +77,11 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
             facts = {"policy": str(path), "provenance": dict(policy.provenance)}
             _write_facts(out, "deploy", port, settings, gains, facts)
 
-        with pilot(settings.throttle) as steering:
-            run = deploy.walk(
-                robot, policy, gains, stop,
-                seconds=settings.seconds, need_imu=not settings.without_imu,
-                confirm=confirm, pilot=steering, status=say,
-            )  # fmt: skip
+        run = deploy.walk(
+            robot, policy, gains, stop,
+            seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
+            pilot=lambda: pilot(settings.throttle), status=say,
+        )  # fmt: skip
     figures = run.timing.figures(policy.control_dt)
     say(f"stopped by {run.stopped_by or 'nobody'}; {out / LOG}")
     write_json(out / "figures.json", figures)
@@ -115,7 +114,7 @@ def run_record(port: str, settings: RecordSettings, say: Say, progress: Callable
     )
     _require_somebody(settings.yes)
     out = settings.out or _dated("record")
-    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))
+    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))  # its attitude is ours
     robot = Robot(SerialLink(port), limits, Recorder(out / LOG))
     with robot, stop_on_signals() as stop:
 

@@ -88,7 +88,11 @@ class ControlLoop:
         self.timing = Timing()
 
     def play(
-        self, motion: Motion, mode: Mode, after_step: Callable[[Measurement], None] = lambda _: None
+        self,
+        motion: Motion,
+        mode: Mode,
+        after_step: Callable[[Measurement], None] = lambda _: None,
+        timing: Timing | None = None,
     ) -> Measurement | None:
         """Play ``motion`` until it ends or ``stop`` says so; returns the last measurement.
 
@@ -96,11 +100,12 @@ class ControlLoop:
             motion: gives the targets.
             mode: for the recording.
             after_step: called after the command has left, in the slack of the period; must be quick.
+            timing: filled, also if a fault ends the motion.
 
         Raises:
             RobotFault: see `Robot.check`, `Robot.send` and `Pace.check`.
         """
-        measurement, self.timing = None, Timing()
+        measurement, self.timing = None, timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
             self._robot.listen(self._deadline)

@@ -89,6 +89,18 @@ class Walker:
         """`step` as a `Motion`."""
         return self.step(backend_state(measurement.telemetry, np.zeros(spec.NUM_JOINTS)))
 
+    def winding_down(self, seconds: float) -> Motion:
+        """The same gait with less and less throttle: a third of the time is stepping in place."""
+        steps, begun, step = round(seconds / self._policy.control_dt), self.throttle, 0
+
+        def target(measurement: Measurement) -> np.ndarray | None:
+            nonlocal step
+            step += 1
+            self.throttle = begun * max(0.0, 1.0 - 1.5 * step / steps)
+            return self(measurement) if step <= steps else None
+
+        return target
+
     def warm_up(self, measurement: Measurement) -> None:
         """Compile, or load what was compiled, before time counts; then forget it."""
         self(measurement)

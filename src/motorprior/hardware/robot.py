@@ -41,12 +41,13 @@ class Robot:
 
     Args:
         link: open port; closed with the robot.
-        limits: see attributes.
+        limits: see attributes; the robot's own if not given.
         recorder: gets every believed measurement made under a target; closed with the robot.
     """
 
-    def __init__(self, link: SerialLink, limits: SafetyLimits = spec.SAFETY, recorder: Recorder | None = None):
-        self._link, self.limits, self._recorder = link, limits, recorder
+    def __init__(self, link: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None):
+        self._link, self._recorder = link, recorder
+        self.limits = limits = limits or spec.SAFETY
         self.stream = TelemetryStream(limits)
         self.text: list[str] = []
         self.sent = 0

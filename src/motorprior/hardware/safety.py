@@ -103,10 +103,13 @@ class SafetyGate:
         self._descending = False
         return self._fault
 
-    def descend(self) -> None:
-        """Let the way down to a crouch pass, slowly; only after a fault that leaves time for it."""
+    def let_down(self) -> None:
+        """Let the way down to a crouch pass; only after a fault that leaves time for it."""
         self._descending = self._fault is None or self._fault.safe_state == "crouch"
-        self.target_speed = self._limits.slow_speed
+
+    def slow_down(self) -> None:
+        """From here on no target is faster than ``slow_speed``."""
+        self.target_speed = min(self.target_speed, self._limits.slow_speed)
 
     def idle(self) -> Command:
         """No current; always allowed."""

@@ -7,6 +7,7 @@ Every way out leads through the last two, or through idle alone where a fault le
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -26,13 +27,15 @@ from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
 
-_FIRST_LOOK = 1.0
+_FIRST_LOOK = 0.5
 """Time to listen before arming [s]."""
 _FEWEST_FRAMES = 20
-"""In the first look; the slowest firmware sends 100."""
+"""In the first look; a firmware sends 50 or 100."""
 _RANGE_SLACK = 0.1
 """A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
 _HOLD = 0.5
+_NOT_TO_BE_TRUSTED = ("program error", "impossible command", "frozen IMU")
+"""Faults after which the motion that was playing, or what it sees, is no good for coming to rest."""
 _QUICK = 0.1
 """Somebody who confirms within this time [s] is a script."""
 
@@ -138,8 +141,9 @@ def run_armed(
     *,
     control_dt: float = spec.CONTROL_DT,
     crouch: bool = True,
+    wind_down: Callable[[], Motion] | None = None,
 ) -> None:
-    """Arm, ramp to the nominal pose, ``work``, then crouch and idle, whatever happens.
+    """Arm, ramp to the nominal pose, ``work``, then wind down, crouch and idle, whatever happens.
 
     Args:
         robot: idle, looked at.
@@ -148,27 +152,29 @@ def run_armed(
         work: plays motions on the loop it gets.
         control_dt: control period [s].
         crouch: sit down at the end; a hung robot need not.
+        wind_down: a motion that brings what ``work`` did to rest, before the crouch: a robot that walks at half a metre
+            per second and crouches at once falls over its feet one time in three.
 
     Raises:
         RobotFault: the fault that ended the run; the robot is idle.
     """
+    worked = False
     with no_garbage_collection(), real_time_priority():
         try:
             robot.arm(gains.kp, gains.kd, gains.max_current)
             loop = ControlLoop(robot, robot.limits, control_dt, stop)
             loop.play(_to_nominal(robot, control_dt), Mode.RAMP)
             if not stop():
+                worked = True
                 work(loop)
             if crouch:
-                _sit_down(robot, control_dt)
-        except RobotFault as fault:
-            if crouch and fault.safe_state == "crouch":
-                _try_to_sit_down(robot, control_dt, fault)
-            raise
+                _sit_down(robot, control_dt, wind_down if worked else None)
         except Exception as error:
-            if crouch:
+            fault = error
+            if not isinstance(fault, RobotFault):
                 fault = RobotFault("program error", str(error), safe_state="crouch")
-                _try_to_sit_down(robot, control_dt, fault)
+            if crouch and fault.safe_state == "crouch":
+                _try_to_sit_down(robot, control_dt, fault, wind_down if worked else None)
             raise
         finally:
             robot.idle()
@@ -180,23 +186,25 @@ def _to_nominal(robot: Robot, control_dt: float) -> Motion:
     return ramp(target, spec.NOMINAL_POSE, robot.limits.slow_speed, control_dt, _HOLD)
 
 
-def _sit_down(robot: Robot, control_dt: float) -> None:
-    """Crouch, on a clock of its own: a signal or a slow host that ended the motion must not end this."""
-    robot.gate.descend()
+def _sit_down(robot: Robot, control_dt: float, wind_down: Callable[[], Motion] | None) -> None:
+    """Come to rest and crouch, on a clock of its own: what ended the motion must not end this."""
+    robot.gate.let_down()
     robot.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
-    target = robot.gate.target
-    if target is None:
-        return
     patient = replace(robot.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
     loop = ControlLoop(robot, patient, control_dt, lambda: False)
+    if wind_down is not None:
+        loop.play(wind_down(), Mode.WALK)
+    robot.gate.slow_down()
+    target = robot.gate.target
+    assert target is not None, "armed"
     loop.play(ramp(target, spec.CROUCH_POSE, robot.limits.slow_speed, control_dt), Mode.CROUCH)
 
 
-def _try_to_sit_down(robot: Robot, control_dt: float, fault: RobotFault) -> None:
+def _try_to_sit_down(
+    robot: Robot, control_dt: float, fault: RobotFault, wind_down: Callable[[], Motion] | None
+) -> None:
     """Crouch after a fault; a second fault on the way leaves idle, which follows anyway."""
-    try:
+    with contextlib.suppress(MotorPriorError):
         robot.gate.shut(fault)
         robot.forgive(fault.kind)
-        _sit_down(robot, control_dt)
-    except MotorPriorError:
-        return
+        _sit_down(robot, control_dt, None if fault.kind in _NOT_TO_BE_TRUSTED else wind_down)
