@@ -125,6 +125,7 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         forward, tilt = forward + life["forward_m"], max(tilt, life["tilt_rad"])
     delay = np.concatenate(delays)
     figures = whole.figures(policy.control_dt)
+    print(f"  {figures}", file=sys.stderr)
     figures |= {f"end_to_end_ms/{name}": float(np.percentile(delay, q)) for name, q in QUANTILES.items()}
     return figures | {"forward_m": forward, "tilt_rad": tilt, "faults": float(faults)}
 
@@ -164,31 +165,24 @@ def inference_interpreted(policy: Path) -> dict[str, float]:
 
 def signal_to_idle(folder: Path, policy: Path, number: signal.Signals) -> float:
     """Milliseconds from a signal that ends or stops a walking host until the robot is idle."""
-    out = Path(tempfile.mkdtemp(dir=folder)) / "run"
-    with virtual_pupper(folder) as (port, end):
-        command = [
-            sys.executable,
-            "-m",
-            "motorprior.hardware",
-            "deploy",
-            str(policy),
-            "--port",
-            port,
-            "--out",
-            str(out),
-        ]
-        host = subprocess.Popen([*command, "--yes"], stderr=subprocess.DEVNULL)
-        log = out / "run.csv"
-        while not (log.is_file() and log.stat().st_size > 200_000):  # about 4 s under way
-            assert host.poll() is None, "the host gave up"
-            time.sleep(0.01)
-        before = time.monotonic()
-        os.kill(host.pid, number)
-        time.sleep(0.5)
-        life = end()
-        host.kill()
-        host.wait()
-    return 1e3 * (first_idle(life, before) - before)
+    for _ in range(MOST_FAULTS):
+        out = Path(tempfile.mkdtemp(dir=folder)) / "run"
+        with virtual_pupper(folder) as (port, end):
+            command = ["-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out), "--yes"]
+            host = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
+            log = out / "run.csv"
+            while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
+                time.sleep(0.01)
+            before = time.monotonic()
+            if host.poll() is not None:  # this machine was too busy, and the host sat down
+                continue
+            os.kill(host.pid, number)
+            time.sleep(0.5)
+            life = end()
+            host.kill()
+            host.wait()
+            return 1e3 * (first_idle(life, before) - before)
+    raise AssertionError("this machine is too busy")
 
 
 def first_idle(life: dict, after: float) -> float:

@@ -114,7 +114,7 @@ def run_record(port: str, settings: RecordSettings, say: Say, progress: Callable
     )
     _require_somebody(settings.yes)
     out = settings.out or _dated("record")
-    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))  # its attitude is ours
+    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))  # it may hang askew
     robot = Robot(SerialLink(port), limits, Recorder(out / LOG))
     with robot, stop_on_signals() as stop:
 
