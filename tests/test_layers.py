@@ -8,7 +8,17 @@ from pathlib import Path
 import pytest
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
-WORDS = {"", "kernel_cache", "exceptions", "rotations", "signals", "artifacts", "backend"}  # "": __init__.py
+WORDS = {
+    "",
+    "compiled",
+    "kernel_cache",
+    "safetensors_file",
+    "exceptions",
+    "rotations",
+    "signals",
+    "artifacts",
+    "backend",
+}  # "": __init__.py
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
     *("locomotion", "simulation", "search", "transfer", "hardware", "cli", "environments"),
@@ -22,7 +32,7 @@ HOMES = {
     **dict.fromkeys(["jax", "optax"], "identification/"),
     **dict.fromkeys(["mujoco", "pybullet"], "simulation/"),
     "ray": "search/executor",
-    "serial": "hardware/",
+    **dict.fromkeys(["serial", "msgpack"], "hardware/"),
     "pyarrow": "logs/",
     **dict.fromkeys(["matplotlib", "jinja2"], "transfer/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),

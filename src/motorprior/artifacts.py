@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
+from motorprior.safetensors_file import parse_safetensors
 
 
 @contextlib.contextmanager
@@ -104,15 +105,11 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     Raises:
         ArtifactError: missing, truncated, without a header, or with a value that is not finite.
     """
-    from safetensors import SafetensorError, safe_open
-
     if not Path(path).is_file():
         raise ArtifactError("no such file", where=path, remedy="check the path")
     try:
-        with safe_open(str(path), framework="numpy") as file:
-            text = (file.metadata() or {}).get("motorprior")
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
+        text, tensors = parse_safetensors(Path(path).read_bytes())
+    except (ValueError, OSError) as error:
         raise ArtifactError(f"not a complete safetensors file ({error})", where=path, remedy="write it anew") from error
     if text is None:
         raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")

@@ -34,3 +34,22 @@ class ConfigError(MotorPriorError):
 
 class SimulationFault(MotorPriorError):
     """The physics engine reported NaN, a reset or a full buffer."""
+
+
+class ProtocolError(MotorPriorError):
+    """A message that the firmware would refuse, or bytes that are no message."""
+
+
+class RobotFault(MotorPriorError):
+    """The robot, or what the host can see of it, is not as it must be: motion ends.
+
+    Args:
+        kind: short name of the fault, as in the table of docs/hardware.md.
+        problem: see `MotorPriorError`.
+        safe_state: "idle" where motors must lose their current at once, "crouch" where there is time to sit down.
+        remedy: see `MotorPriorError`.
+    """
+
+    def __init__(self, kind: str, problem: str, *, safe_state: str = "idle", remedy: str | None = None):
+        self.kind, self.safe_state = kind, safe_state
+        super().__init__(problem, where=f"robot fault {kind!r}", remedy=remedy)

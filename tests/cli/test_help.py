@@ -11,20 +11,26 @@ import pytest
 
 from motorprior.cli.bench import Bench
 from motorprior.cli.demo import Demo
+from motorprior.cli.deploy import Deploy
+from motorprior.cli.doctor import Doctor
 from motorprior.cli.identify import Identify
 from motorprior.cli.logs import LogsCheck, LogsImport
 from motorprior.cli.main import RUN, parse
 from motorprior.cli.motors import MotorChoice
+from motorprior.cli.record import Record
 from motorprior.cli.replay import Replay
 from motorprior.cli.report import MakeReport
+from motorprior.cli.robot_choice import RobotChoice
 from motorprior.cli.speed import Speed
 from motorprior.cli.transfer import Transfer
 from motorprior.cli.validate import Validate
+from motorprior.cli.virtual_pupper import Virtual, VirtualPupperCommand
 from motorprior.cli.walk import Walk
+from motorprior.hardware.settings import DeploySettings, RecordSettings
 
 COMMANDS = (
     *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "adapt"),
-    *("replay", "walk", "transfer", "report", "speed"),
+    *("replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-pupper", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 
@@ -57,7 +63,7 @@ def test_every_option_is_explained(help_of: Callable, command: str):
 
 def test_every_sub_command_is_in_the_help(help_of: Callable):
     text = help_of("")[0]
-    assert {name.split()[0] for name in COMMANDS if name} == set(re.findall(r"• (\w+)", text))
+    assert {name.split()[0] for name in COMMANDS if name} == set(re.findall(r"• ([\w-]+)", text))
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -81,6 +87,10 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
         ("replay a --prior b --out c", Replay(Path("a"), Path("b"), Path("c"))),
         ("walk --out a --actuator pd --kp 8", Walk(Path("a"), MotorChoice("pd", kp=8.0))),
         ("transfer a --out b", Transfer((Path("a"),), Path("b"))),
+        ("doctor --port a", Doctor(RobotChoice("a"))),
+        ("deploy a --port b --yes", Deploy(Path("a"), RobotChoice("b"), DeploySettings(yes=True))),
+        ("record --virtual --joint knee", Record(RobotChoice(virtual=True), RecordSettings(joint="knee"))),
+        ("virtual-pupper --robot.seed 3", VirtualPupperCommand(Virtual(seed=3))),
         ("report a", MakeReport(Path("a"))),
         ("speed --prior a", Speed(Path("a"))),
     ],
@@ -93,4 +103,7 @@ def test_a_command_line_is_its_settings(line: str, config: object):
 def test_the_start_does_not_wait_for_heavy_libraries():
     code = "import sys, motorprior.cli.main; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    assert set(loaded) & {"jax", "optax", "matplotlib", "jinja2", "pyarrow", "scipy.optimize"} == set()
+    assert (
+        set(loaded) & {"jax", "optax", "matplotlib", "jinja2", "pyarrow", "scipy.optimize", "serial", "msgpack"}
+        == set()
+    )

@@ -1,6 +1,7 @@
 """What every backend promises; each new one joins the list."""
 
-from dataclasses import astuple
+from collections.abc import Callable
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,11 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
+from motorprior.cli.virtual_pupper import Virtual, make
+from motorprior.hardware.pupper_backend import PupperBackend
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.virtual_pupper import in_thread
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.mujoco_backend import MujocoBackend
@@ -50,11 +56,43 @@ EVERYTHING = Randomization(
     armature=(0.0, 0.001), damping=(0.0, 0.01), friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.005, gravity_tilt=0.02,
     encoder_offset=0.01, command_delay=(0.0, 0.015), push=0.05, push_interval=0.1,
 )  # fmt: skip
-BACKENDS = [mujoco, mujoco_randomized, pybullet, pybullet_rough]
+
+
+def virtual_pupper() -> Backend:
+    """Over a real serial port object, in real time."""
+    robot, _ = make(Virtual(homing=False))
+    limits = replace(
+        spec.SAFETY, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5
+    )
+    return _Owned(Robot(SerialLink(robot.port), limits), in_thread(robot))
+
+
+class _Owned(PupperBackend):
+    """A backend that ends its virtual robot with itself."""
+
+    def __init__(self, robot: Robot, end: Callable[[], None]):
+        super().__init__(robot)
+        self._end = end
+
+    def close(self) -> None:
+        super().close()
+        self._end()
+
+
+SIMULATED = [mujoco, mujoco_randomized, pybullet, pybullet_rough]
+"""Backends whose time is their own: a seed says everything that happens."""
+BACKENDS = [*SIMULATED, virtual_pupper]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
 def backend(request: pytest.FixtureRequest):
+    made = request.param()
+    yield made
+    made.close()
+
+
+@pytest.fixture(params=SIMULATED, ids=lambda make: make.__name__)
+def simulated(request: pytest.FixtureRequest):
     made = request.param()
     yield made
     made.close()
@@ -76,8 +114,8 @@ def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: Backend):
-    first, again, other = (walked(backend, seed) for seed in (1, 1, 2))
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(simulated: Backend):
+    first, again, other = (walked(simulated, seed) for seed in (1, 1, 2))
     assert all(
         np.array_equal(a, b) for left, right in zip(first, again, strict=True) for a, b in zip(left, right, strict=True)
     )

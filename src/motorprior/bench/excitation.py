@@ -48,6 +48,23 @@ def gait(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return rng.uniform(-0.3, 0.3) + targets
 
 
+def chirp(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """A sine that goes from 0.3 to 6 Hz and back, logarithmically: 0.5 rad up to 1 Hz, then 0.5 rad · 1 Hz / f."""
+    turn = rng.uniform(0.4, 0.6) * steps
+    share = np.minimum(np.arange(steps) / turn, (steps - np.arange(steps)) / (steps - turn))
+    frequency = 0.3 * 20.0**share
+    return 0.5 / np.maximum(1.0, frequency) * np.sin(2 * np.pi * np.cumsum(frequency) * dt)
+
+
+def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """Twelve sines from 0.2 to 8 Hz at once, random phases, equal speeds above 1 Hz: rms 0.25 rad."""
+    frequency = np.geomspace(0.2, 8.0, 12) * rng.uniform(0.95, 1.05, 12)
+    amplitude = 1.0 / np.maximum(1.0, frequency)
+    phase = rng.uniform(0, 2 * np.pi, 12)
+    total = amplitude @ np.sin(2 * np.pi * frequency[:, None] * np.arange(steps) * dt + phase[:, None])
+    return 0.25 * total / np.sqrt(0.5 * np.sum(amplitude**2))
+
+
 def held(targets: np.ndarray, every: int) -> np.ndarray:
     """Zero-order hold: each target is kept for ``every`` steps, as a 100 Hz policy does."""
     return targets[(np.arange(len(targets)) // every) * every]

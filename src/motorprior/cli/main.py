@@ -19,13 +19,17 @@ from motorprior.cli.adapt import Adapt, run_adapt  # noqa: E402
 from motorprior.cli.bench import Bench, run_bench  # noqa: E402
 from motorprior.cli.console import CONSOLE  # noqa: E402
 from motorprior.cli.demo import Demo, run_demo  # noqa: E402
+from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
+from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.identify import Identify, run_identify  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImport, run_logs_check, run_logs_import  # noqa: E402
+from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import Replay, run_replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
 from motorprior.cli.speed import Speed, run_speed  # noqa: E402
 from motorprior.cli.transfer import Transfer, run_transfer  # noqa: E402
 from motorprior.cli.validate import Validate, run_validate  # noqa: E402
+from motorprior.cli.virtual_pupper import VirtualPupperCommand, run_virtual_pupper  # noqa: E402
 from motorprior.cli.walk import Walk, run_walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
 
@@ -40,6 +44,10 @@ Command = (
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Walk, tyro.conf.subcommand("walk")]
     | Annotated[Transfer, tyro.conf.subcommand("transfer")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
+    | Annotated[Deploy, tyro.conf.subcommand("deploy")]
+    | Annotated[Record, tyro.conf.subcommand("record")]
+    | Annotated[VirtualPupperCommand, tyro.conf.subcommand("virtual-pupper")]
     | Annotated[MakeReport, tyro.conf.subcommand("report")]
     | Annotated[Speed, tyro.conf.subcommand("speed")]
 )
@@ -54,6 +62,10 @@ RUN = {
     Replay: run_replay,
     Walk: run_walk,
     Transfer: run_transfer,
+    Doctor: run_doctor_command,
+    Deploy: run_deploy_command,
+    Record: run_record_command,
+    VirtualPupperCommand: run_virtual_pupper,
     MakeReport: run_report,
     Speed: run_speed,
 }

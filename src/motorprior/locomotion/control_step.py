@@ -11,8 +11,8 @@ The Gymnasium env and the compiled rollout call these two and nothing else, so t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from motorprior.compiled import njit
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,

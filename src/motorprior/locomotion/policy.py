@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
+from motorprior.compiled import njit
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES, NUM_JOINTS, ROBOT_NAME
 

@@ -10,8 +10,8 @@ import math
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numba import njit
 
+from motorprior.compiled import njit
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 from motorprior.rotations import roll_pitch_yaw
 

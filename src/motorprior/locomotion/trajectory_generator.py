@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from motorprior.compiled import njit
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 
 SWING_AMPLITUDE = 0.5  # [rad] of the hip at intensity 1

@@ -15,12 +15,13 @@ from motorprior.exceptions import LogError
 MAX_BYTES = 500_000_000
 
 
-def read_number_table(path: Path, columns: Sequence[str]) -> np.ndarray:
+def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = False) -> np.ndarray:
     """Read a CSV file with exactly these columns.
 
     Args:
         path: ``.csv``, or gzip where the name ends in ``.gz``.
         columns: names the first line must hold, in order.
+        may_be_cut: its writer may have been killed; a last line without an end does not count.
 
     Returns:
         Shape (rows, columns), float64; NaN and infinity pass.
@@ -30,6 +31,8 @@ def read_number_table(path: Path, columns: Sequence[str]) -> np.ndarray:
             cells, or a cell that is not a number (row from 0, column, value).
     """
     header, _, body = _read_text(path).partition("\n")
+    if may_be_cut:
+        body = body[: body.rfind("\n") + 1]
     names = header.strip().split(",")
     if names != list(columns):
         raise LogError(_header_difference(names, list(columns)), where=path, remedy="restore the header line")

@@ -1,0 +1,42 @@
+"""``motorprior deploy``: a policy walks a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from motorprior.cli.console import CONSOLE, table
+from motorprior.cli.robot_choice import RobotChoice
+from motorprior.hardware.settings import DeploySettings
+from motorprior.locomotion.policy import Policy
+
+
+@dataclass(frozen=True)
+class Deploy:
+    """Walk a robot: doctor, arm, stand up, walk, sit down, record."""
+
+    policy: tyro.conf.Positional[Path]
+    """Policy that `motorprior walk` wrote."""
+    choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
+    """The robot."""
+    settings: Annotated[DeploySettings, tyro.conf.arg(name="")] = field(default_factory=DeploySettings)
+    """How to walk."""
+
+
+def run_deploy_command(config: Deploy) -> None:
+    """Deploy and print how well the clock was kept.
+
+    Raises:
+        ConfigError, ArtifactError, RobotFault: see `hardware.commands.run_deploy`.
+    """
+    from motorprior.hardware.commands import careful, run_deploy
+
+    Policy.load(config.policy)  # before a virtual robot is started for nothing
+    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True))
+    with config.choice.open() as port:
+        figures = run_deploy(config.policy, port, config.settings, say)
+    if figures:
+        table("Clock", ["figure", "value"], [[name, f"{value:.3f}"] for name, value in figures.items()])

@@ -1,0 +1,43 @@
+"""``motorprior record``: the motors of a robot show themselves, and a log keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import tyro
+
+from motorprior.cli.console import CONSOLE, bar
+from motorprior.cli.robot_choice import RobotChoice
+from motorprior.hardware.settings import RecordSettings
+from motorprior.robots.pupper_v2 import spec
+
+
+@dataclass(frozen=True)
+class Record:
+    """Excite the motors of a hung or standing robot and record them."""
+
+    choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
+    """The robot; a virtual one hangs unless --standing."""
+    settings: Annotated[RecordSettings, tyro.conf.arg(name="")] = field(default_factory=RecordSettings)
+    """What to play."""
+
+
+def run_record_command(config: Record) -> None:
+    """Record, and say where.
+
+    Raises:
+        ConfigError, ArtifactError, RobotFault: see `hardware.commands.run_record`.
+    """
+    from motorprior.hardware.commands import careful, run_record
+
+    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True))
+    settings, choice = config.settings, config.choice
+    if choice.virtual and not settings.standing:
+        choice = replace(choice, robot=replace(choice.robot, hung=True))
+    with (
+        choice.open() as port,
+        bar(f"record {settings.seconds:g} s", round(settings.seconds / spec.CONTROL_DT)) as progress,
+    ):
+        log = run_record(port, settings, say, progress.advance)
+    say(f"{log}: next, motorprior logs check {log}")

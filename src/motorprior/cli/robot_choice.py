@@ -1,0 +1,46 @@
+"""Which robot a command talks to: a port, or a virtual one."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from motorprior.cli.virtual_pupper import Virtual, living
+from motorprior.exceptions import ConfigError
+from motorprior.hardware.settings import require_robot_extra
+
+
+@dataclass(frozen=True)
+class RobotChoice:
+    """A robot at a port, or a virtual one."""
+
+    port: str | None = None
+    """Serial port, for example /dev/ttyACM0; the only one there is if not given."""
+    virtual: bool = False
+    """Start a virtual Pupper and use it."""
+    robot: Virtual = field(default_factory=Virtual)
+    """The virtual Pupper."""
+
+    @contextlib.contextmanager
+    def open(self) -> Iterator[str]:
+        """Its port, while this is open.
+
+        Raises:
+            ConfigError: both a port and a virtual robot, none, or several ports.
+            RobotFault: the virtual robot did not start.
+        """
+        require_robot_extra()
+        if self.virtual and self.port is not None:
+            raise ConfigError(f"--port {self.port} and --virtual", remedy="give one of them")
+        if not self.virtual and self.robot != Virtual():
+            raise ConfigError(
+                "settings of a virtual Pupper without --virtual", remedy="give --virtual, or leave them out"
+            )
+        if not self.virtual:
+            from motorprior.hardware.commands import the_port
+
+            yield the_port(self.port)
+            return
+        with living(self.robot) as port:
+            yield port

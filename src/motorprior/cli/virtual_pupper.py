@@ -1,0 +1,236 @@
+"""``motorprior virtual-pupper``: a robot on a pseudo-terminal, and the same one for ``--virtual``."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from motorprior.artifacts import write_json
+from motorprior.cli.bounds import require_at_least, require_at_most, require_seed
+from motorprior.cli.console import CONSOLE
+from motorprior.cli.motors import load_robot_fleet
+from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.hardware.settings import require_robot_extra
+
+if TYPE_CHECKING:
+    from motorprior.cli.twin_body import TwinBody
+    from motorprior.hardware.virtual_pupper import VirtualPupper
+
+RATES = (100, 200)
+_LONGEST_START = 60.0
+
+
+@dataclass(frozen=True)
+class Virtual:
+    """A robot that is not there: pseudo-terminal, firmware, and the twin in real time."""
+
+    fleet: str = "pupper_v2"
+    """Fleet that its twelve motors are drawn from."""
+    seed: int = 0
+    """Number of the robot: another one has other motors."""
+    hung: bool = False
+    """Hang it in the air instead of laying it on the ground."""
+    rate: int = 100
+    """Telemetry frames per second, 100 or 200."""
+    currents: bool = False
+    """Firmware with currents compiled in."""
+    imu: bool = True
+    """Firmware that reads the IMU; the present one sends zeros."""
+    homing: bool = True
+    """Home at the start."""
+    drop: float = 0.0
+    """Share of frames that are lost, both ways [-]."""
+    corrupt: float = 0.0
+    """Share of frames that are damaged, both ways [-]."""
+    duplicate: float = 0.0
+    """Share of frames that come twice, both ways [-]."""
+    delay: float = 0.0
+    """Delay of every frame, both ways [s]."""
+    fault: tuple[str, ...] = ()
+    """Faults, KIND:JOINT@SECONDS or KIND@SECONDS, for example frozen:FR_knee@8 or unplugged@10."""
+
+
+@dataclass(frozen=True)
+class VirtualPupperCommand:
+    """A virtual Pupper on a pseudo-terminal, to deploy to and record from."""
+
+    robot: Virtual = field(default_factory=Virtual)
+    """The robot."""
+    link: Path | None = None
+    """Link to the pseudo-terminal, for a name that stays."""
+    json: Path | None = None
+    """File for what the robot went through, written when it ends."""
+    seconds: float | None = None
+    """Lifetime [s]; until Ctrl-C if not given."""
+
+
+def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
+    """A robot and its body; nothing lives yet.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, an unknown fleet or fault.
+    """
+    require_robot_extra()
+    from motorprior.cli.twin_body import TwinBody, draw_motors
+    from motorprior.hardware.firmware import FirmwareConfig
+    from motorprior.hardware.injected import NoisyLine, parse_fault
+    from motorprior.hardware.virtual_pupper import VirtualPupper
+
+    require_seed(config.seed)
+    require_at_least(0, delay=config.delay)
+    require_at_most(2.0, delay=config.delay)
+    shares = {name: getattr(config, name) for name in ("drop", "corrupt", "duplicate")}
+    require_at_least(0, **shares)
+    require_at_most(1.0, **shares)
+    if config.rate not in RATES:
+        raise ConfigError(f"--rate {config.rate} is no rate of the firmware", remedy="give 100 or 200")
+    faults = [parse_fault(text) for text in config.fault]
+    body = TwinBody(draw_motors(load_robot_fleet(config.fleet), config.seed), config.hung, config.seed)
+    firmware = FirmwareConfig(1000 // config.rate, config.currents, config.imu, config.homing)
+    lines = [
+        NoisyLine(
+            config.drop, config.corrupt, config.duplicate, config.delay, np.random.default_rng([config.seed, way])
+        )
+        for way in (0, 1)
+    ]
+    return VirtualPupper(body, firmware, faults, *lines), body
+
+
+def run_virtual_pupper(config: VirtualPupperCommand) -> None:
+    """Live until Ctrl-C, or for the seconds that were asked for."""
+    if config.seconds is not None:
+        require_at_least(0, seconds=config.seconds)
+    robot, body = make(config.robot)
+    start = body.live.state().base
+    with _ended_by_signals(robot.stop, config.seconds), _named(config.link, robot.port):
+        CONSOLE.print(f"virtual Pupper number {config.robot.seed} on {config.link or robot.port}", soft_wrap=True)
+        robot.run()
+    end = body.live.state()
+    forward, left = (end.base - start)[:2]
+    CONSOLE.print(f"virtual Pupper: went {forward:+.2f} m forward, {left:+.2f} m left, now {robot.firmware.mode}")
+    if config.json is not None:
+        write_json(config.json, _life(robot, forward, left, end.attitude))
+
+
+@contextlib.contextmanager
+def _ended_by_signals(stop: Callable[[], None], seconds: float | None) -> Iterator[None]:
+    """Ctrl-C, a polite kill or the end of ``seconds`` [s] call ``stop`` while this is open."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = {number: signal.signal(number, lambda *_: stop()) for number in numbers}
+    signal.setitimer(signal.ITIMER_REAL, 0.0 if seconds is None else max(1e-3, seconds))
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _life(robot: VirtualPupper, forward: float, left: float, attitude: np.ndarray) -> dict:
+    targets = [at for at, what in robot.events if what == "target"]
+    return {
+        "started": robot.started,
+        "forward_m": float(forward),
+        "left_m": float(left),
+        "tilt_rad": float(np.abs(attitude[:2]).max()),
+        "targets": len(targets),
+        "mode": robot.firmware.mode,
+        "received_bytes": robot.received,
+        "modes": [[at, what] for at, what in robot.events if what != "target"],
+        "target_times": targets,
+    }
+
+
+@contextlib.contextmanager
+def _named(link: Path | None, port: str) -> Iterator[None]:
+    """A name for the port, which appears at once or not at all, while this is open.
+
+    Raises:
+        ConfigError: the link cannot be made.
+    """
+    if link is None:
+        yield
+        return
+    if link.exists() and not link.is_symlink():
+        raise ConfigError("there is a file already", where=link, remedy="choose another --link")
+    temporary = link.with_name(f".{link.name}.{os.getpid()}")
+    try:
+        link.parent.mkdir(parents=True, exist_ok=True)
+        temporary.symlink_to(port)
+        os.replace(temporary, link)
+    except OSError as error:
+        raise ConfigError(f"cannot make the link ({error.strerror})", where=link, remedy="choose another") from error
+    try:
+        yield
+    finally:
+        link.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def living(config: Virtual) -> Iterator[str]:
+    """A virtual robot in a process of its own while this is open; gives its port.
+
+    Raises:
+        RobotFault: it did not start.
+    """
+    with tempfile.TemporaryDirectory(prefix="virtual-pupper-") as folder:
+        link = Path(folder) / "port"
+        command = [
+            sys.executable,
+            "-m",
+            "motorprior.cli.main",
+            "virtual-pupper",
+            *_options(config),
+            "--link",
+            str(link),
+        ]
+        process = subprocess.Popen(command, start_new_session=True)
+        try:
+            _wait_for(link, process)
+            if config.homing:
+                time.sleep(_HOMING)
+            yield str(link)
+        finally:
+            process.send_signal(signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=10.0)
+            process.kill()
+
+
+_HOMING = 1.0
+"""A bit longer than homing takes [s]."""
+
+
+def _wait_for(link: Path, process: subprocess.Popen) -> None:
+    deadline = time.monotonic() + _LONGEST_START
+    while not link.is_symlink():
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise RobotFault("no port", "the virtual Pupper did not start", remedy="see what it printed above")
+        time.sleep(0.02)
+
+
+def _options(config: Virtual) -> list[str]:
+    """The command line that means these settings."""
+    options: list[str] = []
+    for name, default in vars(Virtual()).items():
+        value, option = getattr(config, name), name.replace("_", "-")
+        if value == default:
+            continue
+        if isinstance(value, bool):
+            options.append(f"--robot.{option}" if value else f"--robot.no-{option}")
+        elif isinstance(value, tuple):
+            options += [f"--robot.{option}", *value]
+        else:
+            options += [f"--robot.{option}", str(value)]
+    return options

@@ -1,0 +1,208 @@
+"""What a person asks of a robot: deploy, record, doctor. Checks, the files they leave, and the words in between.
+
+The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both end here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from motorprior.artifacts import write_json
+from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.hardware import deploy, record
+from motorprior.hardware.doctor import Diagnosis, examine
+from motorprior.hardware.excitations import excitation_targets, joints_of
+from motorprior.hardware.pilot import KEYS, pilot
+from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.serial_link import SerialLink, find_ports
+from motorprior.hardware.session import Gains, StopRequest, stop_on_signals
+from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.locomotion.policy import Policy
+from motorprior.robots.pupper_v2 import spec
+
+LOG, FACTS = "run.csv", "run.json"
+Say = Callable[[str], None]
+
+
+def the_port(port: str | None) -> str:
+    """The port that was given, or the only one there is.
+
+    Raises:
+        ConfigError: none, or more than one.
+    """
+    if port is not None:
+        return port
+    found = find_ports()
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise ConfigError(
+            "no serial port that a robot could be on", remedy="plug it in and switch it on, or give --port"
+        )
+    raise ConfigError(f"several ports: {', '.join(found)}", remedy="say which one with --port")
+
+
+def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dict[str, float]:
+    """Walk; returns the figures of the run's timing.
+
+    Raises:
+        ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
+        RobotFault: why the walk ended early.
+    """
+    _require("seconds", settings.seconds, 0.0, 1e6)
+    _require("throttle", settings.throttle, 0.0, 1.0, or_equal=True)
+    policy = Policy.load(path)
+    deploy.check_policy(policy)
+    gains = replace(deploy.gains_for(policy, settings.kp, settings.kd), max_current=settings.max_current)
+    _require_gains(gains)
+    if settings.dry_run:
+        with Robot(SerialLink(port)) as robot, stop_on_signals() as stop:
+            steps = deploy.rehearse(robot, policy, stop, settings.seconds or 5.0, say)
+        say(f"dry run: {steps} control steps, nothing was sent")
+        return {}
+    _require_somebody(settings.yes)
+    out = settings.out or _dated("deploy")
+    with Robot(SerialLink(port), recorder=Recorder(out / LOG)) as robot, stop_on_signals() as stop:
+
+        def confirm() -> None:
+            ask_to_arm(stop, settings.yes, say)
+            facts = {"policy": str(path), "provenance": dict(policy.provenance)}
+            _write_facts(out, "deploy", port, settings, gains, facts)
+
+        run = deploy.walk(
+            robot, policy, gains, stop,
+            seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
+            pilot=lambda: pilot(settings.throttle), status=say,
+        )  # fmt: skip
+    figures = run.timing.figures(policy.control_dt)
+    say(f"stopped by {run.stopped_by or 'nobody'}; {out / LOG}")
+    write_json(out / "figures.json", figures)
+    return figures
+
+
+def run_record(port: str, settings: RecordSettings, say: Say, progress: Callable[[int], None]) -> Path:
+    """Excite and record; returns the log.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a folder in use.
+        RobotFault: why it ended early; the recording is kept.
+    """
+    _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
+    _require("amplitude", settings.amplitude, 0.0, 1.5)
+    _require("speed", settings.speed, 0.0, spec.SAFETY.target_speed)
+    if settings.seed < 0:
+        raise ConfigError(f"--seed {settings.seed} is below 0", remedy="give 0 or more")
+    gains = Gains(settings.kp, settings.kd, settings.max_current)
+    _require_gains(gains)
+    joints = joints_of(settings.joint)
+    targets = excitation_targets(
+        settings.excitation,
+        joints,
+        settings.seconds,
+        settings.amplitude,
+        settings.speed,
+        spec.CONTROL_DT,
+        settings.seed,
+    )
+    _require_somebody(settings.yes)
+    out = settings.out or _dated("record")
+    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))  # it may hang askew
+    robot = Robot(SerialLink(port), limits, Recorder(out / LOG))
+    with robot, stop_on_signals() as stop:
+
+        def confirm() -> None:
+            ask_to_arm(stop, settings.yes, say)
+            _write_facts(out, "record", port, settings, gains, {})
+
+        record.excite(
+            robot, targets, settings.speed, gains, stop,
+            hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
+            confirm=confirm, progress=progress,
+        )  # fmt: skip
+    return out / LOG
+
+
+def run_doctor(port: str, seconds: float) -> list[Diagnosis]:
+    """Listen and judge; sends nothing.
+
+    Raises:
+        ConfigError: less than a second.
+        RobotFault: nothing came, or the port is gone.
+    """
+    _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
+    with Robot(SerialLink(port)) as robot:
+        return examine(robot, seconds)
+
+
+def ask_to_arm(stop: StopRequest, yes: bool, say: Say) -> None:
+    """Wait until somebody types ``arm``.
+
+    Raises:
+        RobotFault: something else was typed, or a signal came.
+    """
+    if yes:
+        return
+    say(f"Stand clear, one hand at the power switch. Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it.")
+    say("Type arm and press Enter:")
+    while not stop():
+        if select.select([sys.stdin], [], [], 0.1)[0]:
+            if sys.stdin.readline().strip() == "arm":
+                return
+            break
+    raise RobotFault("not armed", "nobody typed arm; nothing was sent", remedy="run the command again when ready")
+
+
+def careful(say: Say) -> Say:
+    """The same words; a terminal that is gone is no reason to stop."""
+
+    def speak(text: str) -> None:
+        with contextlib.suppress(OSError):
+            say(text)
+
+    return speak
+
+
+def _require_somebody(yes: bool) -> None:
+    if not yes and not sys.stdin.isatty():
+        raise ConfigError("nobody is at the terminal to arm the robot", remedy="give --yes if that is meant")
+
+
+def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:
+    if value is None or low < value <= high or (or_equal and value == low):
+        return
+    bound = "at least" if or_equal else "more than"
+    raise ConfigError(f"--{name} {value:g} is out of range", remedy=f"give {bound} {low:g} and at most {high:g}")
+
+
+def _require_gains(gains: Gains) -> None:
+    limits = spec.SAFETY
+    _require("kp", gains.kp, 0.0, limits.highest_kp)
+    _require("kd", gains.kd, 0.0, limits.highest_kd)
+    _require("max-current", gains.max_current, 0.0, limits.max_current)
+
+
+def _dated(command: str) -> Path:
+    return Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
+
+
+def _write_facts(out: Path, command: str, port: str, settings: Any, gains: Gains, more: dict[str, Any]) -> None:
+    """Everything that a reader of the recording may ask later."""
+    plain = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(settings).items()}
+    facts = {
+        "command": command,
+        "port": port,
+        "robot": spec.ROBOT_NAME,
+        "started": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "settings": plain,
+        "gains": asdict(gains),
+        "safety": asdict(spec.SAFETY),
+    }
+    write_json(out / FACTS, facts | more)

@@ -1,0 +1,86 @@
+"""The host's side of the watchdog: starts the process, gives it beats, and hears when it has taken over."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import subprocess
+import sys
+from pathlib import Path
+
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.framing import command_frame
+from motorprior.hardware.protocol import IDLE
+
+_START = 10.0
+"""Longest start of an interpreter [s]."""
+
+
+class Guardian:
+    """A running watchdog process.
+
+    Args:
+        port: open file of the serial port, which the process inherits.
+        timeout: longest silence [s].
+
+    Raises:
+        RobotFault: it did not start.
+    """
+
+    def __init__(self, port: int, timeout: float):
+        beat_end, self._beats = os.pipe()
+        self._reports, report_end = os.pipe()
+        script = str(Path(__file__).with_name("watchdog.py"))
+        idle = command_frame(IDLE).hex()
+        arguments = [sys.executable, "-I", "-S", script, str(port), str(beat_end), str(report_end), str(timeout), idle]
+        try:
+            self._process = subprocess.Popen(
+                arguments, pass_fds=(port, beat_end, report_end), start_new_session=True, stdin=subprocess.DEVNULL
+            )
+        finally:
+            os.close(beat_end)
+            os.close(report_end)
+        os.set_blocking(self._beats, False)
+        ready, _, _ = select.select([self._reports], [], [], _START)
+        if not ready or os.read(self._reports, 1) != b"r":
+            self.release()
+            raise RobotFault("watchdog", "the watchdog process did not start", remedy="see what it printed above")
+
+    @property
+    def pid(self) -> int:
+        """Process number."""
+        return self._process.pid
+
+    def beat(self) -> None:
+        """Say that the host is alive.
+
+        Raises:
+            RobotFault: the watchdog has taken over the port, or is dead.
+        """
+        try:
+            os.write(self._beats, b".")
+        except BlockingIOError:  # it is asleep; silence will be heard
+            pass
+        except BrokenPipeError:
+            raise _dead() from None
+        ready, _, _ = select.select([self._reports], [], [], 0.0)
+        if ready:
+            if os.read(self._reports, 1) != b"t":
+                raise _dead()
+            raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
+
+    def release(self) -> None:
+        """Say goodbye; the robot must be idle by now."""
+        with contextlib.suppress(OSError):
+            os.write(self._beats, b"q")
+        os.close(self._beats)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=2.0)
+        os.close(self._reports)
+
+
+def _dead() -> RobotFault:
+    return RobotFault(
+        "watchdog", "the watchdog process is dead", safe_state="crouch", remedy="look into the system's log for why"
+    )

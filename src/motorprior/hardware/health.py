@@ -1,0 +1,183 @@
+"""What is wrong with the robot, judged from believed telemetry and the targets it got. One small class per kind.
+
+Each check is fed once per measurement and raises `RobotFault` when its bound (`spec.SafetyLimits`) is broken for the
+stated time. Angles are those of the library, not of the wire.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.spec import JOINT_NAMES, SafetyLimits
+
+
+class Tilt:
+    """The body leans further than any walking body does."""
+
+    def __init__(self, limits: SafetyLimits):
+        self._limits, self._since = limits, math.inf
+
+    def check(self, telemetry: Telemetry, now: float) -> None:
+        """Raise once roll or pitch has been beyond ``max_tilt`` for ``tilt_time``."""
+        if max(abs(telemetry.roll), abs(telemetry.pitch)) <= self._limits.max_tilt:
+            self._since = math.inf
+            return
+        self._since = min(self._since, now)
+        if now - self._since >= self._limits.tilt_time - 1e-3:  # stamps are whole milliseconds
+            raise RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
+
+
+class FrozenImu:
+    """An IMU that was alive says the same number again and again: a fall would not be seen."""
+
+    def __init__(self, limits: SafetyLimits):
+        self._limits = limits
+        self._last: tuple[float, ...] = ()
+        self._since = 0.0
+
+    def check(self, telemetry: Telemetry, now: float) -> None:
+        """Raise once all six values have been the same for ``imu_time``."""
+        values = (telemetry.roll, telemetry.pitch, telemetry.yaw)
+        values += (telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate)
+        if values != self._last or not is_imu_alive(telemetry):
+            self._last, self._since = values, now
+        elif now - self._since >= self._limits.imu_time:
+            raise RobotFault(
+                "frozen IMU",
+                f"roll, pitch, yaw and their rates have been the same for {now - self._since:.2f} s",
+                safe_state="crouch",
+                remedy="look for a loose IMU, switch the robot off and on",
+            )
+
+
+class Tracking:
+    """A joint is not where its target has been leading it.
+
+    reference += (1 - exp(-dt / lag)) (target - reference), lag = kd / kp: what a joint with these gains does.
+    """
+
+    def __init__(self, limits: SafetyLimits):
+        self._limits = limits
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew at the next measurement: the motors had no current until now."""
+        self._reference: np.ndarray | None = None
+        self._last, self._away = 0.0, np.zeros(spec.NUM_JOINTS)
+        self._windows: list[tuple[float, np.ndarray, np.ndarray]] = []
+
+    def check(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> None:
+        """Raise for a joint that is too far away for too long, or that does not move although it is led."""
+        if self._reference is None:
+            self._reference, self._last = joint_pos.copy(), now
+        step, self._last = max(0.0, now - self._last), now
+        self._reference += (1.0 - math.exp(-step / spec.TRACKING_LAG)) * (target - self._reference)
+        error = np.abs(joint_pos - self._reference)
+        self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
+        worst = int(np.argmax(self._away))
+        if self._away[worst] >= self._limits.tracking_time:
+            raise RobotFault(
+                "tracking",
+                f"{JOINT_NAMES[worst]} is {error[worst]:.2f} rad from where its target led it, for "
+                f"{self._away[worst]:.2f} s",
+                remedy="look for a motor without power, a loose cable or an obstacle",
+            )
+        self._check_stuck(joint_pos, now)
+
+    def _check_stuck(self, joint_pos: np.ndarray, now: float) -> None:
+        assert self._reference is not None
+        self._windows.append((now, joint_pos.copy(), self._reference.copy()))
+        if now - self._windows[0][0] < self._limits.stuck_time - 1e-3:
+            return
+        while now - self._windows[1][0] >= self._limits.stuck_time - 1e-3:
+            del self._windows[0]
+        moved = np.ptp([angles for _, angles, _ in self._windows], axis=0)
+        led = np.abs(self._windows[-1][2] - self._windows[0][2])
+        stuck = (moved < self._limits.stuck_motion) & (led > self._limits.stuck_target)
+        if stuck.any():
+            name = JOINT_NAMES[int(np.argmax(stuck))]
+            raise RobotFault(
+                "stuck",
+                f"{name} moved less than {self._limits.stuck_motion} rad while its target led it {led.max():.2f} rad",
+                remedy="look for a frozen encoder or a blocked joint",
+            )
+
+
+def check_extras(telemetry: Telemetry, limits: SafetyLimits) -> None:
+    """Currents, temperatures and battery, where the robot sends them.
+
+    Raises:
+        RobotFault: a bound is broken.
+    """
+    if telemetry.cur is not None and np.abs(telemetry.cur).max() > limits.measured_current:
+        worst = int(np.argmax(np.abs(telemetry.cur)))
+        raise RobotFault("current", f"{JOINT_NAMES[worst]} draws {telemetry.cur[worst]:.1f} A")
+    if telemetry.temp is not None and telemetry.temp.max() > limits.temperature:
+        worst = int(np.argmax(telemetry.temp))
+        raise RobotFault(
+            "temperature",
+            f"{JOINT_NAMES[worst]} is at {telemetry.temp[worst]:.0f} °C",
+            safe_state="crouch",
+            remedy="let the motors cool down",
+        )
+    if telemetry.bat is not None and telemetry.bat < limits.battery:
+        raise RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
+
+
+def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
+    """The latest measurement, if it may be acted on.
+
+    Raises:
+        RobotFault: none yet, an old one, or a row of impossible ones.
+    """
+    if stream.impossible_in_a_row >= limits.implausible_frames:
+        raise RobotFault(
+            "implausible telemetry",
+            f"{stream.impossible_in_a_row} frames in a row that no robot can be in",
+            remedy="look for a slipping encoder, a loose cable or a restart of the robot",
+        )
+    if stream.latest is None:
+        raise RobotFault("stale telemetry", "nothing came yet", remedy="switch the robot on, see `motorprior doctor`")
+    age = now - stream.latest.sampled
+    if age > limits.telemetry_age:
+        raise RobotFault(
+            "stale telemetry", f"the last measurement is {age:.2f} s old, {limits.telemetry_age} s is the limit"
+        )
+    return stream.latest
+
+
+def is_imu_alive(telemetry: Telemetry) -> bool:
+    """False where every value is exactly 0, as the current firmware sends."""
+    return any((telemetry.roll, telemetry.pitch, telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))
+
+
+class Pace:
+    """Whether the host keeps up with its own clock."""
+
+    def __init__(self, limits: SafetyLimits, period: float):
+        self._limits, self._period, self._recent = limits, period, [False] * 100
+        self._count = self.late = 0
+
+    def check(self, delay: float) -> None:
+        """Count one control step that came ``delay`` [s] after its time.
+
+        Raises:
+            RobotFault: one step far too late, or too many late ones; the robot sits down.
+        """
+        missed = delay > 0.5 * self._period
+        self.late += missed
+        self._recent[self._count % len(self._recent)] = missed
+        self._count += 1
+        if delay > self._limits.tick_delay or sum(self._recent) > self._limits.late_ticks:
+            raise RobotFault(
+                "slow host",
+                f"a control step came {1e3 * delay:.0f} ms late, {sum(self._recent)} of the last hundred were late",
+                safe_state="crouch",
+                remedy="close other programs on this computer",
+            )

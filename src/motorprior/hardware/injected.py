@@ -1,0 +1,135 @@
+"""Faults to order: what a line, an encoder, a motor and a cable can do to a robot, each from a stated time on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.hardware.firmware import Sensors
+from motorprior.robots.pupper_v2 import spec
+
+KINDS = (
+    *("frozen", "jumping", "stalled", "dead", "hot_current", "hot_motor"),
+    *("tilted", "numb", "flat", "mute", "unplugged"),
+)
+_WITH_JOINT = KINDS[:6]
+_FORM = re.compile(r"(?P<kind>\w+?)(:(?P<joint>\w+))?(@(?P<at>[0-9.]+))?$")
+JUMP = 0.8
+"""[rad] to either side, in turn at every frame."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that breaks.
+
+    Attributes:
+        kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C),
+            tilted (the IMU says 1 rad), numb (the IMU repeats itself), flat (17 V), mute (no telemetry), unplugged.
+        at: time since the robot started [s].
+        joint: index, where the kind has one.
+    """
+
+    kind: str
+    at: float
+    joint: int = 0
+
+
+def parse_fault(text: str) -> Fault:
+    """``frozen:FR_knee@5`` is a knee whose encoder freezes 5 s after the start; ``unplugged@8`` has no joint.
+
+    Raises:
+        ConfigError: another form, kind or joint.
+    """
+    found = _FORM.match(text)
+    kind, joint = (found["kind"], found["joint"]) if found else ("", None)
+    number = re.fullmatch(r"\d+(\.\d*)?", found["at"] or "0") if found else None
+    with_joint = kind in _WITH_JOINT
+    if kind not in KINDS or number is None or (joint in spec.JOINT_NAMES) != with_joint or (joint and not with_joint):
+        raise ConfigError(
+            f"no fault {text!r}", where="--fault",
+            remedy=f"give KIND:JOINT@SECONDS with KIND of {', '.join(_WITH_JOINT)}, or KIND@SECONDS with one of "
+            f"{', '.join(kind for kind in KINDS if kind not in _WITH_JOINT)}",
+        )  # fmt: skip
+    index = spec.JOINT_NAMES.index(joint) if joint in spec.JOINT_NAMES else 0
+    return Fault(kind, float(number.group()), index)
+
+
+class FaultySensors:
+    """Sensors with faults.
+
+    Args:
+        faults: those of other kinds are passed over; more may come later.
+    """
+
+    def __init__(self, faults: Sequence[Fault]):
+        self._faults, self._frozen = faults, dict[int, float]()
+
+    def __call__(self, sensors: Sensors, now: float) -> Sensors:
+        """What is read at ``now`` [s] instead of the truth."""
+        pos, vel, current = sensors.pos.copy(), sensors.vel.copy(), sensors.current.copy()
+        attitude, rates = sensors.attitude.copy(), sensors.rates
+        temperature, battery = sensors.temperature, sensors.battery
+        for fault in self._faults:
+            if now < fault.at:
+                continue
+            if fault.kind == "frozen":
+                pos[fault.joint] = self._frozen.setdefault(fault.joint, float(pos[fault.joint]))
+                vel[fault.joint] = 0.0
+            elif fault.kind == "jumping":
+                pos[fault.joint] += JUMP * (1 if round(100.0 * now) % 2 else -1)
+            elif fault.kind == "hot_current":
+                current[fault.joint] = 9.5
+            elif fault.kind == "hot_motor":
+                temperature = np.where(np.arange(spec.NUM_JOINTS) == fault.joint, 95.0, 40.0)
+            elif fault.kind == "tilted":
+                attitude[0] = 1.0
+            elif fault.kind == "numb":
+                attitude, rates = np.full(3, 0.01), np.zeros(3)
+            elif fault.kind == "flat":
+                battery = 17.0
+        return Sensors(pos, vel, current, attitude, rates, temperature, battery)
+
+
+@dataclass
+class NoisyLine:
+    """A line that drops, damages, repeats and delays pieces of what goes over it.
+
+    Attributes:
+        drop: chance that a piece is lost.
+        corrupt: chance that one of its bytes becomes another.
+        duplicate: chance that it comes twice.
+        delay: [s] that every piece waits.
+        rng: of all that.
+    """
+
+    drop: float = 0.0
+    corrupt: float = 0.0
+    duplicate: float = 0.0
+    delay: float = 0.0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    def __post_init__(self) -> None:
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def put(self, piece: bytes, now: float) -> None:
+        """A piece goes onto the line at ``now`` [s]."""
+        if not piece or self.rng.random() < self.drop:
+            return
+        if self.rng.random() < self.corrupt:
+            at = int(self.rng.integers(len(piece)))
+            piece = piece[:at] + bytes([piece[at] ^ int(self.rng.integers(1, 256))]) + piece[at + 1 :]
+        self._waiting += [(now + self.delay, piece)] * (2 if self.rng.random() < self.duplicate else 1)
+
+    def take(self, now: float) -> bytes:
+        """What comes out by ``now`` [s]."""
+        ready = [piece for at, piece in self._waiting if at <= now]
+        self._waiting = [(at, piece) for at, piece in self._waiting if at > now]
+        return b"".join(ready)
+
+    def due(self) -> float:
+        """When the next piece comes out [s]."""
+        return min((at for at, _ in self._waiting), default=float("inf"))

@@ -1,0 +1,64 @@
+"""Excite the motors of a robot that hangs or stands, and record what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from motorprior.hardware.control_loop import ControlLoop, Timing
+from motorprior.hardware.motions import played
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.session import Gains, StopRequest, confirm_and_look_again, first_look, run_armed
+from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.logs.robot_run import Mode
+
+_PROGRESS_EVERY = 50
+
+
+def excite(
+    robot: Robot,
+    targets: np.ndarray,
+    speed: float,
+    gains: Gains,
+    stop: StopRequest,
+    *,
+    hung: bool,
+    need_imu: bool,
+    confirm: Callable[[], None] = lambda: None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Timing:
+    """Look, arm, ramp to the nominal pose, play (steps, 12) targets [rad], and let go.
+
+    Args:
+        robot: idle; it has the recorder.
+        targets: from `excitation_targets`.
+        speed: fastest target that the gate lets pass [rad/s].
+        gains: to send.
+        stop: ends it early.
+        hung: the robot hangs in the air: it need not crouch.
+        need_imu: refuse a robot whose IMU is not read.
+        confirm: the arm step; raises if the user does not want to.
+        progress: gets the number of steps that are done, twice a second.
+
+    Raises:
+        RobotFault: why it ended early; the robot is idle and the recording is kept.
+    """
+    first_look(robot, need_imu)
+    confirm_and_look_again(robot, confirm, need_imu)
+    timing, done = Timing(), 0
+
+    def count(_: Measurement) -> None:
+        nonlocal done
+        done += 1
+        if done % _PROGRESS_EVERY == 0:
+            progress(_PROGRESS_EVERY)
+
+    def work(loop: ControlLoop) -> None:
+        nonlocal timing
+        robot.gate.target_speed = min(speed, robot.gate.target_speed)
+        loop.play(played(targets), Mode.EXCITE, count)
+        timing = loop.timing
+
+    run_armed(robot, gains, stop, work, crouch=not hung)
+    return timing

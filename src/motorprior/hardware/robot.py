@@ -1,0 +1,217 @@
+"""A robot at the end of a serial port: listens, judges, and lets commands out through the gate only."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from types import TracebackType
+
+import numpy as np
+
+from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
+from motorprior.hardware.axes import from_wire
+from motorprior.hardware.guardian import Guardian
+from motorprior.hardware.health import FrozenImu, Tilt, Tracking, check_extras, check_stream
+from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.safety import SafetyGate
+from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
+from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.spec import SafetyLimits
+
+_IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
+"""The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
+_LAW_EVERY = 10
+"""Commands with a target between two with the gains: one of those may get lost."""
+_KEPT_TEXT = 50
+_CATCH_UP = 0.02
+
+
+class Robot:
+    """One robot, idle until it is armed and idle again when it is closed. Use it in a ``with`` block.
+
+    Attributes:
+        limits: of the safety layer.
+        stream: believed telemetry and its counters, in the library's signs.
+        text: the last lines that the robot printed.
+        sent: commands with a target since it was armed.
+        received: messages, text included.
+
+    Args:
+        link: open port; closed with the robot.
+        limits: see attributes; the robot's own if not given.
+        recorder: gets every believed measurement made under a target; closed with the robot.
+    """
+
+    def __init__(self, link: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None):
+        self._link, self._recorder = link, recorder
+        self.limits = limits = limits or spec.SAFETY
+        self.stream = TelemetryStream(limits)
+        self.text: list[str] = []
+        self.sent = 0
+        self._gate: SafetyGate | None = None
+        self._guardian: Guardian | None = None
+        self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(limits)
+        self._checked: Measurement | None = None
+        self._error_line: str | None = None
+        self._forgiven: set[str] = set()
+
+    def __enter__(self) -> Robot:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def rejected(self) -> int:
+        """Damaged frames."""
+        return self._link.rejected
+
+    @property
+    def gate(self) -> SafetyGate:
+        """The gate of an armed robot.
+
+        Raises:
+            RobotFault: it is not armed.
+        """
+        if self._gate is None:
+            raise RobotFault("not armed", "the robot is idle", remedy="arm it first")
+        return self._gate
+
+    @property
+    def target(self) -> np.ndarray | None:
+        """The (12,) target in force [rad], None while idle."""
+        return None if self._gate is None else self._gate.target
+
+    def listen(self, until: float) -> None:
+        """Take in what the robot says until ``until`` [s] on the monotonic clock; at least what is there already.
+
+        Raises:
+            RobotFault: the port is gone.
+        """
+        while True:
+            for arrival, message in self._link.wait(until):
+                if isinstance(message, str):
+                    self._hear(message)
+                    continue
+                measurement = self.stream.take(from_wire(message), arrival)
+                if measurement is not None:
+                    self._record(measurement)
+            if time.monotonic() >= until:
+                return
+
+    def check(self) -> Measurement:
+        """The latest measurement of a robot that is well.
+
+        Raises:
+            RobotFault: the first thing that is wrong; see docs/hardware.md.
+        """
+        if self._error_line is not None:
+            line, self._error_line = self._error_line, None
+            raise RobotFault("firmware", f"the robot says {line!r}", remedy="switch it off and on again")
+        measurement = check_stream(self.stream, self.limits, time.monotonic())
+        if measurement is self._checked:
+            return measurement
+        self._checked = measurement
+        telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
+        with self._unless_forgiven():
+            check_extras(telemetry, self.limits)
+        with self._unless_forgiven():
+            self._imu.check(telemetry, now)
+        self._tilt.check(telemetry, now)
+        if (target := self.target) is not None:
+            with self._unless_forgiven():
+                self._tracking.check(telemetry.pos, target, now)
+        return measurement
+
+    def arm(self, kp: float, kd: float, max_current: float, target_speed: float | None = None) -> None:
+        """Start the watchdog and take hold of the joints where they are.
+
+        Raises:
+            RobotFault: something is wrong with the robot, the gains, or the watchdog.
+        """
+        gate = SafetyGate(self.limits, kp, kd, max_current, target_speed)
+        self._forgiven.clear()
+        self._guardian = Guardian(self._link.fileno(), self.limits.watchdog)
+        self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
+        measurement = self.check()
+        gate.take_hold(measurement.telemetry.pos, time.monotonic())
+        self._gate, self.sent = gate, 0
+        self._tracking.forget()
+
+    def send(self, target: np.ndarray, mode: Mode) -> float:
+        """Hold (12,) position targets [rad]; returns when the command left [s].
+
+        Raises:
+            RobotFault: the gate or the watchdog says no, or the port is gone.
+        """
+        gate = self.gate
+        if self._guardian is not None:
+            self._guardian.beat()
+        command = gate.admit(target, time.monotonic())
+        if self.sent % _LAW_EVERY == 0:
+            self._link.send(gate.law())
+        sent = self._link.send(command)
+        self.sent += 1
+        if self._recorder is not None and (target_in_force := gate.target) is not None:
+            self._recorder.sent(sent, target_in_force, mode)
+        return sent
+
+    def forgive(self, *kinds: str) -> None:
+        """Go on in spite of faults that leave time to sit down."""
+        self._forgiven.update(kinds)
+        if "watchdog" in kinds and self._guardian is not None:
+            self._guardian.release()
+            self._guardian = None
+
+    def idle(self) -> None:
+        """Take the current from all motors, whatever state this host is in. Says it several times: frames get lost."""
+        if self._gate is not None:
+            command = self._gate.idle()
+            self._link.forget_unsent()
+            for repeats in _IDLE_BURSTS:
+                with contextlib.suppress(MotorPriorError):  # the port may be gone
+                    for _ in range(repeats):
+                        self._link.send(command)
+                time.sleep(_IDLE_PAUSE)
+            self._gate = None
+        if self._guardian is not None:
+            self._guardian.release()
+            self._guardian = None
+        if self._recorder is not None:
+            self._recorder.released()
+
+    def close(self) -> None:
+        """Idle, and give port and recording back."""
+        try:
+            self.idle()
+        finally:
+            self._link.close()
+            if self._recorder is not None:
+                self._recorder.close()
+
+    @contextlib.contextmanager
+    def _unless_forgiven(self) -> Iterator[None]:
+        try:
+            yield
+        except RobotFault as fault:
+            if fault.kind not in self._forgiven:
+                raise
+
+    def _record(self, measurement: Measurement) -> None:
+        """A recording that fails ends the motion, and must not hinder the way down."""
+        if (recorder := self._recorder) is None:
+            return
+        try:
+            recorder.write(measurement)
+        except ArtifactError:
+            self._recorder = None
+            recorder.close()
+            raise
+
+    def _hear(self, line: str) -> None:
+        self.text = [*self.text[1 - _KEPT_TEXT :], line]
+        if "ERROR" in line:
+            self._error_line = line

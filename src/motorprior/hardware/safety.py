@@ -1,0 +1,123 @@
+"""The gate: the one way from a position target to the robot.
+
+What is merely too far is brought into its bounds and counted; what cannot be meant ends the motion. After a fault the
+gate is shut: it lets nothing pass but idle, and, where the fault leaves time for it, the way down to a crouch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.axes import to_wire
+from motorprior.hardware.protocol import IDLE, Command
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.spec import SafetyLimits
+
+
+class SafetyGate:
+    """Position, slew, gain and current limits; every command of a host passes here.
+
+    Attributes:
+        position_clips: targets brought inside the joint limits.
+        slew_clips: targets slowed down.
+
+    Args:
+        limits: bounds.
+        kp: [A/rad] and kd: [A·s/rad], gains to send.
+        kd: see kp.
+        max_current: [A] to send.
+        target_speed: fastest change of a target [rad/s], if lower than the limits'.
+
+    Raises:
+        RobotFault: gains or a current beyond the limits, negative or not finite.
+    """
+
+    def __init__(
+        self, limits: SafetyLimits, kp: float, kd: float, max_current: float, target_speed: float | None = None
+    ):
+        _require_gain("kp", kp, limits.highest_kp, "A/rad")
+        _require_gain("kd", kd, limits.highest_kd, "A·s/rad")
+        _require_gain("max_current", max_current, limits.max_current, "A")
+        self._limits, self._kp, self._kd, self._max_current = limits, kp, kd, max_current
+        self._target: np.ndarray | None = None
+        self._time = 0.0
+        self._fault: RobotFault | None = None
+        self._descending = False
+        self.target_speed = limits.target_speed if target_speed is None else min(target_speed, limits.target_speed)
+        self.position_clips = self.slew_clips = 0
+
+    @property
+    def target(self) -> np.ndarray | None:
+        """The (12,) target that the robot holds [rad], None while idle."""
+        return None if self._target is None else self._target.copy()
+
+    def take_hold(self, joint_pos: np.ndarray, now: float) -> None:
+        """Begin where the joints are, so that the first target cannot be a jump.
+
+        Raises:
+            RobotFault: an earlier fault shut the gate.
+        """
+        if self._fault is not None:
+            raise self._fault
+        self._target = np.clip(joint_pos, spec.JOINT_LOWER, spec.JOINT_UPPER)
+        self._time = now
+
+    def admit(self, target: np.ndarray, now: float) -> Command:
+        """The command for a (12,) position target [rad] of the library's frame, made safe.
+
+        Raises:
+            RobotFault: not 12 finite numbers; nobody took hold before; or the gate is shut.
+        """
+        if self._fault is not None and not self._descending:
+            raise self._fault
+        if self._target is None:
+            raise self.shut(RobotFault("not armed", "a target for a robot that is idle"))
+        wanted = np.asarray(target, dtype=np.float64)
+        if wanted.shape != (spec.NUM_JOINTS,) or not np.all(np.isfinite(wanted)):
+            problem = f"target {wanted.tolist()} is not {spec.NUM_JOINTS} finite angles"
+            raise self.shut(RobotFault("impossible command", problem, safe_state="crouch"))
+        inside = np.clip(wanted, spec.JOINT_LOWER, spec.JOINT_UPPER)
+        self.position_clips += int(np.count_nonzero(inside != wanted))
+        # A late step may make up for at most two periods: a target must not leap after a pause.
+        reach = self.target_speed * min(max(0.0, now - self._time), 2.0 * spec.CONTROL_DT)
+        near = np.clip(inside, self._target - reach, self._target + reach)
+        self.slew_clips += int(np.count_nonzero(near != inside))
+        self._target, self._time = near, now
+        return Command(pos=to_wire(near))
+
+    def law(self) -> Command:
+        """Gains and current limit, a command of their own: some firmwares read nothing but `pos` beside it.
+
+        Raises:
+            RobotFault: the gate is shut.
+        """
+        if self._fault is not None and not self._descending:
+            raise self._fault
+        return Command(kp=self._kp, kd=self._kd, max_current=self._max_current)
+
+    def shut(self, fault: RobotFault) -> RobotFault:
+        """Shut the gate for good; the first fault is the one that stays."""
+        if self._fault is None:
+            self._fault = fault
+        self._descending = False
+        return self._fault
+
+    def let_down(self) -> None:
+        """Let the way down to a crouch pass; only after a fault that leaves time for it."""
+        self._descending = self._fault is None or self._fault.safe_state == "crouch"
+
+    def slow_down(self) -> None:
+        """From here on no target is faster than ``slow_speed``."""
+        self.target_speed = min(self.target_speed, self._limits.slow_speed)
+
+    def idle(self) -> Command:
+        """No current; always allowed."""
+        self._target = None
+        self._descending = False
+        return IDLE
+
+
+def _require_gain(name: str, value: float, highest: float, unit: str) -> None:
+    if not 0.0 < value <= highest:
+        raise RobotFault("gains", f"{name} {value:g} {unit} is not in (0, {highest:g}]", remedy="use the robot's gains")

@@ -1,0 +1,210 @@
+"""From a port to a moving robot and safely back: what deployment and recording have in common.
+
+    open, doctor, arm, ramp to the nominal pose, [walk or excite], crouch, idle
+
+Every way out leads through the last two, or through idle alone where a fault leaves no time to sit down.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import FrameType
+
+import numpy as np
+
+from motorprior.exceptions import MotorPriorError, RobotFault
+from motorprior.hardware.control_loop import ControlLoop
+from motorprior.hardware.health import is_imu_alive
+from motorprior.hardware.motions import Motion, ramp
+from motorprior.hardware.real_time import no_garbage_collection, real_time_priority
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
+
+_FIRST_LOOK = 0.5
+"""Time to listen before arming [s]."""
+_FEWEST_FRAMES = 20
+"""In the first look; a firmware sends 50 or 100."""
+_RANGE_SLACK = 0.1
+"""A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
+_HOLD = 0.5
+_NOT_TO_BE_TRUSTED = ("program error", "impossible command", "frozen IMU")
+"""Faults after which the motion that was playing, or what it sees, is no good for coming to rest."""
+_QUICK = 0.1
+"""Somebody who confirms within this time [s] is a script."""
+
+
+class StopRequest:
+    """Set by Ctrl-C, a polite kill, or a lost terminal; the second one is an order to drop everything."""
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+
+    def __call__(self) -> bool:
+        """Whether to stop."""
+        return self.reason is not None
+
+    def on_signal(self, number: int, _: FrameType | None) -> None:
+        """Handler of a signal.
+
+        Raises:
+            RobotFault: the second time, idle at once.
+        """
+        if self.reason is not None:
+            raise RobotFault("stopped", f"{signal.Signals(number).name} came twice")
+        self.reason = signal.Signals(number).name
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[StopRequest]:
+    """SIGINT, SIGTERM and SIGHUP end the motion cleanly while this is open."""
+    request = StopRequest()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, request.on_signal) for number in numbers}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What the robot is told besides its targets.
+
+    Attributes:
+        kp: [A/rad].
+        kd: [A·s/rad].
+        max_current: [A].
+    """
+
+    kp: float = spec.WIRE_KP
+    kd: float = spec.WIRE_KD
+    max_current: float = spec.MAX_CURRENT
+
+
+def first_look(robot: Robot, need_imu: bool) -> Measurement:
+    """Listen for a second and refuse a robot that must not be armed.
+
+    Raises:
+        RobotFault: too few frames, an IMU that is not read, joints out of range, a tilted body, or a fault.
+    """
+    before = robot.stream.accepted
+    robot.listen(time.monotonic() + _FIRST_LOOK)
+    measurement = robot.check()
+    telemetry, frames = measurement.telemetry, robot.stream.accepted - before
+    if frames < _FEWEST_FRAMES:
+        raise RobotFault("stale telemetry", f"{frames} frames in {_FIRST_LOOK:g} s", remedy="see `motorprior doctor`")
+    if need_imu and not is_imu_alive(telemetry):
+        raise RobotFault(
+            "no IMU",
+            "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be seen",
+            remedy="flash a firmware that reads the IMU, or give --without-imu and stay within reach of the robot",
+        )
+    outside = (telemetry.pos < spec.JOINT_LOWER - _RANGE_SLACK) | (telemetry.pos > spec.JOINT_UPPER + _RANGE_SLACK)
+    if outside.any():
+        worst = int(np.argmax(outside))
+        raise RobotFault(
+            "joint range",
+            f"{spec.JOINT_NAMES[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is "
+            f"{spec.JOINT_LOWER[worst]:+.2f} to {spec.JOINT_UPPER[worst]:+.2f}",
+            remedy="switch the robot on with its legs free so that it finds its end stops",
+        )
+    if max(abs(telemetry.roll), abs(telemetry.pitch)) > robot.limits.max_tilt:
+        raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
+    return measurement
+
+
+def confirm_and_look_again(robot: Robot, confirm: Callable[[], None], need_imu: bool) -> None:
+    """The arm step; a robot that waited for it is looked at once more.
+
+    Raises:
+        RobotFault: nobody confirmed, or see `first_look`.
+    """
+    before = time.monotonic()
+    confirm()
+    if time.monotonic() - before > _QUICK:
+        first_look(robot, need_imu)
+
+
+def run_armed(
+    robot: Robot,
+    gains: Gains,
+    stop: StopRequest,
+    work: Callable[[ControlLoop], None],
+    *,
+    control_dt: float = spec.CONTROL_DT,
+    crouch: bool = True,
+    wind_down: Callable[[], Motion] | None = None,
+) -> None:
+    """Arm, ramp to the nominal pose, ``work``, then wind down, crouch and idle, whatever happens.
+
+    Args:
+        robot: idle, looked at.
+        gains: to send.
+        stop: ends any motion.
+        work: plays motions on the loop it gets.
+        control_dt: control period [s].
+        crouch: sit down at the end; a hung robot need not.
+        wind_down: a motion that brings what ``work`` did to rest, before the crouch: a robot that walks at half a metre
+            per second and crouches at once falls over its feet one time in three.
+
+    Raises:
+        RobotFault: the fault that ended the run; the robot is idle.
+    """
+    worked = False
+    with no_garbage_collection(), real_time_priority():
+        try:
+            robot.arm(gains.kp, gains.kd, gains.max_current)
+            loop = ControlLoop(robot, robot.limits, control_dt, stop)
+            loop.play(_to_nominal(robot, control_dt), Mode.RAMP)
+            if not stop():
+                worked = True
+                work(loop)
+            if crouch:
+                _sit_down(robot, control_dt, wind_down if worked else None)
+        except Exception as error:
+            fault = error
+            if not isinstance(fault, RobotFault):
+                fault = RobotFault("program error", str(error), safe_state="crouch")
+            if crouch and fault.safe_state == "crouch":
+                _try_to_sit_down(robot, control_dt, fault, wind_down if worked else None)
+            raise
+        finally:
+            robot.idle()
+
+
+def _to_nominal(robot: Robot, control_dt: float) -> Motion:
+    target = robot.gate.target
+    assert target is not None, "armed"
+    return ramp(target, spec.NOMINAL_POSE, robot.limits.slow_speed, control_dt, _HOLD)
+
+
+def _sit_down(robot: Robot, control_dt: float, wind_down: Callable[[], Motion] | None) -> None:
+    """Come to rest and crouch, on a clock of its own: what ended the motion must not end this."""
+    robot.gate.let_down()
+    robot.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
+    patient = replace(robot.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
+    loop = ControlLoop(robot, patient, control_dt, lambda: False)
+    if wind_down is not None:
+        loop.play(wind_down(), Mode.WALK)
+    robot.gate.slow_down()
+    target = robot.gate.target
+    assert target is not None, "armed"
+    loop.play(ramp(target, spec.CROUCH_POSE, robot.limits.slow_speed, control_dt), Mode.CROUCH)
+
+
+def _try_to_sit_down(
+    robot: Robot, control_dt: float, fault: RobotFault, wind_down: Callable[[], Motion] | None
+) -> None:
+    """Crouch after a fault; a second fault on the way leaves idle, which follows anyway."""
+    with contextlib.suppress(MotorPriorError):
+        robot.gate.shut(fault)
+        robot.forgive(fault.kind)
+        _sit_down(robot, control_dt, None if fault.kind in _NOT_TO_BE_TRUSTED else wind_down)

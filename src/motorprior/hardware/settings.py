@@ -1,0 +1,86 @@
+"""What a person can choose about a robot's run, for every command line; and whether this computer can do it at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2 import spec
+
+Excitation = Literal["sine", "chirp", "steps", "multisine", "gait"]
+
+
+def require_robot_extra() -> None:
+    """Refuse to go on without the two libraries that talk to a robot.
+
+    Raises:
+        ConfigError: pyserial or msgpack is not installed.
+    """
+    missing = [name for name, module in (("pyserial", "serial"), ("msgpack", "msgpack")) if find_spec(module) is None]
+    if missing:
+        raise ConfigError(f"{' and '.join(missing)} not installed", remedy="pip install 'motorprior[robot]'")
+
+
+@dataclass(frozen=True)
+class DeploySettings:
+    """How to walk.
+
+    Attributes:
+        out: folder for run.csv, every measurement and command, and run.json; runs/deploy/<date> if not given.
+        seconds: time to walk [s]; until told to stop if not given.
+        throttle: share of the trained intensity of the gait to begin with, 0..1 [-].
+        kp: position gain to send [A/rad]; the robot's own if not given.
+        kd: velocity gain to send [A·s/rad]; the robot's own if not given.
+        max_current: current limit to send [A].
+        without_imu: walk a robot whose IMU is not read: a fall is not seen.
+        dry_run: compute everything and send nothing, for --seconds or 5 s.
+        yes: arm without asking.
+    """
+
+    out: Path | None = None
+    seconds: float | None = None
+    throttle: float = 1.0
+    kp: float | None = None
+    kd: float | None = None
+    max_current: float = spec.MAX_CURRENT
+    without_imu: bool = False
+    dry_run: bool = False
+    yes: bool = False
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """What to play.
+
+    Attributes:
+        out: folder for run.csv, ready for `motorprior logs import`, and run.json; runs/record/<date> if not given.
+        excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot.
+        joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
+        seconds: duration [s].
+        amplitude: largest distance from the nominal pose [rad].
+        speed: fastest target [rad/s].
+        standing: the robot stands on the ground and sits down afterwards; otherwise it hangs in the air.
+        kp: position gain to send [A/rad].
+        kd: velocity gain to send [A·s/rad].
+        max_current: current limit to send [A].
+        seed: of the random signals.
+        without_imu: record a standing robot whose IMU is not read: a fall is not seen.
+        yes: arm without asking.
+    """
+
+    out: Path | None = None
+    excitation: Excitation = "multisine"
+    joint: str = "all"
+    seconds: float = 60.0
+    amplitude: float = 0.4
+    speed: float = 8.0
+    standing: bool = False
+    kp: float = spec.WIRE_KP
+    kd: float = spec.WIRE_KD
+    max_current: float = spec.MAX_CURRENT
+    seed: int = 0
+    without_imu: bool = False
+    yes: bool = False

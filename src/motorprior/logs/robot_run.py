@@ -1,0 +1,124 @@
+"""Recordings of a robot, one CSV line per believed frame of telemetry: what they hold, and how they become a log.
+
+A line is complete or, at the very end of a file whose writer was killed, cut: then it does not count. Time is the
+robot's own clock. A row holds the command in force and the measurements made at its time, as in any `MotorLog`.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.number_table import read_number_table
+from motorprior.robots.pupper_v2.spec import JOINT_NAMES, ROBOT_NAME, TORQUE_CONSTANT
+
+MOTOR = "DJI M2006 P36 + C610"
+_GAP = 0.055
+"""A pause longer than this [s] starts a new segment; single lost frames do not."""
+_SHORTEST_SEGMENT = 4
+_SERIES = ("position_target", "joint_pos", "joint_vel", "joint_current")
+_BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
+
+
+class Mode(IntEnum):
+    """What the robot was doing in a row."""
+
+    RAMP = 1
+    WALK = 2
+    EXCITE = 3
+    CROUCH = 4
+
+
+def run_columns(with_current: bool) -> tuple[str, ...]:
+    """Names of the columns: time, mode, when the target in force came into force, series per joint, body.
+
+    Units: s, rad, rad/s and, for joint_current, A; both times on the robot's clock.
+    """
+    series = _SERIES if with_current else _SERIES[:-1]
+    return ("time", "mode", "target_since", *(f"{name}/{joint}" for name in series for joint in JOINT_NAMES), *_BODY)
+
+
+def is_robot_run(path: Path) -> bool:
+    """Whether a file begins like a recording of a robot."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(10) == b"time,mode,"
+    except OSError:
+        return False
+
+
+def read_robot_run(
+    path: Path, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
+) -> MotorLog:
+    """The rows of a recording in which the motors worked.
+
+    A pause, or another mode, starts a new segment; segments of fewer than 4 rows are left out. Where the robot sent
+    currents, joint_torque = current · torque constant: the motor's own estimate, without the friction of its gear.
+
+    Args:
+        path: the recording.
+        modes: what the robot must have been doing.
+        period: put every segment on this grid [s]: angles by cubic splines, velocities as their derivatives, and each
+            target from the very moment it came into force. As recorded if not given.
+
+    Raises:
+        LogError: not a recording, damaged before its last line, or without a row of these modes.
+    """
+    with open(path, encoding="utf-8", errors="replace") as file:
+        with_current = "joint_current/" in file.readline()
+    columns = run_columns(with_current)
+    table = read_number_table(path, columns, may_be_cut=True)
+    breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
+    breaks |= np.diff(table[:, 1], prepend=0.0) != 0.0
+    segment = np.cumsum(breaks)
+    long_enough = np.bincount(segment)[segment] >= _SHORTEST_SEGMENT
+    rows = np.isin(table[:, 1], modes) & long_enough
+    if not rows.any():
+        raise LogError(
+            "no row in which the robot walked or was excited", where=path, remedy="record longer, or give another file"
+        )
+    parts = [table[rows & (segment == index)] for index in np.unique(segment[rows])]
+    if period is not None:
+        parts = [_on_grid(part, period, path) for part in parts]
+    return checked(_as_log(parts, columns, path), where=path)
+
+
+def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], path: Path) -> MotorLog:
+    table, joints = np.concatenate(parts), len(JOINT_NAMES)
+    series = {name: table[:, 3 + index * joints : 3 + (index + 1) * joints] for index, name in enumerate(_SERIES)}
+    with_current = len(columns) == len(run_columns(True))
+    roll = columns.index("roll")
+    return MotorLog(
+        time=table[:, 0],
+        position_target=series["position_target"],
+        joint_pos=series["joint_pos"],
+        joint_vel=series["joint_vel"],
+        joint_torque=TORQUE_CONSTANT * series["joint_current"] if with_current else None,
+        segment=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        base_orientation=table[:, roll : roll + 2],
+        joint_names=JOINT_NAMES,
+        robot=ROBOT_NAME,
+        motor=MOTOR,
+        source=str(path),
+    )
+
+
+def _on_grid(part: np.ndarray, period: float, path: Path) -> np.ndarray:
+    """The rows of one segment every ``period`` [s]."""
+    from scipy.interpolate import CubicSpline
+
+    time, joints = part[:, 0], len(JOINT_NAMES)
+    if not 0.0 < period <= time[-1] - time[0]:
+        raise LogError(f"period {period:g} s does not fit a segment of {time[-1] - time[0]:g} s", where=path)
+    grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
+    targets, angles = slice(3, 3 + joints), slice(3 + joints, 3 + 2 * joints)
+    spline = CubicSpline(time, part[:, 3 + joints :], axis=0)
+    since = np.maximum.accumulate(part[:, 2])
+    in_force = np.maximum(0, np.searchsorted(since, grid, side="right") - 1)
+    out = np.column_stack([grid, part[in_force, 1:3], part[in_force, targets], spline(grid)])
+    out[:, 3 + 2 * joints : 3 + 3 * joints] = CubicSpline(time, part[:, angles], axis=0)(grid, 1)
+    return out

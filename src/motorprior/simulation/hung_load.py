@@ -1,0 +1,56 @@
+"""What every motor of a hung robot has to carry: inverse dynamics, one joint at a time.
+
+With the chassis fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's own belongs to its motor)
+and b gravity and Coriolis torques. For joint j that is a bench of its own, `MotorLog`'s known load:
+
+    M_jj·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k)
+    load_inertia      external_torque
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.mjcf import mjcf
+
+
+def with_loads(log: MotorLog) -> MotorLog:
+    """The same log with load_inertia [kg·m²] and external_torque [N·m], its body level and fixed.
+
+    Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run` with a period.
+
+    Raises:
+        LogError: not the 12 joints of this robot, or without velocities.
+    """
+    if log.joint_names != spec.JOINT_NAMES or log.joint_vel is None:
+        problem = "no velocities" if log.joint_vel is None else f"joints {log.joint_names}"
+        raise LogError(problem, where=log.source, remedy="give a recording of the robot")
+    model = mujoco.MjModel.from_xml_string(mjcf(hung=True))
+    data = mujoco.MjData(model)
+    inertia, external = np.empty_like(log.joint_pos), np.empty_like(log.joint_pos)
+    for part in log.segment_slices():
+        acceleration = np.gradient(log.joint_vel[part], log.time[part], axis=0)
+        for row, joint_acc in zip(range(part.start, part.stop), acceleration, strict=True):
+            inertia[row], external[row] = _load(model, data, log.joint_pos[row], log.joint_vel[row], joint_acc)
+    return checked(replace(log, load_inertia=inertia, external_torque=external), where=log.source)
+
+
+def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
+    """(12,) load inertia and (12,) external torque at one moment."""
+    data.qpos[:], data.qvel[:] = joint_pos, joint_vel
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    own, carried, column = np.zeros(model.nv), np.zeros(model.nv), np.zeros(model.nv)
+    for joint, unit in enumerate(np.eye(model.nv)):
+        mujoco.mj_mulM(model, data, column, unit)
+        own[joint] = column[joint]
+    mujoco.mj_mulM(model, data, carried, joint_acc)
+    return own, -data.qfrc_bias - (carried - own * joint_acc)

@@ -1,0 +1,104 @@
+"""The twin, one millisecond after the other: a robot on physical motors whose gains may change while it moves."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
+from motorprior.robots.pupper_v2 import spec
+from motorprior.rotations import roll_pitch_yaw
+from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step, read_joints
+
+COUNT = 2.0 * np.pi / (8192 * 36)
+"""Resolution of the encoder at the output [rad]: 8192 per turn of the rotor, gear 36:1 (DJI M2006)."""
+IMU_NOISE = (0.002, 0.01)
+"""Standard deviation of attitude [rad] and rates [rad/s]; assumption, a MEMS sensor at 100 Hz."""
+FOLDED_POSE = np.tile([0.0, 1.6, -2.5], 4)
+"""How it lies before it is switched on [rad]: on its belly, legs folded."""
+_BLOCKED = 50.0
+"""Damping [N·m·s/rad] of a joint that something holds fast."""
+
+
+@dataclass(frozen=True)
+class LiveState:
+    """Attributes: joint_pos (12,) [rad], joint_vel (12,) [rad/s], attitude and rates (3,), base (7,) qpos."""
+
+    joint_pos: np.ndarray
+    joint_vel: np.ndarray
+    attitude: np.ndarray
+    rates: np.ndarray
+    base: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, steps: int) -> None:
+    for _ in range(steps):
+        physics_step(world, motors, target)
+
+
+class LiveRobot:
+    """A Pupper that lives from the moment it is made, lying on its belly with folded legs, or hung.
+
+    Unlike in training, the chassis touches the floor, so that a robot without current lies there.
+
+    Args:
+        motors: twelve physical motors; their gains and torque limits are those at 50 A/rad, 5 A·s/rad and 7 A.
+        hung: the chassis is fixed in the air.
+        rng: of the IMU's noise.
+    """
+
+    def __init__(self, motors: MotorParameters, hung: bool, rng: np.random.Generator):
+        self._world = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
+        self._motors, self._rng, self._hung = motors, rng, hung
+        model = self._world.model
+        floor, chassis = model.geom("floor").id, model.body("chassis").geomadr[0]
+        model.geom_contype[floor] = model.body_contype[0] = 1
+        model.geom_conaffinity[chassis] = model.body_conaffinity[model.body("chassis").id] = 1
+        self._arrays = self._world.reset(PhysicalActuator(motors), FOLDED_POSE)
+        if not hung:
+            self._world.data.qpos[2] = float(spec.leg_drop(FOLDED_POSE[:3]))
+        self._damping = model.dof_damping.copy()
+        self.advance(0, FOLDED_POSE)  # compile, or load what was compiled, before time counts
+
+    def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:
+        """Gains (12,) [A/rad], [A·s/rad] and current limit [A] from now on; each motor keeps its torque per ampere."""
+        motors = replace(
+            self._motors,
+            kp=self._motors.kp * kp / spec.WIRE_KP,
+            kd=self._motors.kd * kd / spec.WIRE_KD,
+            torque_limit=self._motors.torque_limit * (max_current / spec.MAX_CURRENT),
+        )
+        self._arrays.parameters[:] = PhysicalActuator(motors).arrays(spec.TWIN_PHYSICS_DT).parameters
+
+    def block(self, joints: tuple[int, ...]) -> None:
+        """Hold these joints fast, and no others."""
+        damping = self._damping.copy()
+        damping[[self._world.first_dof + joint for joint in joints]] = _BLOCKED
+        self._world.model.dof_damping[:] = damping
+
+    def advance(self, milliseconds: int, target: np.ndarray) -> None:
+        """Let time pass under (12,) targets [rad]."""
+        _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
+
+    def state(self) -> LiveState:
+        """What the sensors and an observer see now."""
+        data, measured = self._world.data, np.zeros(spec.NUM_JOINTS)
+        read_joints(self._world.arrays, self._arrays, measured)
+        noise = self._rng.standard_normal(6)
+        attitude, rates, base = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        if not self._hung:
+            base = data.qpos[:7].copy()
+            attitude, rates = np.array(roll_pitch_yaw(base[3:])), data.qvel[3:6].copy()
+        return LiveState(
+            joint_pos=COUNT * np.round(measured / COUNT),
+            joint_vel=self._arrays.memory[FILTERED_VEL].copy(),
+            attitude=attitude + IMU_NOISE[0] * noise[:3],
+            rates=rates + IMU_NOISE[1] * noise[3:],
+            base=base,
+        )

@@ -1,0 +1,120 @@
+"""deploy, record, doctor and virtual-pupper from the command line: against virtual robots, and with bad input."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.windows import training_data
+from motorprior.locomotion.policy import Policy
+from motorprior.logs.parquet_io import read_log
+from motorprior.logs.robot_run import read_robot_run
+from motorprior.robots.pupper_v2 import spec
+
+
+def policy_file(path: Path, **changes) -> Path:
+    """Zero weights: a trot."""
+    gains = np.full(12, spec.WIRE_KP * spec.TORQUE_CONSTANT), np.full(12, spec.WIRE_KD * spec.TORQUE_CONSTANT)
+    trot = Policy(np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT)
+    replace(trot, **changes).save(path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine that runs tests has other things to do: a host may be late."""
+    late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
+    monkeypatch.setattr(spec, "SAFETY", replace(spec.SAFETY, **late))
+
+
+@pytest.fixture
+def policy(tmp_path: Path) -> Path:
+    return policy_file(tmp_path / "policy.safetensors")
+
+
+def test_a_policy_walks_a_virtual_robot_and_leaves_a_log(motorprior: Callable, policy: Path, tmp_path: Path):
+    out = tmp_path / "run"
+    done = motorprior("deploy", policy, "--virtual", "--robot.no-homing", "--seconds", 0.5, "--yes", "--out", out)
+    assert done.code == 0, done.err
+    assert "period_jitter_ms/p99" in done.out and "stopped by time" in done.err
+    facts = json.loads((out / "run.json").read_text())
+    assert facts["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and facts["policy"] == str(policy)
+    assert json.loads((out / "figures.json").read_text())["control_steps"] >= 40
+    log = read_robot_run(out / "run.csv")
+    assert log.num_joints == 12 and 1.3 < log.duration < 1.8, "half a second, and one to come to rest"
+
+
+def test_an_excitation_becomes_a_log_that_a_prior_can_adapt_to(motorprior: Callable, tmp_path: Path):
+    out = tmp_path / "rec"
+    settings = ("--robot.no-homing", "--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
+    done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
+    assert done.code == 0, done.err
+    checked = motorprior("logs", "check", out / "run.csv")
+    assert checked.code == 0 and "12 joints, 2.0 s" in checked.out, checked.out
+    done = motorprior("logs", "import", out / "run.csv", "--hung", "--out", tmp_path / "log")
+    assert done.code == 0, done.err
+    log = read_log(tmp_path / "log" / "run.parquet")
+    assert log.joint_torque is not None and 1.8 < log.duration < 2.1
+    assert np.median(np.diff(log.time)) == pytest.approx(spec.PHYSICS_DT)
+    data = training_data(log, identification_preset("rollout"), "the recording")
+    assert data.series.shape[0] == 12 and len(data.starts) > 100
+
+
+def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
+    done = motorprior("virtual-pupper", "--seconds", 0.3, "--json", tmp_path / "life.json", "--link", tmp_path / "port")
+    assert done.code == 0 and "now ho" in done.err, done.err  # homing, or holding on a quick machine
+    life = json.loads((tmp_path / "life.json").read_text())
+    assert life["targets"] == 0 and life["mode"].startswith("ho") and not (tmp_path / "port").is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("deploy {policy} --port a --virtual", ("--port a and --virtual", "one of them")),
+        ("deploy {policy} --robot.seed 3", ("without --virtual",)),
+        ("deploy {policy} --port /dev/ttyNONE --yes", ("no port", "/dev/ttyNONE")),
+        ("deploy {policy} --port /dev/null", ("nobody is at the terminal", "--yes")),
+        ("deploy {policy} --port /dev/null --yes", ("/dev/null",)),
+        ("deploy no.safetensors --virtual --yes", ("no such file",)),
+        ("deploy {other_gains} --port /dev/null --yes", ("kp = 22.2", "--kp 22.2")),
+        ("deploy {slow} --port /dev/null --yes", ("0.02 s", "0.01 s")),
+        ("deploy {policy} --port /dev/null --yes --kp 90", ("--kp 90", "at most 60")),
+        ("deploy {policy} --port /dev/null --yes --throttle 2", ("--throttle 2", "at most 1")),
+        ("deploy {policy} --port /dev/null --yes --seconds 0", ("--seconds 0",)),
+        ("deploy {policy} --port /dev/null --yes --max-current 12", ("--max-current 12", "at most 7")),
+        ("record --port /dev/null --yes --joint tail", ("no joint 'tail'", "FR_abduction")),
+        ("record --port /dev/null --yes --amplitude 3", ("--amplitude 3", "at most 1.5")),
+        ("record --port /dev/null --yes --speed 0", ("--speed 0",)),
+        ("record --port /dev/null --yes --seconds 0.1", ("--seconds 0.1", "at least 1")),
+        ("record --port /dev/null --yes --seed -1", ("--seed -1",)),
+        ("doctor --port /dev/null --seconds 0", ("--seconds 0", "at least 1")),
+        ("virtual-pupper --robot.rate 50", ("--rate 50", "100 or 200")),
+        ("virtual-pupper --robot.drop 2", ("--drop", "above 1")),
+        ("virtual-pupper --robot.fault melted@3", ("no fault 'melted@3'", "unplugged")),
+        ("virtual-pupper --robot.fleet none", ("no fleet 'none'", "pupper_v2")),
+        ("logs import {raw} --hung --out x", ("recordings", "leave them out")),
+        ("logs import {raw} --period 0 --out x", ("--period 0",)),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    refused: Callable, tmp_path: Path, pupper_logs: Path, command: str, words: tuple[str, ...]
+):
+    files = {
+        "policy": policy_file(tmp_path / "policy.safetensors"),
+        "other_gains": policy_file(tmp_path / "gains.safetensors", kp=np.full(12, 4.0)),
+        "slow": policy_file(tmp_path / "slow.safetensors", control_dt=0.02),
+        "raw": next(pupper_logs.iterdir()),
+    }
+    refused(*command.format(**files).split(), words=words)
+
+
+def test_a_folder_in_use_is_not_overwritten(motorprior: Callable, policy: Path, tmp_path: Path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.csv").write_text("precious")
+    done = motorprior("record", "--virtual", "--robot.no-homing", "--yes", "--out", tmp_path / "run")
+    assert done.code == 2 and "exists already" in done.err
+    assert (tmp_path / "run" / "run.csv").read_text() == "precious"

@@ -1,0 +1,36 @@
+"""Run a module as on the robot's own computer: nothing can be imported but the standard library and three packages.
+
+python bare_environment.py MODULE ARGS... or python bare_environment.py -c CODE
+
+The limits on being late are wide: the machine that runs tests has other things to do, and what is tested is what
+happens, not when.
+"""
+
+import dataclasses
+import importlib.abc
+import runpy
+import sys
+
+INSTALLED = {"numpy", "serial", "msgpack", "motorprior"}
+
+
+class OnlyInstalled(importlib.abc.MetaPathFinder):
+    """Says of everything else that it is not there."""
+
+    def find_spec(self, fullname, path=None, target=None):
+        top = fullname.partition(".")[0]
+        if top not in INSTALLED and top not in sys.stdlib_module_names and not top.startswith("_"):
+            raise ModuleNotFoundError(f"No module named {fullname!r}", name=fullname)
+
+
+if __name__ == "__main__":
+    sys.meta_path.insert(0, OnlyInstalled())
+    sys.argv = sys.argv[1:]
+    from motorprior.robots.pupper_v2 import spec
+
+    late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
+    spec.SAFETY = dataclasses.replace(spec.SAFETY, **late)
+    if sys.argv[0] == "-c":
+        exec(sys.argv[1])
+    else:
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)

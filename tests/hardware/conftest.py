@@ -1,0 +1,161 @@
+"""Virtual Puppers at real pseudo-terminals, and hosts that drive them."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.cli.virtual_pupper import Virtual, make
+from motorprior.hardware.control_loop import ControlLoop
+from motorprior.hardware.firmware import Drive, Sensors
+from motorprior.hardware.motions import ramp
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.session import Gains
+from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
+from motorprior.locomotion.policy import Policy
+from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
+
+PATIENT = replace(spec.SAFETY, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)
+"""Limits for a machine that has other things to do, and for tests in a hurry: quick ramps. The real ones are tested
+without a clock in test_safety.py, and measured by benchmarks/hardware.py."""
+BARE = [sys.executable, str(Path(__file__).with_name("bare_environment.py")), "motorprior.hardware"]
+"""The command line of the robot's computer, without numba, safetensors, tyro and all the rest."""
+QUIET = 0.15
+"""Time for the first frames [s]."""
+
+
+@pytest.fixture(scope="session")
+def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The policy of zero weights: it trots at 1.25 Hz and stays on its feet."""
+    path = tmp_path_factory.mktemp("policy") / "policy.safetensors"
+    gains = np.full(12, spec.WIRE_KP * spec.TORQUE_CONSTANT), np.full(12, spec.WIRE_KD * spec.TORQUE_CONSTANT)
+    Policy(np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT).save(path)
+    return path
+
+
+@pytest.fixture
+def virtual() -> Iterator[Callable[..., VirtualPupper]]:
+    """Start a virtual Pupper that holds its pose at once, in a thread; all end with the test."""
+    ends = []
+
+    def start(**settings) -> VirtualPupper:
+        robot, body = make(Virtual(**{"homing": False, **settings}))
+        robot.body = body  # pyright: ignore[reportAttributeAccessIssue]  # for the truth
+        ends.append(in_thread(robot))
+        return robot
+
+    yield start
+    for end in ends:
+        end()
+
+
+@pytest.fixture
+def host() -> Iterator[Callable[..., Robot]]:
+    """A host's side of a port; idle when the test ends."""
+    made = []
+
+    def connect(port: str, **settings) -> Robot:
+        made.append(Robot(SerialLink(port), **{"limits": PATIENT, **settings}))
+        made[-1].listen(time.monotonic() + QUIET)
+        return made[-1]
+
+    yield connect
+    for robot in made:
+        robot.close()
+
+
+def _stand_up(robot: Robot, stop: Callable[[], bool] = lambda: False) -> ControlLoop:
+    """Arm and ramp to the nominal pose, a little faster than a person would."""
+    gains = Gains()
+    robot.arm(gains.kp, gains.kd, gains.max_current)
+    loop = ControlLoop(robot, robot.limits, spec.CONTROL_DT, stop)
+    target = robot.target
+    assert target is not None
+    loop.play(ramp(target, spec.NOMINAL_POSE, robot.limits.slow_speed, spec.CONTROL_DT), Mode.RAMP)
+    return loop
+
+
+def _when(robot: VirtualPupper, what: str, after: float = 0.0, patience: float = 3.0) -> float:
+    """The first time [s, monotonic] after ``after`` at which the robot entered a mode."""
+    give_up = time.monotonic() + patience
+    while time.monotonic() < give_up:
+        times = [at for at, event in list(robot.events) if event == what and at >= after]
+        if times:
+            return times[0]
+        time.sleep(0.005)
+    raise AssertionError(f"never {what}: {[event for _, event in robot.events][-5:]}")
+
+
+def _deploying(port: str, policy: Path, out: Path, *options: str) -> subprocess.Popen:
+    """`deploy` in a process of its own that has what the robot's computer has."""
+    return subprocess.Popen(
+        [*BARE, "deploy", str(policy), "--port", port, "--out", str(out), "--yes", *options],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture
+def stand_up() -> Callable[..., ControlLoop]:
+    """See `_stand_up`."""
+    return _stand_up
+
+
+@pytest.fixture
+def when() -> Callable[..., float]:
+    """See `_when`."""
+    return _when
+
+
+@pytest.fixture
+def deploying() -> Iterator[Callable[..., subprocess.Popen]]:
+    """See `_deploying`; whatever still runs is killed."""
+    started = []
+
+    def start(*arguments, **options) -> subprocess.Popen:
+        started.append(_deploying(*arguments, **options))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def bare_command() -> list[str]:
+    """See BARE."""
+    return BARE
+
+
+@pytest.fixture
+def still_body() -> "StillBody":
+    """A body for firmware alone."""
+    return StillBody()
+
+
+class StillBody:
+    """Joints that follow their targets like a first-order low-pass; no ground, no weight."""
+
+    def __init__(self):
+        self.pos, self.vel, self.drive = spec.JOINT_SIGNS * spec.NOMINAL_POSE, np.zeros(12), None
+
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        self.drive = drive
+        before = self.pos.copy()
+        share = 1.0 - np.exp(-1e-3 * milliseconds / spec.TRACKING_LAG)
+        self.pos = self.pos + share * np.where(drive.kp > 0.0, drive.target - self.pos, 0.0)
+        self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
+
+    def sense(self) -> Sensors:
+        drive = self.drive
+        wanted = np.zeros(12) if drive is None else drive.kp * (drive.target - self.pos) - drive.kd * self.vel
+        limit = 7.0 if drive is None else drive.max_current
+        return Sensors(self.pos.copy(), self.vel.copy(), np.clip(wanted, -limit, limit), np.full(3, 1e-3), np.zeros(3))

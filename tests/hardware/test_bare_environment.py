@@ -1,0 +1,92 @@
+"""The robot's own computer has numpy, pyserial and msgpack; that is enough to examine, record and walk."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.hardware.axes import backend_state
+from motorprior.hardware.motions import Walker
+from motorprior.hardware.protocol import Telemetry
+from motorprior.locomotion import control_step, policy, task, trajectory_generator
+from motorprior.robots.pupper_v2 import spec
+
+BARE = Path(__file__).with_name("bare_environment.py")
+
+
+def in_bare_environment(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(BARE), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize("name", ["numba", "jax", "mujoco", "safetensors", "tyro", "rich", "scipy", "pyarrow"])
+def test_the_bare_environment_is_bare(name: str):
+    assert f"No module named '{name}'" in in_bare_environment(name).stderr
+
+
+def test_every_module_of_hardware_can_be_imported():
+    folder = Path(policy.__file__).parents[1] / "hardware"
+    modules = [f"motorprior.hardware.{file.stem}" for file in sorted(folder.glob("*.py"))]
+    assert len(modules) > 15
+    code = f"import importlib\nfor name in {modules}: importlib.import_module(name)\nprint('all')"
+    done = in_bare_environment("-c", code)
+    assert done.stdout == "all\n", done.stderr
+
+
+def test_the_help_of_every_command_shows_its_settings():
+    for command, option in (("deploy", "--without-imu"), ("record", "--excitation"), ("doctor", "--seconds")):
+        done = in_bare_environment("motorprior.hardware", command, "--help")
+        assert done.returncode == 0 and option in done.stdout and "--port" in done.stdout, done.stderr
+
+
+def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
+    pupper = virtual(currents=True)
+    dry = in_bare_environment(
+        "motorprior.hardware", "deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3
+    )
+    assert dry.returncode == 0 and "30 control steps, nothing was sent" in dry.stderr, dry.stderr
+    doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
+    assert doctor.returncode == 0 and "ok  IMU" in doctor.stderr and "ok  joint RL_knee" in doctor.stderr, doctor.stderr
+    assert pupper.received == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("deploy", "no.safetensors", "--port", "/dev/null"), "no such file"),
+        (("doctor", "--port", "/dev/ttyNONE"), "cannot open /dev/ttyNONE (No such file or directory)"),
+        (("record", "--port", "/dev/null", "--joint", "tail", "--yes"), "no joint 'tail'"),
+        (("record", "--port", "/dev/null"), "nobody is at the terminal"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], words: str):
+    done = in_bare_environment("motorprior.hardware", *arguments)
+    assert done.returncode == 2 and words in done.stderr, done.stderr
+    assert done.stderr.count("\n") == 1 and " -> " in done.stderr
+
+
+def test_interpreted_and_compiled_formulas_agree(trot: Path):
+    """To the last bit or two: the compiler may order a product differently, not more."""
+    rng, seen = np.random.default_rng(0), np.zeros(18)
+    modules = (control_step, policy, task, trajectory_generator)
+    compiled = {name: value for module in modules for name, value in vars(module).items() if hasattr(value, "py_func")}
+    assert {"act", "observe", "command_step", "low_pass", "joint_targets"} <= set(compiled)
+    weights, mean, std = rng.normal(0.0, 0.3, (16, 19)), rng.normal(0, 0.1, 18), rng.uniform(0.5, 2.0, 18)
+    state = [np.zeros(16), np.zeros(16)]
+    phase, targets, actions, commands = [0.0, 0.0], np.zeros((2, 12)), np.zeros((2, 16)), np.zeros((2, 16))
+    for _ in range(300):
+        quaternion = rng.normal(size=4)
+        angles, rates = rng.normal(0.0, 0.5, 12), rng.normal(0.0, 2.0, 3)
+        for way in range(2):
+            call = (lambda name: compiled[name].py_func) if way else (lambda name: compiled[name])
+            call("observe")(quaternion / np.linalg.norm(quaternion), rates, angles, phase[way], seen)
+            call("act")(weights, mean, std, seen, actions[way])
+            phase[way] = call("command_step")(actions[way], state[way], phase[way], 0.01, commands[way], targets[way])
+        np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-13)
+        assert phase[0] == pytest.approx(phase[1], abs=1e-13)
+    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
+    still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
+    assert np.all(np.isfinite(Walker(policy.Policy.load(trot)).step(backend_state(still, np.zeros(12)))))

@@ -1,0 +1,128 @@
+"""A recording is what happened, survives its writer, and is a motor log."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ArtifactError, LogError
+from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.logs.checks import check_log
+from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run, run_columns
+from motorprior.robots.pupper_v2 import spec
+
+LAG = 0.0025
+"""Between a measurement and the command that follows it [s]."""
+
+
+def measured(time: float, with_current: bool = False) -> Measurement:
+    pos = spec.NOMINAL_POSE + 0.2 * np.sin(3.0 * time)
+    zeros = dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.01)
+    telemetry = Telemetry(
+        ts=round(1e3 * time), **zeros, pos=pos, vel=0.6 * np.cos(3.0 * time) * np.ones(12),
+        cur=np.full(12, 2.0) if with_current else None,
+    )  # fmt: skip
+    return Measurement(telemetry, 100.0 + time, 100.0 + time)
+
+
+def target_at(step: int) -> np.ndarray:
+    return spec.NOMINAL_POSE + 0.2 * np.sin(0.03 * step + 0.1)
+
+
+def recorded(path: Path, steps: int = 200, mode: Mode = Mode.EXCITE, with_current: bool = False) -> Path:
+    """Each command leaves LAG after a measurement, at 100 Hz."""
+    recorder = Recorder(path)
+    for step in range(steps):
+        recorder.write(measured(0.01 * step, with_current))
+        recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), mode)
+    recorder.close()
+    return path
+
+
+def test_a_row_holds_the_command_in_force_when_it_was_measured(tmp_path: Path):
+    log = read_robot_run(recorded(tmp_path / "run.csv"))
+    assert log.num_rows == 199, "before the first command there is nothing to record"
+    np.testing.assert_allclose(log.time, 0.01 * np.arange(1, 200), atol=1e-9)
+    np.testing.assert_allclose(log.position_target[10], target_at(10), atol=1e-6)
+    np.testing.assert_allclose(log.joint_pos[10], spec.NOMINAL_POSE + 0.2 * np.sin(0.33), atol=1e-6)
+    assert log.joint_torque is None and log.joint_names == spec.JOINT_NAMES
+    assert check_log(log, spec.JOINT_LIMITS).usable
+
+
+def test_on_a_grid_commands_begin_when_they_did_and_angles_are_smooth(tmp_path: Path):
+    log = read_robot_run(recorded(tmp_path / "run.csv"), period=0.001)
+    change = np.flatnonzero(np.diff(log.position_target[:, 4]) != 0.0) + 1
+    phase = np.round(1e3 * (log.time[change] % 0.01))
+    assert set(phase) == {3.0} and len(change) >= 190, "the first millisecond after LAG"
+    np.testing.assert_allclose(log.joint_pos[:, 0], 0.2 * np.sin(3.0 * log.time), atol=2e-5)
+    assert log.joint_vel is not None
+    np.testing.assert_allclose(log.joint_vel[20:-20, 0], 0.6 * np.cos(3.0 * log.time[20:-20]), atol=2e-3)
+
+
+def test_currents_become_torques(tmp_path: Path):
+    log = read_robot_run(recorded(tmp_path / "run.csv", with_current=True))
+    assert log.joint_torque is not None
+    np.testing.assert_allclose(log.joint_torque, 2.0 * spec.TORQUE_CONSTANT)
+
+
+@pytest.mark.parametrize("lost", [1, 7, 300])
+def test_a_cut_last_line_does_not_count(tmp_path: Path, lost: int):
+    path = recorded(tmp_path / "run.csv")
+    whole = read_robot_run(path)
+    path.write_bytes(path.read_bytes()[:-lost])
+    assert read_robot_run(path).num_rows == whole.num_rows - 1
+
+
+def test_damage_before_the_last_line_is_named(tmp_path: Path):
+    path = recorded(tmp_path / "run.csv")
+    lines = path.read_text().splitlines(keepends=True)
+    lines[7] = lines[7].replace(",", ";")
+    path.write_text("".join(lines))
+    with pytest.raises(LogError, match="row 6"):
+        read_robot_run(path)
+
+
+def test_pauses_and_other_modes_start_new_segments(tmp_path: Path):
+    recorder = Recorder(tmp_path / "run.csv")
+    for step in range(400):
+        mode = Mode.RAMP if step < 100 else Mode.WALK if step < 200 else Mode.EXCITE
+        if not 300 <= step < 310:
+            recorder.write(measured(0.01 * step))
+        recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), mode)
+    recorder.close()
+    log = read_robot_run(tmp_path / "run.csv")
+    assert [part.stop - part.start for part in log.segment_slices()] == [100, 99, 90]
+    assert len(list(read_robot_run(tmp_path / "run.csv", (Mode.RAMP,)).segments())) == 1
+
+
+def test_a_recording_without_a_moving_robot_is_refused(tmp_path: Path):
+    path = recorded(tmp_path / "run.csv", mode=Mode.CROUCH)
+    with pytest.raises(LogError, match="no row in which the robot walked"):
+        read_robot_run(path)
+
+
+def test_nothing_is_overwritten_and_nothing_empty_is_left(tmp_path: Path):
+    path = recorded(tmp_path / "a" / "run.csv")
+    with pytest.raises(ArtifactError, match="exists already"):
+        Recorder(path)
+    Recorder(tmp_path / "b.csv").close()
+    assert not (tmp_path / "b.csv").exists()
+
+
+def test_idle_time_is_not_recorded(tmp_path: Path):
+    recorder = Recorder(tmp_path / "run.csv")
+    recorder.sent(99.0, target_at(0), Mode.WALK)
+    recorder.write(measured(0.0))
+    recorder.released()
+    recorder.write(measured(0.01))
+    assert recorder.rows == 1
+    recorder.close()
+
+
+def test_a_recording_is_known_by_its_first_line(tmp_path: Path):
+    assert is_robot_run(recorded(tmp_path / "run.csv"))
+    (tmp_path / "other.csv").write_text("t_s,q_des_0\n")
+    assert not is_robot_run(tmp_path / "other.csv") and not is_robot_run(tmp_path / "none.csv")
+    assert len(run_columns(True)) == len(run_columns(False)) + 12

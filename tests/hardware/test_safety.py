@@ -1,0 +1,151 @@
+"""The gate: whatever comes in, what goes out is inside every bound, and nothing goes out after a fault."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.health import Pace, Tilt, Tracking
+from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.safety import SafetyGate
+from motorprior.robots.pupper_v2 import spec
+
+LIMITS = spec.SAFETY
+target = st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=12, max_size=12).map(np.array)
+
+
+def armed(**settings: float) -> SafetyGate:
+    gate = SafetyGate(LIMITS, **{"kp": 50.0, "kd": 5.0, "max_current": 7.0, **settings})
+    gate.take_hold(spec.NOMINAL_POSE, 0.0)
+    return gate
+
+
+def telemetry(**values) -> Telemetry:
+    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
+    return Telemetry(**{**zeros, "pos": np.zeros(12), "vel": np.zeros(12), **values})
+
+
+@given(steps=st.lists(st.tuples(target, st.floats(-1.0, 1.0)), max_size=20), speed=st.floats(0.1, 100.0))
+@settings(max_examples=300, deadline=None)
+def test_what_passes_is_inside_every_bound(steps: list[tuple[np.ndarray, float]], speed: float):
+    gate, now, last = armed(target_speed=speed), 0.0, spec.NOMINAL_POSE
+    for wanted, pause in steps:
+        now += pause
+        try:
+            command = gate.admit(wanted, now)
+        except RobotFault:
+            assert not np.all(np.isfinite(wanted))
+            with pytest.raises(RobotFault):
+                gate.admit(spec.NOMINAL_POSE, now)
+            return
+        assert command.pos is not None
+        sent = spec.JOINT_SIGNS * command.pos
+        assert np.all(sent >= spec.JOINT_LOWER) and np.all(sent <= spec.JOINT_UPPER)
+        assert np.abs(sent - last).max() <= min(speed, LIMITS.target_speed) * 2 * spec.CONTROL_DT + 1e-12
+        law = gate.law()
+        assert (law.pos, law.kp, law.kd, law.max_current) == (None, 50.0, 5.0, 7.0)
+        last = sent
+
+
+def test_a_target_inside_all_bounds_passes_untouched():
+    gate = armed()
+    wanted = spec.NOMINAL_POSE + 0.5
+    command = gate.admit(wanted, spec.CONTROL_DT)
+    np.testing.assert_array_equal(command.pos, spec.JOINT_SIGNS * wanted)
+    assert gate.position_clips == gate.slew_clips == 0
+
+
+def test_clipped_targets_are_counted():
+    gate = armed()
+    gate.admit(spec.NOMINAL_POSE + 0.1, 0.0)
+    assert (gate.position_clips, gate.slew_clips) == (0, 12), "no time has passed"
+    gate.admit(np.full(12, 9.0), 0.01)
+    assert gate.position_clips == 12
+
+
+@pytest.mark.parametrize(
+    "gains", [{"kp": 61.0}, {"kd": 6.1}, {"max_current": 7.1}, {"kp": float("nan")}, {"kd": -1.0}, {"max_current": 0.0}]
+)
+def test_gains_beyond_the_limits_are_refused(gains: dict[str, float]):
+    with pytest.raises(RobotFault, match="gains"):
+        armed(**gains)
+
+
+def test_the_first_fault_shuts_the_gate_and_stays():
+    gate = armed()
+    gate.shut(RobotFault("fall", "down"))
+    gate.shut(RobotFault("current", "later"))
+    for action in (
+        lambda: gate.admit(spec.NOMINAL_POSE, 1.0),
+        gate.law,
+        lambda: gate.take_hold(spec.NOMINAL_POSE, 1.0),
+    ):
+        with pytest.raises(RobotFault, match="fall"):
+            action()
+    gate.let_down()
+    with pytest.raises(RobotFault, match="fall"):
+        gate.admit(spec.CROUCH_POSE, 1.0)  # no way down after a fall
+    assert gate.idle().idle
+
+
+def test_a_fault_that_leaves_time_lets_the_way_down_pass_slowly():
+    gate = armed()
+    gate.shut(RobotFault("battery", "empty", safe_state="crouch"))
+    gate.let_down()
+    gate.slow_down()
+    command = gate.admit(spec.CROUCH_POSE, 0.01)
+    moved = np.abs(spec.JOINT_SIGNS * command.pos - spec.NOMINAL_POSE).max()
+    assert moved == pytest.approx(LIMITS.slow_speed * 0.01)
+
+
+def test_nothing_passes_before_somebody_took_hold():
+    with pytest.raises(RobotFault, match="not armed"):
+        SafetyGate(LIMITS, 50.0, 5.0, 7.0).admit(spec.NOMINAL_POSE, 0.0)
+
+
+def test_one_tilted_frame_is_no_fall():
+    tilt = Tilt(LIMITS)
+    for time, roll in ((0.0, 0.0), (0.01, 1.0), (0.02, 0.0), (0.03, 1.0), (0.04, 1.0)):
+        tilt.check(telemetry(roll=roll), time)
+    with pytest.raises(RobotFault, match="fall"):
+        for time in (0.05, 0.06):
+            tilt.check(telemetry(pitch=-1.0), time)
+
+
+def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
+    """First-order lag kd/kp, and 0.2 rad of sag: a real motor."""
+    tracking, joint = Tracking(LIMITS), np.zeros(12)
+    for step in range(500):
+        wanted = 0.8 * np.sin(2 * np.pi * 1.5 * 0.01 * step) * np.ones(12)
+        joint = joint + (1 - np.exp(-0.1)) * (wanted - joint)
+        tracking.check(joint + 0.2, wanted, 0.01 * step)
+
+
+def test_a_joint_that_stands_still_under_a_still_target_is_well():
+    tracking = Tracking(LIMITS)
+    for step in range(500):
+        tracking.check(np.full(12, 0.3), np.full(12, 0.2), 0.01 * step)
+
+
+@pytest.mark.parametrize(("motion", "kind"), [(0.0, "stuck"), (0.01, "tracking")])
+def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
+    tracking, joint = Tracking(LIMITS), np.zeros(12)
+    with pytest.raises(RobotFault, match=rf"{kind}.*FL_hip") as caught:
+        for step in range(200):
+            joint[4] = motion * np.sin(3.0 * step)
+            wanted = np.zeros(12)
+            wanted[4] = 0.8
+            tracking.check(joint, wanted, 0.01 * step)
+    assert caught.value.safe_state == "idle"
+
+
+def test_some_late_steps_are_allowed_and_many_are_not():
+    pace = Pace(LIMITS, 0.01)
+    for step in range(2000):
+        pace.check(0.02 if step % 20 == 0 else 0.0)
+    with pytest.raises(RobotFault, match="slow host"):
+        for _ in range(20):
+            pace.check(0.02)
+    with pytest.raises(RobotFault, match="60 ms late"):
+        Pace(LIMITS, 0.01).check(0.06)

@@ -1,0 +1,187 @@
+"""A robot is looked at before it is armed; pilots steer, doctors judge, excitations stay in bounds."""
+
+import os
+import pty
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.hardware.deploy import gains_for, walk
+from motorprior.hardware.doctor import examine
+from motorprior.hardware.excitations import excitation_targets, joints_of
+from motorprior.hardware.firmware import IDLE
+from motorprior.hardware.motions import Walker, ramp
+from motorprior.hardware.pilot import Pilot
+from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.session import StopRequest, first_look
+from motorprior.locomotion.policy import Policy
+from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
+
+
+@pytest.mark.parametrize(
+    ("robot", "fault", "need_imu", "words"),
+    [
+        ({"imu": False}, None, True, "no IMU.*--without-imu"),
+        ({}, "tilted", True, "fall"),
+        ({}, "mute", True, "stale telemetry"),
+        ({"imu": False}, None, False, None),
+    ],
+)
+def test_a_robot_that_must_not_be_armed_is_refused(
+    virtual: Callable, host: Callable, robot: dict, fault: str | None, need_imu: bool, words: str | None
+):
+    pupper = virtual(**robot)
+    connected = host(pupper.port)
+    if fault:
+        pupper.break_down(fault)
+    if words is None:
+        first_look(connected, need_imu)
+    else:
+        with pytest.raises(RobotFault, match=words):
+            first_look(connected, need_imu)
+    assert pupper.received == 0
+
+
+def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callable, trot: Path):
+    """1 % of the frames lost, 1 % damaged, 1 % twice, both ways."""
+    pupper = virtual(drop=0.01, corrupt=0.01, duplicate=0.01)
+    policy = Policy.load(trot)
+    run = walk(host(pupper.port), policy, gains_for(policy), StopRequest(), seconds=1.5)
+    assert run.stopped_by == "time" and len(run.timing.sent) > 100
+    deadline = time.monotonic() + 2.0
+    while pupper.firmware.mode != IDLE and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert pupper.firmware.mode == IDLE
+    attitude = pupper.body.live.state().attitude  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.abs(attitude[:2]).max() < 0.3, "on its feet"
+
+
+def test_a_port_has_one_user(virtual: Callable):
+    pupper = virtual()
+    link = SerialLink(pupper.port)
+    if os.geteuid() != 0:  # root may open what others hold
+        with pytest.raises(RobotFault, match="close every other program"):
+            SerialLink(pupper.port)
+    link.close()
+    with pytest.raises(RobotFault, match="unplugged"):
+        link.wait(time.monotonic())
+
+
+def test_the_doctor_finds_what_is_wrong(virtual: Callable, host: Callable):
+    healthy, sick = virtual(currents=True), virtual(imu=False, corrupt=0.2)
+    well = {one.check: one for one in examine(host(healthy.port), 1.0)}
+    assert all(one.well for one in well.values()), well
+    assert "not sent" not in well["currents"].finding and len(well) == 17
+    ill = {one.check: one for one in examine(host(sick.port), 1.0)}
+    assert not ill["IMU"].well and not ill["frames"].well
+    assert ill["currents"].finding == "not sent (position only)" and healthy.received == sick.received == 0
+
+
+def test_silence_is_a_diagnosis(host: Callable):
+    master, slave = pty.openpty()
+    with pytest.raises(RobotFault, match="nothing that is a frame in 1 s"):
+        examine(host(os.ttyname(slave)), 1.0)
+    os.close(master)
+    os.close(slave)
+
+
+@given(
+    kind=st.sampled_from(["sine", "chirp", "steps", "multisine", "gait"]),
+    joint=st.sampled_from(["all", "FR", "knee", "RL_hip"]),
+    seconds=st.floats(1.0, 20.0),
+    amplitude=st.floats(0.05, 1.5),
+    speed=st.floats(0.5, 20.0),
+    seed=st.integers(0, 100),
+)
+@settings(max_examples=60, deadline=None)
+def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, amplitude, speed, seed):
+    targets = excitation_targets(kind, joints_of(joint), seconds, amplitude, speed, spec.CONTROL_DT, seed)
+    away = targets - spec.NOMINAL_POSE
+    assert np.abs(away).max() <= amplitude + 1e-9
+    assert np.all(targets >= spec.JOINT_LOWER) and np.all(targets <= spec.JOINT_UPPER)
+    moving = set(np.flatnonzero(np.abs(away).max(axis=0)))
+    assert moving <= set(joints_of(joint)) and moving
+    assert np.abs(away[0]).max() == 0.0 and np.abs(away[-1]).max() < 1e-9
+    if kind != "steps":
+        assert np.abs(np.diff(targets, axis=0)).max() <= speed * spec.CONTROL_DT + 1e-9
+
+
+def test_joints_are_found_by_any_of_their_names():
+    assert joints_of("all") == tuple(range(12)) and joints_of("RL_knee") == (11,)
+    assert joints_of("FL") == (3, 4, 5) and joints_of("hip") == (1, 4, 7, 10)
+    with pytest.raises(ConfigError):
+        joints_of("")
+
+
+def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
+    start, goal = np.zeros(12), np.linspace(-1.0, 2.0, 12)
+    motion, row = ramp(start, goal, 1.5, 0.01, hold=0.1), []
+    while (target := motion(None)) is not None:  # pyright: ignore[reportArgumentType]
+        row.append(target)
+    speeds = np.abs(np.diff([start, *row], axis=0)) / 0.01
+    assert speeds.max() <= 1.5 and speeds[0].max() < 0.05 and np.array_equal(row[-1], goal)
+    assert len([target for target in row if np.array_equal(target, goal)]) >= 10
+
+
+def test_keys_and_stick_move_the_throttle_and_stop():
+    keys, typed = os.pipe()
+    stick, pushed = os.pipe()
+    pilot = Pilot(keys, stick, 1.0)
+    assert pilot.throttle() == 1.0
+    os.write(typed, b"sss")
+    assert pilot.throttle() == pytest.approx(0.7)
+    os.write(typed, b"\x1b[A")
+    assert pilot.throttle() == pytest.approx(0.8)
+    os.write(typed, b" ")
+    assert pilot.throttle() == 0.0
+    os.write(pushed, struct.pack("<IhBB", 0, -16384, 0x82, 1) + struct.pack("<IhBB", 1, -32767, 2, 1))
+    assert pilot.throttle() == 1.0, "an event at the start says where the stick is, nobody pushed it"
+    os.write(pushed, struct.pack("<IhBB", 2, 1, 1, 0))
+    assert pilot.throttle() is None, "a button"
+    os.write(typed, b"q")
+    assert pilot.throttle() is None
+    os.close(typed)
+    assert pilot.throttle() is None, "a lost terminal"
+
+
+def test_throttle_scales_the_stride_and_full_throttle_is_the_policy_itself(trot: Path):
+    from motorprior.hardware.axes import backend_state
+    from motorprior.hardware.protocol import Telemetry
+
+    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
+    state = backend_state(Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
+
+    def stride(throttle: float) -> float:
+        walker = Walker(Policy.load(trot))
+        walker.throttle = throttle
+        return float(np.ptp([walker.step(state)[1] for _ in range(300)][100:]))
+
+    assert stride(0.0) < 0.02 < stride(0.5) < stride(1.0)
+
+
+def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
+    policy = Policy.load(trot)
+    assert (gains_for(policy).kp, gains_for(policy).kd) == (50.0, 5.0)
+    assert (gains_for(policy, 22.0, 2.2).kp, gains_for(policy, 22.0, 2.2).kd) == (22.0, 2.2)
+
+
+def test_gains_reach_the_robot_in_commands_of_their_own_and_again(
+    virtual: Callable, host: Callable, stand_up: Callable
+):
+    """Some firmwares read nothing but `pos` beside it, and any command may get lost."""
+    pupper = virtual()
+    pupper.firmware._gains = (1.0, 1.0, 1.0)
+    robot = host(pupper.port)
+    loop = stand_up(robot)
+    assert pupper.firmware._gains == (50.0, 5.0, 7.0)
+    pupper.firmware._gains = (1.0, 1.0, 1.0)
+    loop.play(ramp(spec.NOMINAL_POSE, spec.NOMINAL_POSE, 1.0, spec.CONTROL_DT), Mode.RAMP)
+    assert pupper.firmware._gains == (50.0, 5.0, 7.0)

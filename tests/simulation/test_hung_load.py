@@ -1,0 +1,59 @@
+"""The load that inverse dynamics gives a hung robot's motors is the one they had."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.hung_load import with_loads
+from motorprior.simulation.world import World, WorldConfig
+
+
+def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> tuple[MotorLog, np.ndarray]:
+    """Known torques on a hung robot without motors, finely simulated."""
+    import mujoco
+
+    world = World(WorldConfig(physics_dt=step, hung=True))
+    world.model.jnt_limited[:] = 0  # an end stop is no load of the motor's
+    world.data.qpos[:] = spec.NOMINAL_POSE
+    rng = np.random.default_rng(0)
+    frequency, phase = rng.uniform(1.0, 4.0, 12), rng.uniform(0.0, 6.0, 12)
+    rows = round(seconds / step)
+    time, pos, vel, torque = np.arange(rows) * step, np.zeros((rows, 12)), np.zeros((rows, 12)), np.zeros((rows, 12))
+    for row in range(rows):
+        pos[row], vel[row] = world.data.qpos, world.data.qvel
+        torque[row] = torque_amplitude * np.sin(2 * np.pi * frequency * time[row] + phase) - 0.02 * vel[row]
+        world.data.qfrc_applied[:] = torque[row]
+        mujoco.mj_step(world.model, world.data)  # pyright: ignore[reportAttributeAccessIssue]
+    log = MotorLog(
+        time=time, position_target=pos, joint_pos=pos, joint_vel=vel, joint_names=spec.JOINT_NAMES,
+        robot=spec.ROBOT_NAME, motor="none", source="test",
+    )  # fmt: skip
+    return log, torque
+
+
+def test_inertia_times_acceleration_is_torque_plus_load():
+    log, torque = moved(0.05)
+    loaded = with_loads(log)
+    assert loaded.load_inertia is not None and loaded.external_torque is not None and log.joint_vel is not None
+    acceleration = np.gradient(log.joint_vel, log.time, axis=0)
+    balance = loaded.load_inertia * acceleration - loaded.external_torque - torque
+    inside = slice(5, -5)
+    assert np.abs(balance[inside]).max() < 0.02 * np.abs(loaded.load_inertia * acceleration).max()
+
+
+def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
+    log, _ = moved(0.0, 0.01)
+    knee = with_loads(log).load_inertia[0, 2]  # pyright: ignore[reportOptionalSubscript]
+    expected = spec.SHANK.inertia[1] + spec.SHANK.mass * (spec.SHANK.com[0] ** 2 + spec.SHANK.com[2] ** 2)
+    assert knee == pytest.approx(expected, rel=1e-6)
+
+
+def test_another_robot_is_refused():
+    log, _ = moved(0.0, 0.01)
+    for other in (replace(log, joint_vel=None), log.joint(0)):
+        with pytest.raises(LogError, match="give a recording of the robot"):
+            with_loads(other)
