@@ -63,7 +63,6 @@ class LiveRobot:
         self._arrays = self._world.reset(PhysicalActuator(motors), FOLDED_POSE)
         if not hung:
             self._world.data.qpos[2] = float(spec.leg_drop(FOLDED_POSE[:3]))
-        self._damping = model.dof_damping.copy()
         self.advance(0, FOLDED_POSE)  # compile, or load what was compiled, before time counts
 
     def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:
@@ -78,9 +77,9 @@ class LiveRobot:
 
     def block(self, joints: tuple[int, ...]) -> None:
         """Hold these joints fast, and no others."""
-        damping = self._damping.copy()
-        damping[[self._world.first_dof + joint for joint in joints]] = _BLOCKED
-        self._world.model.dof_damping[:] = damping
+        passive = self._world.arrays.passive
+        passive[:] = 0.0
+        passive[list(joints)] = _BLOCKED
 
     def advance(self, milliseconds: int, target: np.ndarray) -> None:
         """Let time pass under (12,) targets [rad]."""
