@@ -59,7 +59,7 @@ def test_loads_and_blows_are_those_of_the_preset():
     assert low <= log.load_inertia.min() and log.load_inertia.max() <= high
     assert len(np.unique(log.load_inertia)) == 3 * 10  # per motor and segment
     for index, part in enumerate(log.segment_slices()):
-        assert np.any(log.external_torque[part]) == (ROLLOUT.kinds[index % 5] == "impacts")
+        assert np.any(log.external_torque[part]) == (ROLLOUT.kinds[index % 5] in ("impacts", "creep"))
 
 
 def test_every_excitation_is_held_at_100_hz_every_second_time():
@@ -83,7 +83,11 @@ def test_an_unknown_preset_is_refused_with_the_known_ones():
 
 
 @pytest.mark.parametrize(
-    ("signal", "reach"), [(excitation.sine, 0.9), (excitation.held_steps, 0.6), (excitation.gait, 1.2)]
+    ("signal", "reach"),
+    [
+        *((excitation.sine, 0.9), (excitation.held_steps, 0.6), (excitation.gait, 1.2)),
+        *((excitation.creep, 0.3), (excitation.pushes, 2.0)),
+    ],
 )
 @pytest.mark.parametrize("dt", [0.002, 0.01])
 def test_excitations_stay_within_their_reach_and_use_it(signal, reach, dt):
@@ -100,6 +104,20 @@ def test_a_sine_that_is_fast_is_small():
         np.abs(np.diff(excitation.sine(np.random.default_rng(seed), 2000, 0.002))).max() / 0.002 for seed in range(10)
     ]
     assert 5.0 < max(speed) < 10.6
+
+
+@pytest.mark.parametrize(("signal", "reach"), [(excitation.creep, 0.3), (excitation.pushes, 2.0)])
+def test_a_slow_walk_starts_at_0_and_crosses_its_reach_in_no_less_than_its_shortest_leg(signal, reach):
+    walks = np.stack([signal(np.random.default_rng(seed), 2000, 0.002) for seed in range(20)])
+    np.testing.assert_array_equal(walks[:, 0], 0.0)
+    speed = np.abs(np.diff(walks, axis=1)).max() / 0.002
+    assert reach < speed < 2 * reach / 0.3  # legs last 0.3 s or more
+
+
+def test_the_same_excitations_in_shorter_segments_show_more_loads():
+    assert replace(PRESETS["adapt"], segment_steps=1000) == PRESETS["rollout"]
+    log = recorded(preset=PRESETS["adapt"], steps=4000)
+    assert log.load_inertia is not None and len(np.unique(log.load_inertia[:, 0])) == 4000 // 500
 
 
 def test_holding_keeps_every_fifth_target():

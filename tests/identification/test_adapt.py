@@ -11,7 +11,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record, trial
 from motorprior.identification.adapt import adapt, tiled_windows, window_losses
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.reference import draw_residuals, reference_metrics, surprise
+from motorprior.identification.reference import draw_residuals, ending, reference_metrics, surprise
 from motorprior.identification.train import Identified, identify
 from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
@@ -58,10 +58,10 @@ def log_of(motors: LatentActuator, segments: int) -> TrainingData:
 
 
 def test_the_latents_of_motors_drawn_from_the_prior_are_recovered(prior: Identified):
-    truth = np.random.default_rng(0).standard_normal((6, 2))
+    truth = np.random.default_rng(8).standard_normal((4, 2))  # not the seed of the descent's starts
     data = log_of(LatentActuator(prior.network, truth), 4)
     found = adapt(prior.network, data, RECIPE, temperature=0.01)
-    # Their logs have no error but rounding, so the mode is the truth up to the pull of the prior.
+    # Their logs have no error but rounding, and what a window does not know of the play at its start.
     assert np.abs(found.mean - truth).max() < 0.25
     assert np.sqrt(np.mean((found.mean - truth) ** 2)) < 0.1
 
@@ -79,8 +79,8 @@ def test_more_log_leaves_less_doubt_and_no_log_window_would_leave_the_prior(prio
 def test_windows_do_not_overlap_and_never_cross_a_segment(fleet_log: MotorLog):
     data = training_data(fleet_log, RECIPE, "log")
     windows = tiled_windows(data, RECIPE)
-    length = RECIPE.taps[-1] + RECIPE.window
-    # 4 segments of 1000 rows: the first window ends at row 52, then one every 32 rows: 1 + (1000 - 52) // 32 = 30.
+    length = RECIPE.history + RECIPE.window
+    # 4 segments of 1000 rows: the first window ends at row 62, then one every 32 rows: 1 + (1000 - 62) // 32 = 30.
     assert windows.shape == (12, 4 * 30, length, data.series.shape[-1])
     np.testing.assert_array_equal(windows[2, 31], data.series[2, 1000 + 32 : 1000 + 32 + length])
 
@@ -94,10 +94,30 @@ def test_motors_of_the_fleet_are_no_surprise_and_other_machines_are(prior: Ident
     assert np.all(surprise(metrics, 20 * own) < 0.01)
 
 
-def test_residuals_have_the_percentiles_they_were_recorded_with(prior: Identified, fleet_log: MotorLog):
+def test_residuals_have_the_percentiles_of_their_speed_they_were_recorded_with(prior: Identified, fleet_log: MotorLog):
     data = training_data(fleet_log, RECIPE, "log")
     metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, fleet_log)
-    drawn = draw_residuals(metrics, np.random.default_rng(0), (200_000,))
-    for level in (5, 25, 50, 75, 95):
-        wanted = metrics[f"residual_p{level:02d}"]
-        assert np.percentile(drawn, level) == pytest.approx(wanted, abs=2e-4)
+    spreads = []
+    for pool, speed in (("slow", 0.1), ("medium", -1.0), ("fast", -9.0)):
+        drawn = draw_residuals(metrics, np.random.default_rng(0), np.full((200, 1000), speed))
+        for level in (5, 25, 50, 75, 95):
+            wanted = metrics[f"residual_p{level:02d}_{pool}"]
+            assert np.percentile(drawn, level) == pytest.approx(wanted, abs=2e-4 + 0.02 * drawn.std())
+        spreads.append(drawn.std())
+    assert spreads[0] < spreads[2]  # a model errs more where a motor moves
+    mixed = draw_residuals(metrics, np.random.default_rng(0), np.tile([0.1, -9.0], (100_000, 1)))
+    assert mixed[:, 0].std() == pytest.approx(spreads[0], rel=0.05)
+    assert mixed[:, 1].std() == pytest.approx(spreads[2], rel=0.05)
+
+
+def test_a_log_without_torques_is_judged_by_a_loss_without_torques(prior: Identified, fleet_log: MotorLog):
+    data = training_data(fleet_log, RECIPE, "log")
+    metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, fleet_log)
+    blind = training_data(replace(fleet_log, joint_torque=None), RECIPE, "log")
+    blind = replace(blind, scales=data.scales)
+    losses = window_losses(prior.network, blind, RECIPE, prior.mean).mean(axis=1)
+    assert metrics["loss_mean_without_torque"] == pytest.approx(losses.mean(), rel=1e-5)
+    assert metrics["loss_mean_without_torque"] < metrics["loss_mean"]  # torques are one more thing to err in
+    assert 0.2 < np.median(surprise(metrics, losses, ending(False))) < 0.8
+    alone = reference_metrics(prior.network, blind, RECIPE, prior.mean, replace(fleet_log, joint_torque=None))
+    assert alone["loss_mean"] == pytest.approx(losses.mean(), rel=1e-5) and "loss_mean_without_torque" not in alone

@@ -1,6 +1,6 @@
 """Training recovers what generated the data, and the same seed gives the same bytes."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import jax
 import numpy as np
@@ -70,7 +70,7 @@ def test_a_rollout_recovers_the_armature(armature):
 def test_same_seed_same_bytes(small_data):
     def trained(seed):
         result = identify(small_data, SMALL, seed)
-        leaves = [*jax.tree.leaves(vars(result.network)), result.mean, result.log_var, result.losses]
+        leaves = [*jax.tree.leaves(asdict(result.network)), result.mean, result.log_var, result.losses]
         return b"".join(np.asarray(leaf).tobytes() for leaf in leaves)
 
     assert trained(3) == trained(3)

@@ -11,7 +11,7 @@ from motorprior.identification.presets import PRESETS, identification_preset
 from motorprior.identification.windows import draw, training_data
 from motorprior.logs.motor_log import MotorLog
 
-PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), window=6, batch=50)  # 10 rows per window
+PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)  # 10 rows per window
 LENGTHS = (25, 9, 10, 40)
 
 
@@ -67,9 +67,16 @@ def test_scales_are_the_spread_of_the_log():
     assert np.max(log.joint_torque) < data.scales["torque_limit"] <= 1.2 * np.max(log.joint_torque)
 
 
-def test_a_rollout_needs_no_torque():
+@pytest.mark.parametrize(("warm_up", "rows"), [(0, 10), (3, 10), (4, 10), (5, 11), (19, 25)])
+def test_a_window_begins_with_the_history_or_the_warm_up_whichever_is_longer(warm_up, rows):
+    data = training_data(a_log(), replace(PRESET, warm_up=warm_up), "log")
+    assert len(data.starts) == sum(max(0, length - rows + 1) for length in LENGTHS)
+
+
+def test_a_rollout_needs_no_torque_and_says_whether_it_has_one():
     data = training_data(a_log(joint_torque=None), PRESET, "log")
-    assert np.all(data.series[..., 3] == 0.0)
+    assert np.all(data.series[..., 3] == 0.0) and not data.has_torque
+    assert training_data(a_log(), PRESET, "log").has_torque
 
 
 @pytest.mark.parametrize(
@@ -99,5 +106,5 @@ def test_segments_shorter_than_a_window_are_refused_with_its_length():
 
 
 def test_an_unknown_preset_is_refused_with_the_known_ones():
-    with pytest.raises(ConfigError, match="rollout, one_network"):
+    with pytest.raises(ConfigError, match=r"rollout.*one_network"):
         identification_preset("papper")

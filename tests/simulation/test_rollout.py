@@ -3,10 +3,13 @@
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
+from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator
@@ -54,11 +57,22 @@ def draw_latent(rng):
     return LatentActuator(pd_network(), rng.standard_normal((12, 3)))
 
 
+def draw_grey_box(rng):
+    """The soft PD's network leads, a geared motor as soft follows."""
+    slope = 0.1 * rng.standard_normal((3, len(PARAMETERS)))
+    center = np.array([
+        *(np.log([9.0, 0.09, 0.003, 0.008, 1.3, 0.002, 0.05, 0.01, 0.004, 0.2, 70.0, 0.015, 0.03])), 0.1,
+    ])  # fmt: skip
+    network = replace(pd_network(), torque_scale=0.6, motor=GearedMotor(center, slope), has_armature=False)
+    return LatentActuator(network, rng.standard_normal((12, 3)))
+
+
 Weights = tuple[np.ndarray, np.ndarray, np.ndarray]
 KINDS = {
     "ideal_pd": (draw_pd, WorldConfig(physics_dt=0.002)),
     "physical": (draw_physical, WorldConfig(physics_dt=0.001)),
     "latent": (draw_latent, WorldConfig(physics_dt=0.001)),
+    "grey_box": (draw_grey_box, WorldConfig(physics_dt=0.002)),
 }
 POLICY = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
 CLUMSY = (3.0 * np.random.default_rng(2).standard_normal((16, 19)), np.zeros(18), np.full(18, 0.5))

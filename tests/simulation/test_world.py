@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation import world as world_module
@@ -95,9 +96,24 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
     error, speed = np.linspace(0.1, -0.1, 12), world.data.qvel.copy()
     total = physics_step(world.arrays, motors, spec.NOMINAL_POSE + error)
     law = np.clip(8.8 * error - 0.84 * speed, -1.26, 1.26)
-    np.testing.assert_allclose(world.arrays.torque, law, atol=1e-12)
     np.testing.assert_allclose(world.data.qfrc_applied, law + 0.84 * speed, atol=1e-12)
-    assert total == pytest.approx(np.sum(law**2))
+    # the engine damps implicitly: by the velocity at the end of the step
+    done = law + 0.84 * (speed - world.data.qvel)
+    np.testing.assert_allclose(world.arrays.torque, done, atol=1e-12)
+    assert total == pytest.approx(np.sum(done**2)) and np.max(np.abs(done - law)) > 1e-3
+
+
+def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
+    world, target = World(HUNG), spec.NOMINAL_POSE + 0.2
+    motors = world.reset(LatentActuator(grey_network(), np.zeros((12, 3))))
+    seen = []
+    for _ in range(60):
+        physics_step(world.arrays, motors, target)
+        np.testing.assert_array_equal(world.model.dof_damping, motors.damping)
+        seen.append(motors.damping.copy())
+    assert np.min(seen) == 0.0 < np.max(seen)  # in the play, and touching
+    world.reset(PD)
+    np.testing.assert_array_equal(world.model.dof_damping, 0.84)
 
 
 def test_reset_forgets():
