@@ -99,11 +99,12 @@ class PlainLoop:
         for _ in range(world.config.substeps):
             step_actuator(self.motors, world.config.physics_dt, position_target, q, dq, torque)
             world.data.qfrc_applied[-12:] = torque
+            world.model.dof_damping[-12:] = self.motors.damping
+            mujoco.mj_step(world.model, world.data)
             squared = 0.0
-            for motor in torque - world.arrays.damping * dq:
+            for motor in torque - self.motors.damping * dq:
                 squared += float(motor) * float(motor)
             total += squared
-            mujoco.mj_step(world.model, world.data)
         return self.state(total / world.config.substeps)
 
     def close(self):
