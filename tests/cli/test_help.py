@@ -11,6 +11,7 @@ import pytest
 
 from motorprior.cli.bench import Bench
 from motorprior.cli.demo import Demo
+from motorprior.cli.diff import Diff
 from motorprior.cli.identify import Identify
 from motorprior.cli.logs import LogsCheck, LogsImport
 from motorprior.cli.main import RUN, parse
@@ -23,7 +24,7 @@ from motorprior.cli.validate import Validate
 from motorprior.cli.walk import Walk
 
 COMMANDS = (
-    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "adapt"),
+    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "diff", "adapt"),
     *("replay", "walk", "transfer", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
@@ -78,6 +79,7 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
         ("bench --out a --steps 5", Bench(Path("a"), steps=5)),
         ("identify a --out b", Identify(Path("a"), Path("b"))),
         ("validate a b --out c", Validate((Path("a"), Path("b")), Path("c"))),
+        ("diff a b --json c", Diff(Path("a"), Path("b"), Path("c"))),
         ("replay a --prior b --out c", Replay(Path("a"), Path("b"), Path("c"))),
         ("walk --out a --actuator pd --kp 8", Walk(Path("a"), MotorChoice("pd", kp=8.0))),
         ("transfer a --out b", Transfer((Path("a"),), Path("b"))),

@@ -5,6 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
+from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
@@ -13,19 +14,26 @@ from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.world import WorldConfig
 
 
-def mujoco() -> Backend:
+def mujoco(_: object) -> Backend:
+    """Physical motors of the shipped fleet."""
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
         lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)), WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
     )
 
 
-BACKENDS = [mujoco]
+def mujoco_of_grey_boxes(grey_network) -> Backend:
+    """Motors drawn around a small servo."""
+    network = grey_network(spread=0.05)
+    return MujocoBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))))
+
+
+BACKENDS = [mujoco, mujoco_of_grey_boxes]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
-def backend(request: pytest.FixtureRequest):
-    made = request.param()
+def backend(request: pytest.FixtureRequest, grey_network):
+    made = request.param(grey_network)
     yield made
     made.close()
 
