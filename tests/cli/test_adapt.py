@@ -9,6 +9,7 @@ import pytest
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.identify import Identify, run_identify
+from motorprior.identification.presets import identification_preset
 from motorprior.logs.parquet_io import read_log, write_log
 
 
@@ -31,7 +32,9 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
     assert first.code == 0 and "motor_011" in first.out
     found = MotorPosterior.load(out / "posterior.safetensors")
-    assert found.mean.shape == (12, 4) and found.seconds == pytest.approx(2.4, abs=0.01)
+    assert found.mean.shape == (12, identification_preset("rollout").num_latents) and found.seconds == pytest.approx(
+        2.4, abs=0.01
+    )
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
     assert (out / "posterior.safetensors").stat().st_mtime_ns == written

@@ -16,12 +16,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.fleet import SHIPPED
 from motorprior.cli import main as command
 from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.speed import Speed
+from motorprior.identification.presets import identification_preset
 
 Command = Callable[..., Any]
 Edit = Callable[[Path], object]
@@ -50,7 +51,7 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("bench --fleet nowhere.toml", ("nowhere.toml", ".toml file")),
         ("identify {bench} --steps 0", ("--steps 0",)),
         ("identify {bench} --seed -1", ("--seed -1",)),
-        ("identify {bench} --preset unknown", ("'unknown'", "rollout, one_network")),
+        ("identify {bench} --preset unknown", ("'unknown'", "rollout", "one_network")),
         ("validate {prior} --seed -1", ("--seed -1",)),
         ("validate", ("no prior", "identify")),
         ("validate {prior} {prior}", ("two priors", "rollout")),
@@ -201,7 +202,8 @@ def test_a_log_of_the_other_bench_is_refused(refused: Command, tmp_path: Path):
 
 def test_a_log_shorter_than_a_window_is_refused(refused: Command, tmp_path: Path):
     run_bench(Bench(tmp_path / "bench", motors=2, steps=50))
-    words = ("log.parquet", "84 rows", "record longer")
+    recipe = identification_preset("rollout")
+    words = ("log.parquet", f"{recipe.history + recipe.window} rows", "record longer")
     refused("identify", tmp_path / "bench", "--out", tmp_path / "out", words=words)
 
 
@@ -272,7 +274,10 @@ BROKEN_PRIORS = {
     "unknown key": (resave(colour="red"), ("unknown keys ['colour']",)),
     "weights left out": (drop_weights, ("missing keys ['w2']",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
-    "newer schema": (resave(schema_version=2), ("schema version 2", "reads 1")),
+    "newer schema": (
+        resave(schema_version=SCHEMA_VERSION + 1),
+        (f"version {SCHEMA_VERSION + 1}", f"reads {SCHEMA_VERSION}"),
+    ),
     "a policy": (resave(kind="policy"), ("'policy'", "identify")),
     "other units": (resave(units={"position": "deg"}), ("deg", "rad")),
     "other period": (resave(period=0.003), ("0.003",)),

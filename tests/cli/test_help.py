@@ -12,6 +12,7 @@ import pytest
 from motorprior.cli.bench import Bench
 from motorprior.cli.demo import Demo
 from motorprior.cli.deploy import Deploy
+from motorprior.cli.diff import Diff
 from motorprior.cli.doctor import Doctor
 from motorprior.cli.identify import Identify
 from motorprior.cli.logs import LogsCheck, LogsImport
@@ -29,7 +30,7 @@ from motorprior.cli.walk import Walk
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 
 COMMANDS = (
-    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "adapt"),
+    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "diff", "adapt"),
     *("replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-pupper", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
@@ -84,6 +85,7 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
         ("bench --out a --steps 5", Bench(Path("a"), steps=5)),
         ("identify a --out b", Identify(Path("a"), Path("b"))),
         ("validate a b --out c", Validate((Path("a"), Path("b")), Path("c"))),
+        ("diff a b --json c", Diff(Path("a"), Path("b"), Path("c"))),
         ("replay a --prior b --out c", Replay(Path("a"), Path("b"), Path("c"))),
         ("walk --out a --actuator pd --kp 8", Walk(Path("a"), MotorChoice("pd", kp=8.0))),
         ("transfer a --out b", Transfer((Path("a"),), Path("b"))),

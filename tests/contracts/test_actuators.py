@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator
@@ -14,6 +15,8 @@ from motorprior.exceptions import ConfigError
 
 DT = 0.001
 LIMIT = 1.3
+LEFT_OVER = 0.1
+"""What a grey box's network may add [N·m]."""
 
 
 def ideal_pd(n):
@@ -50,7 +53,19 @@ def latent(n):
     return LatentActuator(network, rng.standard_normal((n, 3)))
 
 
-MAKERS = {"ideal_pd": ideal_pd, "physical": physical, "latent": latent}
+def grey_box(n):
+    rng = np.random.default_rng(5)
+    names = {"kp": 8.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.007, "torque_limit": LIMIT}
+    names |= {"armature": 0.002, "coulomb": 0.06, "stribeck_torque": 0.02, "viscous_damping": 0.004}
+    names |= {"load_friction": 0.2, "gear_stiffness": 70.0, "backlash": 0.015, "gear_damping": 0.03}
+    slope = 0.2 * rng.standard_normal((3, len(PARAMETERS)))
+    slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
+    motor = GearedMotor(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope)
+    network = replace(latent(1).network, torque_limit=LEFT_OVER, motor=motor, has_armature=False)
+    return LatentActuator(network, rng.standard_normal((n, 3)))
+
+
+MAKERS = {"ideal_pd": ideal_pd, "physical": physical, "latent": latent, "grey_box": grey_box}
 
 
 @pytest.fixture(params=MAKERS)
@@ -162,13 +177,17 @@ def static_band(actuator):
     """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
 
     Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
-    LIMIT - F <= torque <= LIMIT + F.
+    LIMIT - F <= torque <= LIMIT + F. A grey box's network adds up to LEFT_OVER.
     """
-    if not isinstance(actuator, PhysicalActuator):
+    if isinstance(actuator, PhysicalActuator):
+        motors, left_over = actuator.motors, 0.0
+        dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
+    elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
+        values, left_over = actuator.network.motor.decode(actuator.z), LEFT_OVER
+        dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]
+    else:
         return LIMIT, LIMIT
-    motors = actuator.motors
-    breakaway = motors.coulomb + motors.stribeck_torque
-    return (LIMIT - breakaway) / (1 + motors.load_friction), (LIMIT + breakaway) / (1 - motors.load_friction)
+    return (LIMIT - dry) / (1 + load_friction) - left_over, (LIMIT + dry) / (1 - load_friction) + left_over
 
 
 @pytest.mark.parametrize("size", [1e2, -1e6])
@@ -207,7 +226,10 @@ def test_a_step_that_is_no_time_is_refused(make, dt):
 
 @pytest.mark.parametrize(
     ("model", "dt", "remedy"),
-    [(physical, 0.002, "0.001 s"), (latent, 0.0015, "0.002 s"), (latent, 0.004, "0.002 s")],
+    [
+        *((physical, 0.002, "0.001 s"), (latent, 0.0015, "0.002 s"), (latent, 0.004, "0.002 s")),
+        (grey_box, 0.004, "0.002 s"),
+    ],
 )
 def test_a_step_that_the_model_cannot_run_at_is_refused_with_one_that_it_can(model, dt, remedy):
     with pytest.raises(ConfigError, match=f"{dt:g} s") as error:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
@@ -23,27 +24,40 @@ from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
 
-def mujoco() -> Backend:
+def mujoco(_: object) -> Backend:
+    """Physical motors of the shipped fleet."""
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
         lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)), WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
     )
 
 
-def pybullet() -> Backend:
+def mujoco_of_grey_boxes(grey_network) -> Backend:
+    """Motors drawn around a small servo."""
+    network = grey_network(spread=0.05)
+    return MujocoBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))))
+
+
+def pybullet(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("pupper_v2")
     return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)))
 
 
-def pybullet_rough() -> Backend:
+def pybullet_of_grey_boxes(grey_network) -> Backend:
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    network = grey_network(spread=0.05)
+    return PybulletBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))))
+
+
+def pybullet_rough(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("mixed")
     motors = lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))  # noqa: E731
     return PybulletBackend(motors, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
 
 
-def mujoco_randomized() -> Backend:
+def mujoco_randomized(_: object) -> Backend:
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
         lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
@@ -58,7 +72,7 @@ EVERYTHING = Randomization(
 )  # fmt: skip
 
 
-def virtual_pupper() -> Backend:
+def virtual_pupper(_: object) -> Backend:
     """Over a real serial port object, in real time."""
     robot, _ = make(Virtual(homing=False))
     limits = replace(
@@ -79,21 +93,21 @@ class _Owned(PupperBackend):
         self._end()
 
 
-SIMULATED = [mujoco, mujoco_randomized, pybullet, pybullet_rough]
+SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_rough]
 """Backends whose time is their own: a seed says everything that happens."""
 BACKENDS = [*SIMULATED, virtual_pupper]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
-def backend(request: pytest.FixtureRequest):
-    made = request.param()
+def backend(request: pytest.FixtureRequest, grey_network):
+    made = request.param(grey_network)
     yield made
     made.close()
 
 
 @pytest.fixture(params=SIMULATED, ids=lambda make: make.__name__)
-def simulated(request: pytest.FixtureRequest):
-    made = request.param()
+def simulated(request: pytest.FixtureRequest, grey_network):
+    made = request.param(grey_network)
     yield made
     made.close()
 

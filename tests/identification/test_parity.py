@@ -38,7 +38,7 @@ def test_jax_equals_numpy(case):
     # without the clip, which the rollout applies itself
     jax_torque = 0.7 * scaled_torque(parameters, jnp.asarray(inputs), motor_bias(parameters, jnp.asarray(z)))
     np.testing.assert_allclose(net.torque(inputs, z), jax_torque, atol=1e-5 * 0.7)
-    assert np.std(jax_torque) > 0.1
+    assert np.std(jax_torque) > 0.05
     if preset.has_armature:
         np.testing.assert_allclose(net.armature(z), armature(parameters, jnp.asarray(z)), rtol=1e-5)
 

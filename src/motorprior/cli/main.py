@@ -20,6 +20,7 @@ from motorprior.cli.bench import Bench, run_bench  # noqa: E402
 from motorprior.cli.console import CONSOLE  # noqa: E402
 from motorprior.cli.demo import Demo, run_demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
+from motorprior.cli.diff import Diff, run_diff  # noqa: E402
 from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.identify import Identify, run_identify  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImport, run_logs_check, run_logs_import  # noqa: E402
@@ -40,6 +41,7 @@ Command = (
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Identify, tyro.conf.subcommand("identify")]
     | Annotated[Validate, tyro.conf.subcommand("validate")]
+    | Annotated[Diff, tyro.conf.subcommand("diff")]
     | Annotated[Adapt, tyro.conf.subcommand("adapt")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Walk, tyro.conf.subcommand("walk")]
@@ -58,6 +60,7 @@ RUN = {
     Bench: run_bench,
     Identify: run_identify,
     Validate: run_validate,
+    Diff: run_diff,
     Adapt: run_adapt,
     Replay: run_replay,
     Walk: run_walk,

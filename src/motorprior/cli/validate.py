@@ -219,7 +219,7 @@ def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) ->
     """How the decoded armature compares with the rotors' own: mean ratio, and correlation over the motors."""
     figures: dict[str, float] = {}
     for name, prior in priors.items():
-        if prior.network.has_armature:
+        if prior.network.has_armature or prior.network.motor is not None:
             decoded = prior.network.armature(prior.mean)
             figures[f"armature_ratio/{name}"] = float(np.mean(decoded / motors.armature))
             if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:

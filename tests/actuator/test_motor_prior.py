@@ -1,0 +1,93 @@
+"""A prior's file is what was saved, and a loader refuses what it does not understand."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.exceptions import ArtifactError
+
+
+@pytest.fixture(params=["grey box", "network"])
+def prior(request: pytest.FixtureRequest, grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
+    network = grey_network(network=0.5, encoder_zero=-0.02)
+    if request.param == "network":
+        network = replace(network, motor=None, has_armature=True)
+    rng = np.random.default_rng(0)
+    mean, log_var = rng.standard_normal((5, 3)), rng.uniform(-4, 0, (5, 3))
+    return MotorPrior(network, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"loss": 0.5})
+
+
+@pytest.fixture
+def saved(prior: MotorPrior, tmp_path: Path) -> Path:
+    path = tmp_path / "prior.safetensors"
+    prior.save(path)
+    return path
+
+
+def rewrite(path: Path, tensors: dict, header: dict, without: tuple[str, ...] = ()) -> None:
+    """Change some tensors and header keys of a file, and drop others."""
+    old_tensors, old_header = read_tensors(path)
+    both = (old_tensors | tensors, old_header | header)
+    write_tensors(path, *({key: value for key, value in one.items() if key not in without} for one in both))
+
+
+def test_what_is_saved_is_loaded(prior: MotorPrior, saved: Path):
+    loaded = MotorPrior.load(saved)
+    names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
+    for name in (*names, "taps", "period", "error_scale", "velocity_scale", "torque_scale", "torque_limit"):
+        np.testing.assert_array_equal(getattr(loaded.network, name), getattr(prior.network, name))
+    for name in ("mean", "log_var"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(prior, name))
+    texts = ("preset", "robot", "motor", "provenance", "metrics")
+    assert [getattr(loaded, name) for name in texts] == [getattr(prior, name) for name in texts]
+    assert (loaded.network.motor is None) == (prior.network.motor is None)
+    if prior.network.motor is not None and loaded.network.motor is not None:
+        np.testing.assert_array_equal(loaded.network.motor.center, prior.network.motor.center)
+        np.testing.assert_array_equal(loaded.network.motor.slope, prior.network.motor.slope)
+
+
+def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp_path: Path):
+    MotorPrior.load(saved).save(tmp_path / "again.safetensors")
+    assert (tmp_path / "again.safetensors").read_bytes() == saved.read_bytes()
+
+
+@pytest.mark.parametrize("prior", ["grey box"], indirect=True)
+@pytest.mark.parametrize(
+    ("tensors", "header", "without", "words"),
+    [
+        ({}, {}, ("motor_center",), "missing keys .'motor_center'"),
+        ({}, {}, ("motor_slope",), "missing keys .'motor_slope'"),
+        ({"motor_curve": np.zeros(3)}, {}, (), "unknown keys .'motor_curve'"),
+        ({}, {"grey_box": False}, (), "unknown keys .'motor_center', 'motor_slope'"),
+        ({}, {"grey_box": 1}, (), "grey_box = 1 is not true or false"),
+        ({}, {}, ("grey_box",), "missing keys .'grey_box'"),
+        ({}, {"motor_parameters": ["kp", "kd"]}, (), "motor_parameters is .'kp', 'kd'"),
+        ({}, {}, ("motor_parameters",), "missing keys .'motor_parameters'"),
+        ({"motor_center": np.zeros(13)}, {}, (), r"motor_center is float64\(13,\), wanted float64\(14,\)"),
+        ({"motor_slope": np.zeros((14, 3))}, {}, (), r"motor_slope is float64\(14, 3\), wanted float64\(3, 14\)"),
+        ({"motor_center": np.zeros(14, np.float32)}, {}, (), "motor_center is float32"),
+        ({"motor_center": np.full(14, np.nan)}, {}, (), r"motor_center\[0\] is not finite"),
+        ({"motor_slope": np.full((3, 14), 2e4)}, {}, (), "motor_slope holds 2e.04, beyond 10000"),
+        ({}, {"schema_version": 1}, (), f"schema version 1, this motorprior reads {SCHEMA_VERSION}"),
+    ],
+)
+def test_a_motor_that_does_not_fit_is_refused_by_name(
+    saved: Path, tensors: dict, header: dict, without: tuple[str, ...], words: str
+):
+    rewrite(saved, tensors, header, without)
+    with pytest.raises(ArtifactError, match=words) as error:
+        MotorPrior.load(saved)
+    assert saved.name in str(error.value)
+
+
+@pytest.mark.parametrize("prior", ["network"], indirect=True)
+def test_a_network_without_a_motor_may_not_bring_one(saved: Path):
+    rewrite(saved, {"motor_center": np.zeros(14)}, {})
+    with pytest.raises(ArtifactError, match="unknown keys .'motor_center'"):
+        MotorPrior.load(saved)
