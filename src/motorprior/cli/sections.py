@@ -63,7 +63,7 @@ def identify(run: Path) -> list[Section]:
     figure = plots.latent_map(prior.mean, prior.log_var, known)
     body = (
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
-        "network never saw the physical parameters that colour the dots.",
+        "training never saw the physical parameters that colour the dots.",
     )
     shown = picture(figure, f"The {len(prior.mean)} training motors in the latent space.", "latent map")
     return [
@@ -109,8 +109,8 @@ def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figur
     lead = "One loaded joint, held-out excitation, compared with the physical motor."
     body = (
         "The motors are the training motors, each at the mean of its posterior; what is held out is the excitation.",
-        f"The decoded armature is {figures['armature_ratio/rollout']:.2f} of the rotors' own on average: an effective "
-        "inertia. A rotor behind a gear with play and compliance is partly hidden from a light load.",
+        f"The armature that rollout decodes from z is {figures['armature_ratio/rollout']:.2f} of the rotors' own on "
+        "average, though no log says what a rotor is: it is found from motion alone.",
     )
     return Section("Closed loop on the bench", lead, body, (shown,), (table,))
 
@@ -144,9 +144,9 @@ def _robot_section(tensors: dict[str, np.ndarray], figures: dict[str, float]) ->
         "paper_wide has the paper's loss on the data, the clock and the history of the rollout prior: close to it on "
         f"the bench, but in the standing robot its torque above 20 Hz is {chatter:.1f} times the physical motors' "
         "own. The legs oscillate.",
-        "An explanation that fits: torque causes acceleration, so a network fitted one step ahead can read the torque "
-        "off the last change of velocity, and in a simulator that feeds back on itself. Training in closed loop "
-        "forbids it.",
+        "Why: torque causes acceleration, so a network fitted one step ahead reads the torque off the last change of "
+        "velocity, and in a simulator that feeds back on itself on every joint lighter than its motor. The page "
+        "docs/why-the-paper-oscillates.md takes the loop apart.",
     )
     return Section("Closed loop inside the robot", lead, body, pictures, (table,))
 
@@ -169,8 +169,7 @@ def replay(run: Path) -> list[Section]:
     lead = "The commands of a real Pupper v2, replayed on a simulated one."
     body = (
         "physical is the central motor of the fleet, physical_draws are random motors of it, and the prior's draws are "
-        "what was learned from such motors. Physical motors are read at their encoders, as the robot is; the prior was "
-        "trained on the angle of the shaft, so the play of the gear and the encoder's zero count as its error.",
+        "what was learned from such motors. All are read at the encoders on their rotors, as the robot is.",
         "The shipped fleet pupper_v2 was calibrated on logs of this robot, the public ones among them: a fit, not a "
         "prediction.",
     )

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.record import BenchPreset, trial
 from motorprior.signals import rmse
@@ -76,16 +77,16 @@ def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, an
         answer: the physical motors' response.
 
     Returns:
-        (steps, n) torque on the joint [N·m]: the network's less armature(z)·acceleration. NaN until the
-        history is full.
+        (steps, n) torque on the joint [N·m]: the actuator's less its damping and armature(z)·acceleration. NaN until
+        the history is full.
     """
-    error = (case.position_target - answer.joint_pos) / network.error_scale
-    velocity = answer.joint_vel / network.velocity_scale
-    steps, motors = error.shape
-    torque = np.full((steps, motors), np.nan)
-    taps = np.asarray(network.taps)
-    for step in range(taps[-1], steps):
-        inputs = np.concatenate([error[step - taps], velocity[step - taps]])
-        torque[step] = network.torque(inputs.T, z)
-    acceleration = np.gradient(answer.joint_vel, case.dt, axis=0)
-    return torque - network.armature(z) * acceleration
+    actuator = LatentActuator(network, z)
+    arrays, torque = actuator.arrays(network.period), np.zeros(answer.joint_pos.shape)
+    reset_actuator(arrays, case.position_target[0].copy(), answer.joint_pos[0].copy())
+    rows = zip(case.position_target, answer.joint_pos, answer.joint_vel, torque, strict=True)
+    for target, joint_pos, joint_vel, out in rows:
+        step_actuator(arrays, network.period, target.copy(), joint_pos.copy(), joint_vel.copy(), out)
+        out -= arrays.damping * joint_vel
+    torque -= actuator.armature * np.gradient(answer.joint_vel, case.dt, axis=0)
+    torque[: network.taps[-1]] = np.nan
+    return torque
