@@ -49,7 +49,12 @@ def grey_network() -> Callable[..., LatentNetwork]:
     """
 
     def make(
-        spread: float = 0.2, network: float = 0.0, latents: int = 3, seed: int = 0, torque_limit: float = 3.0, **constants: float
+        spread: float = 0.2,
+        network: float = 0.0,
+        latents: int = 3,
+        seed: int = 0,
+        torque_limit: float = 3.0,
+        **constants: float,
     ) -> LatentNetwork:
         rng, neurons, taps = np.random.default_rng(seed), 8, (0, 2, 5)
         values = SMALL_SERVO | constants

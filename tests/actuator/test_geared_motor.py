@@ -264,7 +264,9 @@ def test_latents_scale_the_constants_within_their_reach(grey_network):
 
 
 def test_the_encoder_sits_on_the_rotor_and_has_a_zero_of_its_own(grey_network):
-    network: LatentNetwork = grey_network(spread=0.0, encoder_zero=-0.03, backlash=0.1, coulomb=0.0, stribeck_torque=0.0)
+    network: LatentNetwork = grey_network(
+        spread=0.0, encoder_zero=-0.03, backlash=0.1, coulomb=0.0, stribeck_torque=0.0
+    )
     motors = LatentActuator(network, np.zeros((2, 3)))
     arrays, measured, zero = motors.arrays(0.002), np.zeros(2), np.zeros(2)
     reset_actuator(arrays, zero, zero)

@@ -32,7 +32,9 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
     assert first.code == 0 and "motor_011" in first.out
     found = MotorPosterior.load(out / "posterior.safetensors")
-    assert found.mean.shape == (12, identification_preset("rollout").num_latents) and found.seconds == pytest.approx(2.4, abs=0.01)
+    assert found.mean.shape == (12, identification_preset("rollout").num_latents) and found.seconds == pytest.approx(
+        2.4, abs=0.01
+    )
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
     assert (out / "posterior.safetensors").stat().st_mtime_ns == written

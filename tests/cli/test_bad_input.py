@@ -274,7 +274,10 @@ BROKEN_PRIORS = {
     "unknown key": (resave(colour="red"), ("unknown keys ['colour']",)),
     "weights left out": (drop_weights, ("missing keys ['w2']",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
-    "newer schema": (resave(schema_version=SCHEMA_VERSION + 1), (f"version {SCHEMA_VERSION + 1}", f"reads {SCHEMA_VERSION}")),
+    "newer schema": (
+        resave(schema_version=SCHEMA_VERSION + 1),
+        (f"version {SCHEMA_VERSION + 1}", f"reads {SCHEMA_VERSION}"),
+    ),
     "a policy": (resave(kind="policy"), ("'policy'", "identify")),
     "other units": (resave(units={"position": "deg"}), ("deg", "rad")),
     "other period": (resave(period=0.003), ("0.003",)),

@@ -79,7 +79,15 @@ def test_every_kind_of_difference_is_shown_with_its_size(one, tmp_path: Path, mo
     assert armature["spread_b"] == pytest.approx(1.5 * armature["spread_a"])
     length = np.linalg.norm(prior.mean, axis=1).mean()
     assert found["motors"] == {"training motors": [5, 5], "mean |z|": pytest.approx([length, 2 * length])}
-    for words in ("metrics.loss_mean", "-20.0 %", "provenance.recipe.steps", "armature [kg·m²]", "+50.0 %", "w1", "0.4"):
+    for words in (
+        "metrics.loss_mean",
+        "-20.0 %",
+        "provenance.recipe.steps",
+        "armature [kg·m²]",
+        "+50.0 %",
+        "w1",
+        "0.4",
+    ):
         assert words in outcome.out, words
     assert "recipe.taps" not in outcome.out  # equal
 
@@ -101,7 +109,9 @@ def test_the_spread_is_that_of_the_fleet(one, tmp_path: Path, motorprior: Comman
             assert entry["spread_b"] > 1.8 * entry["spread_a"]
 
 
-def test_a_network_and_a_grey_box_of_other_sizes_can_be_compared(one, tmp_path: Path, motorprior: Command, grey_network):
+def test_a_network_and_a_grey_box_of_other_sizes_can_be_compared(
+    one, tmp_path: Path, motorprior: Command, grey_network
+):
     network = replace(grey_network(latents=2), motor=None, has_armature=True)
     path = other_of(a_prior(network, mean=np.zeros((4, 2)), log_var=np.zeros((4, 2))), tmp_path)
     outcome = motorprior("diff", one[1], path, "--json", tmp_path / "diff.json")
