@@ -89,5 +89,13 @@ def test_a_motor_that_does_not_fit_is_refused_by_name(
 @pytest.mark.parametrize("prior", ["network"], indirect=True)
 def test_a_network_without_a_motor_may_not_bring_one(saved: Path):
     rewrite(saved, {"motor_center": np.zeros(14)}, {})
-    with pytest.raises(ArtifactError, match="unknown keys .'motor_center'"):
+    with pytest.raises(ArtifactError, match=r"unknown keys .'motor_center'"):
         MotorPrior.load(saved)
+
+
+def test_draws_have_the_moments_of_their_sampler(prior: MotorPrior):
+    spread = np.diag(np.exp(prior.log_var).mean(axis=0)) + np.cov(prior.mean.T, bias=True)
+    for sampler, mean, covariance in (("standard", 0.0, np.eye(3)), ("fitted", prior.mean.mean(axis=0), spread)):
+        z = prior.sample(np.random.default_rng(0), 100_000, sampler).z
+        np.testing.assert_allclose(z.mean(axis=0), np.broadcast_to(mean, 3), atol=0.02)
+        np.testing.assert_allclose(np.cov(z.T), covariance, atol=0.03)

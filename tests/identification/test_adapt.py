@@ -17,7 +17,9 @@ from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
 BENCH = PRESETS["rollout"]
-RECIPE = replace(identification_preset("rollout"), num_latents=2, num_neurons=16, steps=500, batch=128, window=32)
+RECIPE = replace(
+    identification_preset("rollout"), num_latents=2, num_neurons=16, warm_up=30, steps=500, batch=128, window=32
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,8 @@
 """The grey box in JAX, compiled, and in plain numpy is one motor: for a step, and for 100 steps of a closed loop.
 
 The numpy motor does not share the other two's algebra: it finds the rotor's velocity as the root of its equation of
-motion by bisection. Where a gear touches or a rotor sticks, a decision within rounding could fall either way in float32;
-the seeds are such that none does.
+motion by bisection. Where a gear touches or a rotor sticks, a decision within rounding could fall either way in
+float32; the seeds are such that none does.
 """
 
 from dataclasses import replace
@@ -36,7 +36,7 @@ SUBSTEPS = 2
 
 
 def rotor_velocity(p, target, r, v, filtered, twist, dq, h):
-    """The root v' of armature·(v' - v)/h = law - viscous - gear - friction·sign(v'), and the gear's torque and contact."""
+    """The root v' of armature·(v' - v)/h = law - viscous·v' - gear - friction·sign(v'); gear, contact and filter."""
     half = 0.5 * p["backlash"]
     coming = twist + h * (v - dq)
     contact = np.abs(coming) > half
@@ -115,7 +115,7 @@ def states(motors: LatentActuator):
     moving = rng.integers(0, 2, n)
     names = ("q", "dq", "rotor_pos", "rotor_vel", "filtered", "joint_vel", "damping", "target")
     scales = np.array([0.3, 4.0, 0.3, 4.0, 4.0, 4.0, 0.1, 0.3])
-    drawn = dict(zip(names, scales[:, None] * rng.standard_normal((8, n)), strict=True))
+    drawn: dict[str, np.ndarray] = dict(zip(names, scales[:, None] * rng.standard_normal((8, n)), strict=True))
     drawn["rotor_pos"] = drawn["q"] + 0.02 * rng.standard_normal(n)
     for name in ("dq", "rotor_vel", "filtered", "joint_vel"):
         drawn[name] *= moving
@@ -192,7 +192,8 @@ def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_jax(motors, tri
     assert preset.history + preset.window == len(trial.position_target)
     load = np.broadcast_to(trial.load_inertia, trial.position_target.shape)
     channels = (
-        trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque, trial.external_torque, load,
+        trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque,
+        trial.external_torque, load,
     )  # fmt: skip
     windows = jnp.asarray(np.stack(channels, axis=-1).transpose(1, 0, 2), jnp.float32)
     scales = {name: getattr(net, name) for name in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}

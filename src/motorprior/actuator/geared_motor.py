@@ -64,7 +64,8 @@ class GearedMotor:
 
     def decode(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z)."""
-        raw = self.center + np.clip(z @ self.slope, -LOG_REACH, LOG_REACH)
+        shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
+        raw = self.center + np.clip(shift, -LOG_REACH, LOG_REACH)
         values = {name: np.exp(raw[:, row]) for row, name in enumerate(PARAMETERS)}
         values["delay"] = np.minimum(values["delay"], LONGEST_DELAY)
         values["encoder_zero"] = ZERO_SCALE * raw[:, _ZERO]

@@ -30,8 +30,9 @@ _NOTHING = "-"
 
 @dataclass(frozen=True)
 class Diff:
-    """Compare two motor priors: header, physical constants, motors and weights. Exit code 0 if their contents are equal, 1 if
-    they differ, 2 on bad input.
+    """Compare two motor priors: header, constants, motors, weights.
+
+    Exit code 0 if their contents are equal, 1 if they differ, 2 on bad input.
     """
 
     a: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="A")]

@@ -94,7 +94,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool) -> Roll
             q = q + dt * dq
             return (q, dq, memory), (q, dq, torque - damping * dq)
 
-        memory, _ = jax.lax.scan(follow, start(past[0]), past)
+        memory, _ = jax.lax.scan(follow, start(rows[0]), past)
         memory = jax.lax.stop_gradient(memory)
         _, (q, dq, torque) = jax.lax.scan(step, (free[0, :, POS], free[0, :, VEL], memory), free[:-1])
         return q - free[1:, :, POS], dq - free[1:, :, VEL], torque - free[:-1, :, TORQUE]

@@ -1,0 +1,95 @@
+"""Recovered truth: in fleets where one constant varies, a prior finds which motor has how much, and so does `adapt`.
+
+Four such fleets share one training, each a quarter of the motors, so that the prior must also tell the constants apart.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from motorprior.actuator.physical import MotorParameters
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.record import PRESETS, record
+from motorprior.identification.adapt import Posterior, adapt
+from motorprior.identification.coverage import coverage
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.reference import reference_metrics
+from motorprior.identification.train import Identified, identify
+from motorprior.identification.windows import training_data
+from motorprior.logs.motor_log import MotorLog
+
+FLEET = load_fleet("pupper_v2")
+RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}
+"""Factors on the central motor's."""
+TRAINED, NEW = 10, 5
+"""Motors per constant."""
+BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
+RECIPE = replace(
+    identification_preset("rollout"), taps=(0, 1), num_latents=4, num_neurons=4, warm_up=20, window=32, batch=96,
+    steps=300, learning_rate=3e-2, noisy_share=0.0, kl_weight=1e-3,
+)  # fmt: skip
+
+
+def fleets(count: int, seed: int) -> MotorParameters:
+    """``count`` motors per constant of RANGES, in that order; all else is the central motor's."""
+    motors, rng, changes = FLEET.center(count * len(RANGES)), np.random.default_rng(seed), {}
+    for group, (name, (low, high)) in enumerate(RANGES.items()):
+        factors = np.ones(len(motors))
+        factors[group * count : (group + 1) * count] = np.exp(
+            rng.permutation(np.linspace(np.log(low), np.log(high), count))
+        )
+        changes[name] = getattr(motors, name) * factors
+        if name == "kp":
+            changes["kd"] = motors.kd * factors
+    return replace(motors, **changes)
+
+
+@pytest.fixture(scope="module")
+def log() -> MotorLog:
+    return record(fleets(TRAINED, 1), BENCH, 2500, 0, FLEET)
+
+
+@pytest.fixture(scope="module")
+def prior(log: MotorLog) -> Identified:
+    return identify(training_data(log, RECIPE, "log"), RECIPE, 0)
+
+
+@pytest.fixture(scope="module")
+def posterior(log: MotorLog, prior: Identified) -> Posterior:
+    """Of new motors of the four fleets, from 5 s of log each."""
+    scales = training_data(log, RECIPE, "log").scales
+    data = replace(training_data(record(fleets(NEW, 2), BENCH, 2500, 7, FLEET), RECIPE, "log"), scales=scales)
+    return adapt(prior.network, data, RECIPE, float(prior.losses[-1]), steps=60)
+
+
+def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:
+    """Spearman's of decoded against true constant, over the motors where it varies."""
+    assert prior.network.motor is not None
+    decoded, count = prior.network.motor.decode(z), len(motors) // len(RANGES)
+    found = {}
+    for group, name in enumerate(RANGES):
+        rows = slice(group * count, (group + 1) * count)
+        found[name] = float(spearmanr(decoded[name][rows], getattr(motors, name)[rows])[0])  # pyright: ignore
+    return found
+
+
+def test_a_prior_ranks_its_training_motors_by_the_constant_that_varies(prior: Identified):
+    found = rank_correlations(prior, prior.mean, fleets(TRAINED, 1))
+    assert min(found.values()) >= 0.8, found
+
+
+def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, posterior: Posterior):
+    found = rank_correlations(prior, posterior.mean, fleets(NEW, 2))
+    assert min(found.values()) >= 0.8, found
+
+
+def test_bands_hold_about_what_they_promise(log: MotorLog, prior: Identified, posterior: Posterior):
+    metrics = reference_metrics(prior.network, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
+    found = coverage(prior.network, metrics, posterior, fleets(NEW, 2), 0)
+    assert 0.35 < found["coverage50"] < 0.65 and 0.75 < found["coverage90"] < 0.98
+    # twice the residuals promise too much
+    doubled = {key: 2 * value if key.startswith("residual") else value for key, value in metrics.items()}
+    wide = coverage(prior.network, doubled, posterior, fleets(NEW, 2), 0)
+    assert wide["coverage50"] > found["coverage50"] + 0.1 and wide["coverage90"] > found["coverage90"]
