@@ -26,8 +26,10 @@ from motorprior.identification.windows import TrainingData
 STEPS, LEARNING_RATE, BATCH = 300, 0.1, 16
 POLISHES = 6
 """Gauss-Newton steps after the descent."""
-STARTS, SCREENED_WINDOWS = 32, 24
-"""The descent begins at the best of so many draws of N(0, I), judged by so many windows: there are many valleys."""
+STARTS, SCREENED_WINDOWS = 48, 24
+"""Draws of each round of the search before the descent, judged by so many windows: there are many valleys."""
+SEARCH_RADII = (1.0, 1.0, 0.5, 0.25, 0.12)
+"""Standard deviations of the rounds' draws."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def adapt(
         """U(z) / N."""
         return loss(z, motor_windows) / temperature + 0.5 * jnp.sum(z**2) / count
 
+    @jax.jit
     def curvatures(z: jnp.ndarray) -> jnp.ndarray:
         """(M, Z, Z) of the loss."""
         return jax.lax.map(lambda one: objective.gauss_newton(parameters, one[1], one[0]), (z, windows))
@@ -113,14 +116,18 @@ def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z:
 
 
 def _best_starts(loss, windows: jnp.ndarray, latents: int) -> jnp.ndarray:
-    """(M, Z) of STARTS draws (the first is 0) the one with the least loss on evenly spread windows."""
-    draws = np.random.default_rng(0).standard_normal((STARTS, latents))
-    draws[0] = 0.0
-    candidates = jnp.asarray(draws, jnp.float32)
+    """(M, Z) by random search on evenly spread windows: draws about 0, then about the best so far, ever closer."""
+    rng = np.random.default_rng(0)
     picked = np.linspace(0, windows.shape[1] - 1, min(SCREENED_WINDOWS, windows.shape[1])).astype(int)
-    screen = jax.vmap(jax.vmap(loss, in_axes=(0, None)), in_axes=(None, 0))
-    losses = jax.jit(screen)(candidates, windows[:, picked])
-    return candidates[jnp.argmin(losses, axis=1)]
+    screen = jax.jit(jax.vmap(jax.vmap(loss, in_axes=(0, None))))
+    best = jnp.zeros((windows.shape[0], latents), jnp.float32)
+    for radius in SEARCH_RADII:
+        draws = radius * rng.standard_normal((STARTS, latents))
+        draws[0] = 0.0
+        candidates = best[:, None, :] + jnp.asarray(draws, jnp.float32)
+        winner = jnp.argmin(screen(candidates, windows[:, picked]), axis=1)
+        best = candidates[jnp.arange(len(best)), winner]
+    return best
 
 
 def _descend(energy, windows: jnp.ndarray, start: jnp.ndarray, steps: int) -> jnp.ndarray:
@@ -151,13 +158,13 @@ def _polish(energy, curvatures, windows: jnp.ndarray, start: jnp.ndarray, found:
     gradients of windows say in which a motor hits its end of play.
     """
     everywhere, count = jax.jit(jax.vmap(energy)), windows.shape[1]
-    slope, curve = jax.jit(jax.vmap(jax.grad(energy))), jax.jit(curvatures)
+    slope = jax.jit(jax.vmap(jax.grad(energy)))
     values, others = everywhere(start, windows), everywhere(found, windows)
     z = jnp.where((others < values)[:, None], found, start)
     values, damping = jnp.minimum(values, others), jnp.full(len(z), 1e-2)
     identity = jnp.eye(z.shape[1])
     for _ in range(POLISHES):
-        matrix = curve(z) + (1.0 / count + damping[:, None, None]) * identity
+        matrix = curvatures(z) + (1.0 / count + damping[:, None, None]) * identity
         candidate = z - jnp.linalg.solve(matrix, slope(z, windows)[..., None])[..., 0]
         tried = everywhere(candidate, windows)
         better = tried < values
