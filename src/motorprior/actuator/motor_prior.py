@@ -66,23 +66,9 @@ class MotorPrior:
     provenance: dict[str, Any]
     metrics: dict[str, float]
 
-    def sample(self, rng: np.random.Generator, count: int, sampler: str = "standard") -> LatentActuator:
-        """``count`` new motors.
-
-        Args:
-            rng: randomness.
-            count: number of motors.
-            sampler: ``standard``: z ~ N(0, I); ``fitted``: z ~ N(m, C) with the moments of all training motors'
-                posteriors together, m = mean_i μ_i, C = cov_i μ_i + mean_i diag(σ_i²), which needs many motors.
-        """
-        z = rng.standard_normal((count, self.network.num_latents))
-        if sampler == "fitted" and self.network.num_latents:
-            z = self.mean.mean(axis=0) + z @ np.linalg.cholesky(self._aggregate_covariance()).T
-        return LatentActuator(self.network, z)
-
-    def _aggregate_covariance(self) -> np.ndarray:
-        centred = self.mean - self.mean.mean(axis=0)
-        return centred.T @ centred / len(self.mean) + np.diag(np.exp(self.log_var).mean(axis=0))
+    def sample(self, rng: np.random.Generator, count: int) -> LatentActuator:
+        """``count`` new motors, z ~ N(0, I)."""
+        return LatentActuator(self.network, rng.standard_normal((count, self.network.num_latents)))
 
     def training_motors(self, index: np.ndarray) -> LatentActuator:
         """The training motors at ``index``, at their posterior means."""

@@ -89,8 +89,7 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     Writes the quantiles of every feature as a PNG.
 
     Returns:
-        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect) and ``energy_p_value``, for z ~ N(0, I)
-        and, with the ending ``/fitted``, for the Gaussian fitted to the training motors; per feature F
+        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect) and ``energy_p_value``; per feature F
         ``behaviour_auc/F`` (0.5 is perfect, above it the prior's values are larger); and ``aggregate_posterior_kl``,
         of the training motors' posteriors to N(0, I) [nat].
     """
@@ -101,7 +100,6 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
     drawn = behaviours(prior.sample(rng, POPULATION))
     physical = behaviours(PhysicalActuator(facts.fleet.sample(rng, POPULATION)))
-    fitted = behaviours(prior.sample(rng, POPULATION, "fitted")).values
     shown = feature_quantiles(
         drawn.names, drawn.units, drawn.values, physical.values, "draws of the prior", "held-out physical motors"
     )
@@ -111,8 +109,6 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     figures = {
         "two_sample_auc": float(distribution.two_sample_auc(one, other, facts.seed)),
         "energy_distance": float(distribution.energy_distance(one, other)),
-        "two_sample_auc/fitted": float(distribution.two_sample_auc(fitted, other, facts.seed)),
-        "energy_distance/fitted": float(distribution.energy_distance(fitted, other)),
         "energy_p_value": float(distribution.permutation_p_value(one, other, facts.seed)),
         "aggregate_posterior_kl": float(distribution.aggregate_posterior_summary(prior.mean, prior.log_var).kl),
     }

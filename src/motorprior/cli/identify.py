@@ -21,9 +21,6 @@ from motorprior.exceptions import ArtifactError
 
 PRIOR, CHECKPOINT, SECONDS = "prior.safetensors", "checkpoint.safetensors", "seconds.txt"
 
-MOTORS_PER_LATENT = 2
-"""Fewer make a covariance that is mostly chance."""
-
 
 @dataclass(frozen=True)
 class Identify:
@@ -55,6 +52,7 @@ def run_identify(config: Identify) -> None:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.reference import reference_metrics
+    from motorprior.identification.standardise import MOTORS_PER_LATENT
     from motorprior.identification.train import CHUNK, identify
     from motorprior.identification.windows import training_data
 

@@ -80,8 +80,6 @@ class MotorChoice:
     """Prior file, for --actuator prior."""
     posterior: Path | None = None
     """Posterior of one motor or of the robot's twelve, written by `motorprior adapt`: walk on those motors only."""
-    sampler: Literal["standard", "fitted"] = "standard"
-    """How a prior draws z: standard, N(0, I); fitted, the Gaussian with the moments of its training motors."""
     fleet: str = "pupper_v2"
     """Fleet of the physical motors, and of the PD's nominal gains."""
     kp: float | None = None
@@ -139,7 +137,7 @@ class MotorChoice:
             raise ConfigError("--actuator prior needs --prior FILE", remedy="identify one, or use --actuator pd")
         prior = load_prior(self.prior, self.physics_dt)
         if self.posterior is None:
-            return lambda rng: prior.sample(rng, spec.NUM_JOINTS, self.sampler)
+            return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
         posterior = _load_posterior(self.posterior, self.prior, prior)
         return lambda rng: posterior.sample(prior, rng, spec.NUM_JOINTS)
 
@@ -216,8 +214,7 @@ def _has_type(name: str, value: Any) -> bool:
         return type(value) in (int, float) and abs(value) < _LARGEST and isfinite(value)
     if name in _FILE_KEYS:
         return value is None or isinstance(value, str)
-    choices = {"actuator": ("prior", "pd", "fleet"), "sampler": ("standard", "fitted")}
-    return isinstance(value, str) and value in choices.get(name, (value,))
+    return isinstance(value, str) and (name != "actuator" or value in ("prior", "pd", "fleet"))
 
 
 def _find(name: str, data: dict[str, Any], policy: Path) -> Path:

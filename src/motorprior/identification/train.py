@@ -20,6 +20,7 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.identification.network import Parameters, export, initial_parameters
 from motorprior.identification.objectives import OBJECTIVES, kl_to_standard_normal
 from motorprior.identification.presets import Preset
+from motorprior.identification.standardise import standardised
 from motorprior.identification.windows import TrainingData, draw
 
 CHUNK = 100
@@ -80,12 +81,9 @@ def identify(
         if progress is not None:
             progress(first + count, preset.steps, losses[-1])
     trained = state[0]
-    return Identified(
-        export(trained["network"], preset, data.scales),
-        np.asarray(trained["mean"], np.float64),
-        np.asarray(trained["log_var"], np.float64),
-        np.asarray(losses),
-    )
+    network = export(trained["network"], preset, data.scales)
+    posteriors = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+    return Identified(*standardised(network, *posteriors), np.asarray(losses))
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
