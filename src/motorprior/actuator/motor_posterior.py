@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
 
+LARGEST = 1e3
+"""Bound of a latent and of its variance: N(0, 1) has none beyond 10."""
 SCHEMA_VERSION = 1
 _HEADER = ("schema_version", "kind", "joint_names", "prior_sha256", "seconds", "surprise")
 
@@ -80,6 +83,7 @@ class MotorPosterior:
             )
         require_keys(header, _HEADER, path)
         require_keys(tensors, ("mean", "covariance"), path)
+        _check_types(header, tensors, path)
         posterior = cls(
             tensors["mean"],
             tensors["covariance"],
@@ -100,7 +104,25 @@ class MotorPosterior:
                 where=path,
                 remedy="write it with `motorprior adapt`",
             )
-        if not all(np.all(np.linalg.eigvalsh(one) > 0) for one in self.covariance):
+        symmetric = np.allclose(self.covariance, self.covariance.transpose(0, 2, 1))
+        if not symmetric or not all(np.all(np.linalg.eigvalsh(one) > 0) for one in self.covariance):
             raise ArtifactError(
-                "a covariance is not positive definite", where=path, remedy="write it with `motorprior adapt`"
+                "a covariance is not symmetric and positive definite",
+                where=path,
+                remedy="write it with `motorprior adapt`",
             )
+
+
+def _check_types(header: dict[str, Any], tensors: dict[str, np.ndarray], path: Path) -> None:
+    """Every entry is of the kind that this code computes with, and no latent is beyond any sensible size."""
+    names, surprise = header["joint_names"], header["surprise"]
+    right = {
+        "joint_names": isinstance(names, list) and all(isinstance(name, str) for name in names),
+        "prior_sha256": isinstance(header["prior_sha256"], str),
+        "seconds": type(header["seconds"]) in (int, float) and 0 < header["seconds"] < np.inf,
+        "surprise": isinstance(surprise, list) and all(type(p) in (int, float) and 0 <= p <= 1 for p in surprise),
+    }
+    right |= {name: value.dtype == np.float64 and np.all(np.abs(value) < LARGEST) for name, value in tensors.items()}
+    for name, is_right in right.items():
+        if not is_right:
+            raise ArtifactError(f"{name} makes no sense", where=path, remedy="write it with `motorprior adapt`")

@@ -36,7 +36,9 @@ _KINDS = {
 }
 _KIND_NAMES = {bool: "true or false", str: "a text", dict: "a table"}
 _ANEW = "identify it anew"
-_LARGEST_WEIGHT = 1e4
+_LARGEST_WEIGHT, _LARGEST_LOGARITHM = 1e4, 30.0
+_LOGARITHMS = ("motor_center", "log_armature", "log_var")
+"""Tensors that are exponentiated."""
 _SMALLEST_SCALE, _LARGEST_SCALE = 1e-9, 1e9
 _OLDEST_TAP = 10_000
 """Periods; every motor keeps so much history."""
@@ -155,6 +157,9 @@ def _check_meaning(header: dict[str, Any], path: Path) -> None:
     for key, kind in _KINDS.items():
         if not isinstance(header[key], kind):
             raise ArtifactError(f"{key} = {str(header[key])[:40]} is not {_KIND_NAMES[kind]}", where=path, remedy=_ANEW)
+    for key, value in header["metrics"].items():
+        if type(value) not in (int, float) or not np.isfinite(value):
+            raise ArtifactError(f"metric {key} = {str(value)[:40]} is not a number", where=path, remedy=_ANEW)
 
 
 def _are_taps(taps: object) -> bool:
@@ -179,9 +184,10 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
         value = tensors[name]
         if value.shape != shape or value.dtype != np.float64:
             raise ArtifactError(f"{name} is {value.dtype}{value.shape}, wanted float64{shape}", where=path)
-        if value.size and np.abs(value).max() > _LARGEST_WEIGHT:
+        largest = _LARGEST_LOGARITHM if name in _LOGARITHMS else _LARGEST_WEIGHT
+        if value.size and np.abs(value).max() > largest:
             raise ArtifactError(
-                f"{name} holds {np.abs(value).max():.3g}, beyond {_LARGEST_WEIGHT:g}", where=path,
+                f"{name} holds {np.abs(value).max():.3g}, beyond {largest:g}", where=path,
                 remedy="the training diverged: identify it anew",
             )  # fmt: skip
     if motors == 0:

@@ -50,11 +50,18 @@ def preset_of(prior: MotorPrior, where: Path) -> Any:
 
     recipe: Any = prior.provenance.get("recipe")
     try:
-        return Preset(**{**recipe, "taps": tuple(recipe["taps"])})
+        preset = Preset(**{**recipe, "taps": tuple(recipe["taps"])})
     except (TypeError, KeyError) as error:
         raise ArtifactError(
             f"its provenance holds no recipe ({error})", where=where, remedy="identify it anew"
         ) from error
+    network = prior.network
+    fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature) == (
+        network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature,
+    )  # fmt: skip
+    if not fits or preset.objective not in ("torque", "rollout"):
+        raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy="identify it anew")
+    return preset
 
 
 def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
@@ -78,7 +85,7 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
     from motorprior.identification.reference import ending, surprise
     from motorprior.identification.windows import training_data
 
-    if prior.network.num_latents == 0 or "loss_mean" not in prior.metrics:
+    if prior.network.num_latents == 0 or not prior.metrics.get("loss_mean", 0.0) > 0.0:
         raise ArtifactError(
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
         )

@@ -91,7 +91,7 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     Returns:
         ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect) and ``energy_p_value``; per feature F
         ``behaviour_auc/F`` (0.5 is perfect, above it the prior's values are larger); and ``aggregate_posterior_kl``,
-        of the training motors' posteriors to N(0, I) [nat].
+        of the training motors' posteriors to N(0, I) as trained, before the latents were standardised [nat].
     """
     from motorprior.identification import distribution
     from motorprior.transfer.plots_distribution import feature_quantiles
@@ -110,7 +110,7 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
         "two_sample_auc": float(distribution.two_sample_auc(one, other, facts.seed)),
         "energy_distance": float(distribution.energy_distance(one, other)),
         "energy_p_value": float(distribution.permutation_p_value(one, other, facts.seed)),
-        "aggregate_posterior_kl": float(distribution.aggregate_posterior_summary(prior.mean, prior.log_var).kl),
+        "aggregate_posterior_kl": prior.metrics.get("aggregate_posterior_kl", 0.0),
     }
     separate = distribution.feature_auc(one, other)
     return figures | {f"behaviour_auc/{name}": float(value) for name, value in zip(drawn.names, separate, strict=True)}

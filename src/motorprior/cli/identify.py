@@ -81,6 +81,7 @@ def run_identify(config: Identify) -> None:
         found = identify(data, preset, config.seed, report, _Checkpoint(config.out / CHECKPOINT, wanted))
     seconds = time.monotonic() - started
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+    metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
     metrics |= reference_metrics(found.network, data, preset, found.mean, log)
     provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": config.seed}
     prior = MotorPrior(

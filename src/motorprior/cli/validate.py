@@ -32,6 +32,8 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.transfer.robot_fidelity import robot_fidelity
 
 FIGURES, TRACES, QUANTILES = "figures.json", "traces.safetensors", "behaviour_quantiles.png"
+SHORTEST_LOG, LONGEST_LOG = 1.0, 600.0
+"""Log of a new motor [s]."""
 GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"
 """The PD with the best gains and nothing else, and the PD with armature and delay fitted as well."""
 BENCH_METRICS = {
@@ -123,6 +125,12 @@ def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
         ArtifactError, ConfigError: a prior or a setting that cannot be used.
     """
     require_seed(config.seed)
+    for seconds in config.adapt_seconds:
+        if not SHORTEST_LOG <= seconds <= LONGEST_LOG:
+            raise ConfigError(
+                f"--adapt-seconds {seconds:g} s is not from {SHORTEST_LOG:g} to {LONGEST_LOG:g} s",
+                remedy="give lengths of log in between",
+            )
     priors, facts = load_priors(config.priors)
     wanted = description("validate", asdict(config), list(config.priors))
     if not is_finished(config.out, wanted):
@@ -165,7 +173,7 @@ def _held_out_figures(
     from motorprior.cli import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
-    both = (*COLUMNS, "bench_impact_rmse_mean")
+    both = (*COLUMNS, "bench_impact_rmse_mean", "standing_rmse_mean", "hung_rmse_mean")
     figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
     with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
         motors = held_out.held_out_motors(facts)
@@ -208,6 +216,7 @@ def _figures(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: in
         found = robot_fidelity(motors, models, hung, seed)
         for model in found.rmse:
             figures[f"{place}_rmse/{model}"] = float(np.median(found.rmse[model]))
+            figures[f"{place}_rmse_mean/{model}"] = float(np.mean(found.rmse[model]))
             figures[f"{place}_torque_hf/{model}"] = _finite(np.median(found.torque_hf[model]))
             if not hung:
                 figures[f"standing_displacement_error/{model}"] = _finite(np.median(found.displacement_error[model]))

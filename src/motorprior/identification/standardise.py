@@ -5,7 +5,8 @@ about stay narrower, and draws would be wider than the motors. z acts through li
 
     m = mean_i μ_i,   L·Lᵀ = cov_i μ_i + mean_i diag(σ_i²)
 
-is absorbed into the decoder without changing any motor.
+is absorbed into the decoder: motors stay what they are, but for constants that the decoder clips (LOG_REACH), about the
+new centre from then on.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.distribution import aggregate_posterior_summary
 
 MOTORS_PER_LATENT = 2
 """With fewer motors the covariance would be mostly chance, and the latents stay as they are."""
@@ -38,14 +40,13 @@ def standardised(
     motors, latents = mean.shape
     if latents == 0 or motors < MOTORS_PER_LATENT * latents:
         return network, mean, log_var
-    center, variance = mean.mean(axis=0), np.exp(log_var)
-    spread = np.cov(mean.T, bias=True).reshape(latents, latents) + np.diag(variance.mean(axis=0))
-    factor = np.linalg.cholesky(spread)
+    together = aggregate_posterior_summary(mean, log_var)
+    factor = np.linalg.cholesky(together.covariance)
     inverse = np.linalg.inv(factor)
     return (
-        _absorb(network, center, factor),
-        (mean - center) @ inverse.T,
-        np.log(variance @ (inverse**2).T),
+        _absorb(network, together.mean, factor),
+        (mean - together.mean) @ inverse.T,
+        np.log(np.exp(log_var) @ (inverse**2).T),
     )
 
 

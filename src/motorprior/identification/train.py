@@ -17,6 +17,7 @@ import optax
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import MotorPriorError
+from motorprior.identification.distribution import aggregate_posterior_summary
 from motorprior.identification.network import Parameters, export, initial_parameters
 from motorprior.identification.objectives import OBJECTIVES, kl_to_standard_normal
 from motorprior.identification.presets import Preset
@@ -32,12 +33,17 @@ Progress = Callable[[int, int, float], None]
 
 @dataclass(frozen=True)
 class Identified:
-    """A trained network with every training motor's posterior, (M, Z) each, and the loss every CHUNK steps."""
+    """A trained network with every training motor's posterior, (M, Z) each.
+
+    ``losses``: every CHUNK steps; ``aggregate_kl``: of all posteriors together to N(0, I) as trained [nat], before the
+    latents were standardised.
+    """
 
     network: LatentNetwork
     mean: np.ndarray
     log_var: np.ndarray
     losses: np.ndarray
+    aggregate_kl: float
 
 
 class Checkpoints(Protocol):
@@ -82,8 +88,9 @@ def identify(
             progress(first + count, preset.steps, losses[-1])
     trained = state[0]
     network = export(trained["network"], preset, data.scales)
-    posteriors = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-    return Identified(*standardised(network, *posteriors), np.asarray(losses))
+    mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+    divergence = aggregate_posterior_summary(mean, log_var).kl if mean.size else 0.0
+    return Identified(*standardised(network, mean, log_var), np.asarray(losses), float(divergence))
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
@@ -113,7 +120,7 @@ def _finite(loss: float, step: int) -> float:
     if not np.isfinite(loss):
         raise MotorPriorError(
             f"training diverged: the loss is {loss} at Adam step {step}",
-            remedy="check the log with `motorprior logs check`, or lower the learning rate",
+            remedy="check the log with `motorprior logs check`, or try another --seed",
         )
     return loss
 
