@@ -141,9 +141,9 @@ def _robot_section(tensors: dict[str, np.ndarray], figures: dict[str, float]) ->
     chatter = figures["standing_torque_hf/paper_wide"] / figures["standing_torque_hf/physical"]
     body = (
         "The paper's motors never carried a load on their bench, and here they cannot carry the robot. The control "
-        "paper_wide has the paper's loss on the data, the clock and the history of the rollout prior: better than a "
-        f"PD on the bench, but in the standing robot its torque above 20 Hz is {chatter:.1f} times the physical motors' "
-        "own. The legs oscillate.",
+        "paper_wide has the paper's loss on the data, the clock and the history of the rollout prior: better than "
+        f"a PD on the bench, but in the standing robot its torque above 20 Hz is {chatter:.1f} times the physical "
+        "motors' own. The legs oscillate.",
         "Why: torque causes acceleration, so a network fitted one step ahead reads the torque off the last change of "
         "velocity, and in a simulator that feeds back on itself on every joint lighter than its motor. The page "
         "docs/why-the-paper-oscillates.md takes the loop apart.",
