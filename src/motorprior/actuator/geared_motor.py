@@ -27,6 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from motorprior.actuator.delay_line import delayed_target
+
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
@@ -109,9 +111,7 @@ def _begin(
     ring = memory.shape[0] - _RING
     for motor in range(position_target.shape[0]):
         memory[_RING + now % ring, motor] = position_target[motor]
-        age = int(p[_DELAY, motor])
-        newer, older = memory[_RING + (now - age) % ring, motor], memory[_RING + (now - age - 1) % ring, motor]
-        memory[TARGET, motor] = newer + (p[_DELAY, motor] - age) * (older - newer)
+        memory[TARGET, motor] = delayed_target(memory, _RING, now, p[_DELAY, motor], motor)
         change = joint_vel[motor] - memory[JOINT_VEL, motor]
         memory[ROTOR_VEL, motor] += dt * memory[DAMPING, motor] * change / p[_ARMATURE, motor]
         memory[JOINT_VEL, motor] = joint_vel[motor]

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import IDEAL_PD, ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.delay_line import delayed_target
 
 _KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
 
@@ -87,11 +88,7 @@ def step_ideal_pd(
     ring, now = arrays.memory.shape[0], arrays.clock[0]
     for motor in range(torque.shape[0]):
         arrays.memory[now % ring, motor] = position_target[motor]
-        lag = arrays.parameters[_DELAY, motor]
-        whole = int(lag)
-        newer = arrays.memory[(now - whole) % ring, motor]
-        older = arrays.memory[(now - whole - 1) % ring, motor]
-        target = newer + (lag - whole) * (older - newer)
+        target = delayed_target(arrays.memory, 0, now, arrays.parameters[_DELAY, motor], motor)
         limit = arrays.parameters[_TORQUE_LIMIT, motor]
         damping = arrays.parameters[_KD, motor] * joint_vel[motor]
         raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping

@@ -17,7 +17,7 @@ from motorprior.exceptions import ArtifactError
 
 SHIPPED = Path(__file__).parent / "fleets"
 _TEXT_KEYS = ("name", "motor", "robot")
-_UNITS = {
+UNITS = {
     "kp": "N·m/rad",
     "kd_over_kp": "s",
     "delay": "s",
@@ -94,11 +94,11 @@ class Fleet:
 
     def sample(self, rng: np.random.Generator, count: int) -> MotorParameters:
         """Draw ``count`` motors."""
-        return _assemble({name: self.parameters[name].sample(rng, count) for name in _UNITS})
+        return _assemble({name: self.parameters[name].sample(rng, count) for name in UNITS})
 
     def center(self, count: int) -> MotorParameters:
         """``count`` copies of the central motor."""
-        return _assemble({name: np.full(count, self.parameters[name].center) for name in _UNITS})
+        return _assemble({name: np.full(count, self.parameters[name].center) for name in UNITS})
 
     def summary(self) -> dict[str, dict[str, float | str]]:
         """Kind and values of every parameter, for provenance."""
@@ -123,9 +123,9 @@ def load_fleet(name_or_path: str) -> Fleet:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:  # also a number of more digits than Python reads
         raise ArtifactError(f"not valid TOML ({error})", where=path, remedy="compare with a shipped fleet") from error
-    require_keys(data, (*_TEXT_KEYS, *_UNITS), path)
+    require_keys(data, (*_TEXT_KEYS, *UNITS), path)
     texts = {key: str(data[key]) for key in _TEXT_KEYS}
-    return Fleet(**texts, parameters={name: _distribution(data[name], name, path) for name in _UNITS})
+    return Fleet(**texts, parameters={name: _distribution(data[name], name, path) for name in UNITS})
 
 
 def fleet_path(name_or_path: str) -> Path:
@@ -154,9 +154,9 @@ def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping
             raise ArtifactError(f"{key} {text!r} is not a text", where=where, remedy="record the bench anew")
     if not isinstance(parameters, Mapping):
         raise ArtifactError("its parameters are not a table", where=where, remedy="record the bench anew")
-    require_keys(parameters, _UNITS, where)
+    require_keys(parameters, UNITS, where)
     made = {}
-    for parameter in _UNITS:
+    for parameter in UNITS:
         table, place = parameters[parameter], f"{where}[{parameter}]"
         kind = _known_kind(table, "kind", place)
         made[parameter] = _checked(kind, {key: table[key] for key in table if key != "kind"}, parameter, place)
@@ -169,8 +169,8 @@ def _distribution(table: dict, name: str, path: Path) -> Distribution:
     required, optional = _KEYS[kind]
     numbers = {key: value for key, value in table.items() if key not in ("unit", "source", "distribution")}
     require_keys(table, {"unit", "source", "distribution", *required, *(optional & numbers.keys())}, where)
-    if table["unit"] != _UNITS[name]:
-        raise ArtifactError(f"unit {table['unit']!r}", where=where, remedy=f"give it in {_UNITS[name]!r}")
+    if table["unit"] != UNITS[name]:
+        raise ArtifactError(f"unit {table['unit']!r}", where=where, remedy=f"give it in {UNITS[name]!r}")
     return _checked(kind, numbers, name, where)
 
 
@@ -211,7 +211,7 @@ def _check_number(key: str, value: object, name: str, where: str) -> None:
     most = _LARGEST_OF.get(name, _LARGEST)
     if abs(value) > most:
         raise ArtifactError(
-            f"{key} = {str(value)[:20]} is above {most:g} {_UNITS[name]}", where=where, remedy=f"give {most:g} or less"
+            f"{key} = {str(value)[:20]} is above {most:g} {UNITS[name]}", where=where, remedy=f"give {most:g} or less"
         )
     central = key in ("center", "low", "high")
     if name in _STRICTLY_POSITIVE and central and value <= 0:

@@ -12,16 +12,12 @@ import tyro
 from motorprior.actuator.geared_motor import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_json
+from motorprior.bench import fleet
 from motorprior.cli.console import table
 
 DIFFERENT = 1
 """Exit code."""
-UNITS = {
-    "kp": "N·m/rad", "kd_over_kp": "s", "velocity_filter": "s", "delay": "s", "torque_limit": "N·m",
-    "armature": "kg·m²", "coulomb": "N·m", "stribeck_torque": "N·m", "viscous_damping": "N·m·s/rad",
-    "load_friction": "1", "gear_stiffness": "N·m/rad", "backlash": "rad", "gear_damping": "N·m·s/rad",
-    "encoder_zero": "rad",
-}  # fmt: skip
+UNITS = {name: fleet.UNITS[name] for name in PARAMETERS}
 _FLEET_DRAWS = 256
 """Motors of N(0, I) whose constants give the spread of a prior's fleet."""
 _NOTHING = "-"

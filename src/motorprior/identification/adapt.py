@@ -69,7 +69,7 @@ def adapt(
         network: of the prior.
         data: logs of the new motors, stacked.
         preset: the prior's recipe.
-        temperature: T, the prior's final training loss.
+        temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         steps: Adam steps towards the mode.
     """
     windows = jnp.asarray(tiled_windows(data, preset))
