@@ -9,11 +9,17 @@ import numpy as np
 Excitation = Callable[[np.random.Generator, int, float], np.ndarray]
 
 
+def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:
+    """Times [s] from 0 to beyond ``duration``, each so long after the one before."""
+    knots = [0.0]
+    while knots[-1] < duration:
+        knots.append(knots[-1] + rng.uniform(shortest, longest))
+    return knots
+
+
 def _wandering(rng: np.random.Generator, steps: int, dt: float, low: float, high: float) -> np.ndarray:
     """A positive signal that moves smoothly (log-linearly) between random levels every 0.5-1.5 s."""
-    knots = [0.0]
-    while knots[-1] < steps * dt:
-        knots.append(knots[-1] + rng.uniform(0.5, 1.5))
+    knots = _knots(rng, steps * dt, 0.5, 1.5)
     levels = rng.uniform(np.log(low), np.log(high), len(knots))
     return np.exp(np.interp(np.arange(steps) * dt, knots, levels))
 
@@ -82,9 +88,7 @@ def pushes(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.ndarray:
     """Straight lines between random levels within ±reach, 0.3-1 s apart, from 0 on."""
-    knots = [0.0]
-    while knots[-1] < steps * dt:
-        knots.append(knots[-1] + rng.uniform(0.3, 1.0))
+    knots = _knots(rng, steps * dt, 0.3, 1.0)
     levels = rng.uniform(-reach, reach, len(knots))
     levels[0] = 0.0
     return np.interp(np.arange(steps) * dt, knots, levels)

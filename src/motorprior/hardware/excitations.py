@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.settings import Excitation
-from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
+from motorprior.locomotion.trajectory_generator import open_loop_trot
 from motorprior.robots.pupper_v2 import spec
 
 _SIGNALS: dict[str, excitation.Excitation] = {
@@ -85,8 +85,4 @@ def _scale(away: np.ndarray, amplitude: float) -> np.ndarray:
 
 def _trot(steps: int, control_dt: float) -> np.ndarray:
     """(steps, 12) distance from the nominal pose [rad] of a trot at 1.25 Hz and half intensity."""
-    targets, phase = np.zeros((steps, spec.NUM_JOINTS)), 0.0
-    for step in range(steps):
-        joint_targets(phase, 0.5, 0.25, 1.0, targets[step])
-        phase = advance_phase(phase, 1.25, control_dt)
-    return targets - spec.NOMINAL_POSE
+    return open_loop_trot(steps, 1.25, 0.5, 0.25, 1.0, control_dt) - spec.NOMINAL_POSE

@@ -79,3 +79,14 @@ def joint_targets(phase: float, intensity: float, height: float, swing_stance_ra
         out[3 * leg] = 0.0
         out[3 * leg + 1] = NOMINAL_HIP - swing - 0.5 * extend
         out[3 * leg + 2] = NOMINAL_KNEE + extend
+
+
+def open_loop_trot(
+    steps: int, frequency: float, intensity: float, height: float, swing_stance_ratio: float, control_dt: float
+) -> np.ndarray:
+    """(steps, 12) joint angles [rad] of a trot that nobody modulates, from phase 0; see `joint_targets`."""
+    targets, phase = np.zeros((steps, len(NOMINAL_POSE))), 0.0
+    for row in targets:
+        joint_targets(phase, intensity, height, swing_stance_ratio, row)
+        phase = advance_phase(phase, frequency, control_dt)
+    return targets

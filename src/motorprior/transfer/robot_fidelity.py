@@ -14,7 +14,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.validate import FLOOR_OFFSET, HELD_OUT_SEED, ModelOfMotors
-from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
+from motorprior.locomotion.trajectory_generator import open_loop_trot
 from motorprior.robots.pupper_v2 import spec
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.replay import Replay, replay
@@ -51,11 +51,7 @@ def trot_targets(rng: np.random.Generator, steps: int) -> np.ndarray:
     """
     frequency, intensity = rng.uniform(1.0, 1.75), rng.uniform(0.25, 0.55)
     height, ratio = rng.uniform(0.0, 0.25), float(np.exp(rng.uniform(-0.3, 0.3)))
-    targets, phase = np.zeros((steps, spec.NUM_JOINTS)), 0.0
-    for step in range(steps):
-        joint_targets(phase, intensity, height, ratio, targets[step])
-        phase = advance_phase(phase, frequency, spec.CONTROL_DT)
-    return targets
+    return open_loop_trot(steps, frequency, intensity, height, ratio, spec.CONTROL_DT)
 
 
 def robot_fidelity(motors: MotorParameters, models: dict[str, ModelOfMotors], hung: bool, seed: int) -> RobotFidelity:
