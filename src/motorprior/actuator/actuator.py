@@ -38,14 +38,14 @@ class ActuatorArrays(NamedTuple):
     """(n,) float64: damping [N·m·s/rad] that the engine integrates implicitly in the coming step."""
     weights: np.ndarray
     """flat float32: the layers' matrices, row-major."""
-    taps: np.ndarray
-    """(taps,) int64: ages of the history inputs, in renewals."""
+    inputs: np.ndarray
+    """(inputs,) int64: rows of the history that the network sees, counted from the newest."""
     biases: np.ndarray
     """(blocks, neurons of all layers, 16) float32; z is folded into the first layer's."""
     history: np.ndarray
     """(blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state."""
     scratch: np.ndarray
-    """(blocks, inputs + neurons, 16) float32."""
+    """(blocks, neurons of all layers, 16) float32."""
 
 
 def require_step(physics_dt: float, longest: float = np.inf) -> None:
@@ -73,7 +73,7 @@ def empty_arrays(
         clock=np.array([0, renewal], dtype=np.int64),
         damping=np.zeros(parameters.shape[1]) if damping is None else np.array(damping, dtype=np.float64),
         weights=np.zeros(0, np.float32),
-        taps=np.zeros(0, np.int64),
+        inputs=np.zeros(0, np.int64),
         biases=nothing,
         history=nothing.copy(),
         scratch=nothing.copy(),

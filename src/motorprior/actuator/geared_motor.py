@@ -22,12 +22,19 @@ that momentum is kept.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.core.errors import TypingError
+from numba.extending import intrinsic
 
 from motorprior.actuator.delay_line import delayed_target
+from motorprior.actuator.vector import BYTES, Vector, where
 
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
@@ -51,7 +58,7 @@ STRIBECK_VELOCITY = 0.3
     _KP, _KD, _FILTER, _DELAY, _LIMIT, _ARMATURE, _COULOMB, _STRIBECK, _VISCOUS, _LOAD_FRICTION,
     _STIFFNESS, _HALF_PLAY, _GEAR_DAMPING, _ZERO,
 ) = range(len(PARAMETERS))  # fmt: skip
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, TARGET, FORCE, CONTACT, _RING = range(9)
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, TARGET, CONTACT, _RING = range(8)
 """Rows of the memory; the delay line follows."""
 
 
@@ -68,7 +75,7 @@ class GearedMotor:
         """(n,) constants by name of motors with latents z (n, Z)."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
         raw = self.center + np.clip(shift, -LOG_REACH, LOG_REACH)
-        values = {name: np.exp(raw[:, row]) for row, name in enumerate(PARAMETERS)}
+        values: dict[str, np.ndarray] = dict(zip(PARAMETERS, np.exp(raw).T.copy(), strict=True))
         values["delay"] = np.minimum(values["delay"], LONGEST_DELAY)
         values["encoder_zero"] = ZERO_SCALE * raw[:, _ZERO]
         return values
@@ -104,57 +111,144 @@ def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_po
 
 
 @njit(cache=True, nogil=True)
-def _begin(
-    p: np.ndarray, memory: np.ndarray, now: int, dt: float, position_target: np.ndarray, joint_vel: np.ndarray
-) -> None:
-    """Delayed targets, linear between steps; the momentum that the engine's implicit damping took from the joint."""
-    ring = memory.shape[0] - _RING
+def _listen(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
+    """Delayed targets, linear between steps."""
+    newest = now % (memory.shape[0] - _RING)
     for motor in range(position_target.shape[0]):
-        memory[_RING + now % ring, motor] = position_target[motor]
-        memory[TARGET, motor] = delayed_target(memory, _RING, now, p[_DELAY, motor], motor)
-        change = joint_vel[motor] - memory[JOINT_VEL, motor]
-        memory[ROTOR_VEL, motor] += dt * memory[DAMPING, motor] * change / p[_ARMATURE, motor]
-        memory[JOINT_VEL, motor] = joint_vel[motor]
-        memory[FORCE, motor] = 0.0
-        memory[CONTACT, motor] = 0.0
+        memory[_RING + newest, motor] = position_target[motor]
+        memory[TARGET, motor] = delayed_target(memory, _RING, newest, p[_DELAY, motor], motor)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _rub(impulse: float, friction: float) -> float:
+class Rotor(NamedTuple):
+    """What changes in a substep, of as many motors as there are lanes; force and contact are sums over the step."""
+
+    pos: Vector
+    vel: Vector
+    filtered: Vector
+    force: Vector
+    contact: Vector
+
+
+def _rub(impulse: Vector, friction: Vector) -> Vector:
     """What dry friction leaves of an impulse: it can stop a rotor, never reverse it."""
-    return math.copysign(max(0.0, abs(impulse) - friction), impulse)
+    rest = abs(impulse) - friction
+    return where(rest > 0.0, rest, 0.0 * rest).with_sign_of(impulse)
 
 
-@njit(cache=True, nogil=True)
-def _substep(p: np.ndarray, memory: np.ndarray, h: float, joint_pos: np.ndarray, ahead: float) -> None:
-    """Advance all rotors by ``h``; the joints are where they will be after ``ahead`` [s] of their present velocity."""
-    for motor in range(joint_pos.shape[0]):
-        r, v, dq = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor], memory[JOINT_VEL, motor]
-        twist, half = r - joint_pos[motor] - ahead * dq, p[_HALF_PLAY, motor]
-        coming = twist + h * (v - dq)
-        above, below = coming > half, coming < -half
-        pressed = twist - half if above else (twist + half if below else 0.0)
-        contact = 1.0 if above or below else 0.0
-        spring = contact * p[_STIFFNESS, motor] * pressed
-        damping = contact * (p[_GEAR_DAMPING, motor] + IMPLICITNESS * h * p[_STIFFNESS, motor])
-        ratio = v / STRIBECK_VELOCITY
-        friction = p[_COULOMB, motor] + p[_STRIBECK, motor] / (1.0 + ratio * ratio)
-        friction = h * (friction + p[_LOAD_FRICTION, motor] * abs(spring + damping * (v - dq)))
-        gain, filtered = p[_FILTER, motor], memory[FILTERED_VEL, motor]
-        braking = p[_KD, motor] * gain + 0.5 * h * p[_KP, motor]
-        push = p[_KP, motor] * (memory[TARGET, motor] - r - p[_ZERO, motor]) - p[_KD, motor] * (1.0 - gain) * filtered
-        carried = p[_ARMATURE, motor] * v + h * (damping * dq - spring)
-        inertia = p[_ARMATURE, motor] + h * (p[_VISCOUS, motor] + damping)
-        free = _rub(carried + h * push, friction) / (inertia + h * braking)
-        law = push - braking * free
-        limit = p[_LIMIT, motor]
-        held = _rub(carried + h * min(limit, max(-limit, law)), friction) / inertia
-        v = held if abs(law) > limit else free
-        memory[FORCE, motor] += spring + damping * (v - dq)
-        memory[CONTACT, motor] += contact
-        memory[ROTOR_POS, motor] = r + h * v
-        memory[ROTOR_VEL, motor] = v
-        memory[FILTERED_VEL, motor] = filtered + gain * (v - filtered)
+def _substep(p: list[Vector], rotor: Rotor, target: Vector, q: Vector, dq: Vector, h: Vector, ahead: Vector) -> Rotor:
+    """Advance rotors by ``h``; the joints are where they will be after ``ahead`` [s] of their present velocity."""
+    r, v, filtered, none = rotor.pos, rotor.vel, rotor.filtered, 0.0 * h
+    twist, half = r - q - ahead * dq, p[_HALF_PLAY]
+    coming = twist + h * (v - dq)
+    above, below = coming > half, coming < -half
+    pressed = where(above, twist - half, where(below, twist + half, none))
+    contact = where(above, none + 1.0, where(below, none + 1.0, none))
+    spring = contact * p[_STIFFNESS] * pressed
+    damping = contact * (p[_GEAR_DAMPING] + IMPLICITNESS * h * p[_STIFFNESS])
+    ratio = v / STRIBECK_VELOCITY
+    friction = p[_COULOMB] + p[_STRIBECK] / (1.0 + ratio * ratio)
+    friction = h * (friction + p[_LOAD_FRICTION] * abs(spring + damping * (v - dq)))
+    gain = p[_FILTER]
+    braking = p[_KD] * gain + 0.5 * h * p[_KP]
+    push = p[_KP] * (target - r - p[_ZERO]) - p[_KD] * (1.0 - gain) * filtered
+    carried = p[_ARMATURE] * v + h * (damping * dq - spring)
+    inertia = p[_ARMATURE] + h * (p[_VISCOUS] + damping)
+    free = _rub(carried + h * push, friction) / (inertia + h * braking)
+    law = push - braking * free
+    held = _rub(carried + h * law.clipped(p[_LIMIT]), friction) / inertia
+    v = where(abs(law) > p[_LIMIT], held, free)
+    force = rotor.force + (spring + damping * (v - dq))
+    return Rotor(r + h * v, v, filtered + gain * (v - filtered), force, rotor.contact + contact)
+
+
+def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, substeps: Any) -> None:
+    """All substeps of one physics step, for ``width`` neighbouring motors.
+
+    Args:
+        builder: of the code (llvmlite).
+        width: number of motors.
+        columns: of table, memory, joint_pos, joint_vel, torque and damping: (address of the first motor's element in
+            the first row, bytes from row to row).
+        physics_dt: [s].
+        substeps: their number.
+    """
+    table, memory, *vectors = columns
+
+    def read(column: Any, row: int = 0) -> Vector:
+        return Vector.load(builder, _row(builder, column, row), width)
+
+    p = [read(table, row) for row in range(len(PARAMETERS))]
+    q, dq = (read(column) for column in vectors[:2])
+    dt = Vector.broadcast(builder, physics_dt, width)
+    count = Vector.broadcast(builder, builder.sitofp(substeps, physics_dt.type), width)
+    h, target, none = dt / count, read(memory, TARGET), 0.0 * dt
+    # the momentum that the engine's implicit damping took from the joint
+    vel = read(memory, ROTOR_VEL) + dt * read(memory, DAMPING) * (dq - read(memory, JOINT_VEL)) / p[_ARMATURE]
+    rotor = _repeated(
+        builder, substeps, Rotor(read(memory, ROTOR_POS), vel, read(memory, FILTERED_VEL), none, none),
+        lambda now, k: _substep(p, now, target, q, dq, h, Vector.broadcast(builder, k, width) * h),
+    )  # fmt: skip
+    damping = 0.5 * (rotor.contact / count) * (p[_GEAR_DAMPING] + dt * p[_STIFFNESS])
+    (rotor.force / count + damping * dq).store(_row(builder, vectors[2], 0))
+    damping.store(_row(builder, vectors[3], 0))
+    left = {
+        ROTOR_POS: rotor.pos, ROTOR_VEL: rotor.vel, FILTERED_VEL: rotor.filtered, JOINT_VEL: dq, DAMPING: damping,
+        CONTACT: rotor.contact,
+    }  # fmt: skip
+    for row, value in left.items():
+        value.store(_row(builder, memory, row))
+
+
+def _row(builder: Any, column: Any, row: int) -> Any:
+    """Address of a column's element in that row."""
+    first, stride = column
+    return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
+
+
+def _repeated(builder: Any, count: Any, start: Rotor, advance: Callable[[Rotor, Any], Rotor]) -> Rotor:
+    """``advance`` of the state and the number of the substep (a float64 of the code), ``count`` times."""
+    slots = [cgutils.alloca_once_value(builder, part.value) for part in start]
+    with cgutils.for_range(builder, count) as loop:
+        now = Rotor(*(Vector(builder, builder.load(slot)) for slot in slots))
+        after = advance(now, builder.sitofp(loop.index, ir.DoubleType()))
+        for slot, part in zip(slots, after, strict=True):
+            builder.store(part.value, slot)
+    return Rotor(*(Vector(builder, builder.load(slot)) for slot in slots))
+
+
+def _stepper(width: int) -> Any:
+    """An intrinsic that steps ``width`` motors."""
+
+    def step(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps):
+        """From motor number ``first`` on; the arrays are those of `step_geared_motor`."""
+        arrays = (table, memory, joint_pos, joint_vel, torque, damping)
+        if any(array.layout != "C" or array.dtype != types.float64 for array in arrays):
+            raise TypingError("the motors' arrays must be contiguous float64")
+        signature = types.void(types.intp, *arrays, types.float64, types.intp)
+
+        def codegen(context, builder, signature, arguments):
+            first, *values, physics_dt, substeps = arguments
+            columns = [
+                _column(context, builder, kind, value, first)
+                for kind, value in zip(signature.args[1:], values, strict=False)
+            ]
+            _emit_step(builder, width, columns, physics_dt, substeps)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+    return intrinsic(step)
+
+
+def _column(context: Any, builder: Any, kind: Any, value: Any, index: Any) -> tuple[Any, Any]:
+    """Address of element ``index`` of an array's first row, and bytes from row to row."""
+    array = context.make_array(kind)(context, builder, value=value)
+    start = builder.ptrtoint(array.data, index.type)
+    first = builder.add(start, builder.mul(index, ir.Constant(index.type, BYTES)))
+    return first, cgutils.unpack_tuple(builder, array.strides)[0]
+
+
+_step_eight, _step_four, _step_one = _stepper(8), _stepper(4), _stepper(1)
 
 
 @njit(cache=True, nogil=True)
@@ -172,7 +266,7 @@ def step_geared_motor(
     """Write (n,) torque [N·m] and damping [N·m·s/rad] for the physics step that begins now.
 
     Args:
-        p: (P, n) of `motor_table` for this step.
+        p: (P, n) of `motor_table` for this step. All arrays are contiguous.
         memory: (rows, n) state.
         now: steps since the reset.
         physics_dt: [s].
@@ -182,19 +276,21 @@ def step_geared_motor(
         torque: (n,) overwritten.
         damping: (n,) overwritten.
     """
-    substeps = _substeps(physics_dt)
-    h = physics_dt / substeps
-    _begin(p, memory, now, physics_dt, position_target, joint_vel)
-    for k in range(substeps):
-        _substep(p, memory, h, joint_pos, k * h)
-    for motor in range(torque.shape[0]):
-        touching = memory[CONTACT, motor] / substeps
-        damping[motor] = 0.5 * touching * (p[_GEAR_DAMPING, motor] + physics_dt * p[_STIFFNESS, motor])
-        torque[motor] = memory[FORCE, motor] / substeps + damping[motor] * joint_vel[motor]
-        memory[DAMPING, motor] = damping[motor]
+    _listen(p, memory, now, position_target)
+    n, substeps, first = torque.shape[0], _substeps(physics_dt), 0
+    while first < n:
+        if n - first >= 8:
+            _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps)
+            first += 8
+        elif n - first >= 4:
+            _step_four(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps)
+            first += 4
+        else:
+            _step_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps)
+            first += 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def read_rotor_encoders(p: np.ndarray, memory: np.ndarray, out: np.ndarray) -> None:
     """(n,) encoder angle [rad]: rotor position plus encoder zero."""
     for motor in range(out.shape[0]):

@@ -20,7 +20,7 @@ def reset_grey_box(arrays: ActuatorArrays, position_target: np.ndarray, joint_po
     reset_geared_motor(arrays.memory[1:], position_target, joint_pos)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def step_grey_box(
     arrays: ActuatorArrays,
     physics_dt: float,
@@ -53,7 +53,7 @@ def forget_damping(arrays: ActuatorArrays) -> None:
     arrays.memory[1 + DAMPING, :] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def read_grey_box_encoders(arrays: ActuatorArrays, out: np.ndarray) -> None:
     """(n,) encoder angle [rad], on the rotor: the play is invisible to it."""
     read_rotor_encoders(arrays.parameters[SCALES:], arrays.memory[1:], out)

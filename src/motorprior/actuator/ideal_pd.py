@@ -85,10 +85,10 @@ def step_ideal_pd(
     torque: np.ndarray,
 ) -> None:
     """Write (n,) torque for the engine [N·m]; a delay between two steps interpolates linearly between their targets."""
-    ring, now = arrays.memory.shape[0], arrays.clock[0]
+    newest = arrays.clock[0] % arrays.memory.shape[0]
     for motor in range(torque.shape[0]):
-        arrays.memory[now % ring, motor] = position_target[motor]
-        target = delayed_target(arrays.memory, 0, now, arrays.parameters[_DELAY, motor], motor)
+        arrays.memory[newest, motor] = position_target[motor]
+        target = delayed_target(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)
         limit = arrays.parameters[_TORQUE_LIMIT, motor]
         damping = arrays.parameters[_KD, motor] * joint_vel[motor]
         raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping

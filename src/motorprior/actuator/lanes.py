@@ -5,7 +5,8 @@ vector register are 16 motors, and each weight is broadcast. One call makes four
 
     y[k] = softsign(b[k] + Σ_i w[i, k]·x[i]),   softsign(a) = a / (1 + |a|),   k = 0..3,
 
-which keeps four accumulators in registers. Arrays are C-contiguous float32 of shape (rows, 16).
+which keeps four accumulators in registers. Arrays are C-contiguous float32 of shape (rows, 16). The inputs x[i] are
+rows of such an array: in turn, or, of a history, those that a list of row numbers picks.
 """
 
 from __future__ import annotations
@@ -43,6 +44,11 @@ def _load_weight(builder, base, index):
     return builder.load(builder.inttoptr(pointer, _FLOAT.as_pointer()), align=4)
 
 
+def _load_number(builder, base, index):
+    pointer = builder.add(base, builder.mul(index, ir.Constant(_INT, 8)))
+    return builder.load(builder.inttoptr(pointer, _INT.as_pointer()), align=8)
+
+
 def _softsign(builder, value):
     zero, one = ir.Constant(_VECTOR, [0.0] * LANES), ir.Constant(_VECTOR, [1.0] * LANES)
     negative = builder.fcmp_ordered("<", value, zero)
@@ -50,39 +56,45 @@ def _softsign(builder, value):
     return builder.fdiv(value, builder.fadd(one, magnitude))
 
 
-def _four_neurons(activation):
-    """An intrinsic for four neurons; ``activation`` builds the function of a 16-lane sum."""
+def _neurons(number, activation, picked=False):
+    """An intrinsic for ``number`` neurons.
 
-    def four_neurons(typingctx, weights, stride, inputs, count, biases, outputs):
-        """Integer addresses of w (row stride ``stride`` floats), x, b, y; ``count`` inputs, at least one."""
-        signature = types.void(*([types.intp] * 6))
+    Args:
+        number: at most as many as there are registers for their sums.
+        activation: builds the function of a 16-lane sum.
+        picked: input i is row ``rows[i]``, not row i.
+    """
+
+    def neurons(typingctx, weights, stride, inputs, rows, count, biases, outputs):
+        """Integer addresses of w (row stride ``stride`` floats), x, rows, b, y; ``count`` inputs, at least one."""
+        signature = types.void(*([types.intp] * 7))
 
         def codegen(context, builder, signature, arguments):
-            _emit(builder, arguments, activation)
+            _emit(builder, arguments, number, activation, picked)
             return context.get_dummy_value()
 
         return signature, codegen
 
-    return intrinsic(four_neurons)
+    return intrinsic(neurons)
 
 
-def _emit(builder, arguments, activation):
+def _emit(builder, arguments, number, activation, picked):
     """sum[k] = b[k]; for i in range(count): sum[k] += w[i, k]·x[i]; y[k] = activation(sum[k])."""
-    weights, stride, inputs, count, biases, outputs = arguments
+    weights, stride, inputs, rows, count, biases, outputs = arguments
     start = builder.block
     loop, done = builder.append_basic_block("inputs"), builder.append_basic_block("store")
-    initial = [_load_vector(builder, biases, ir.Constant(_INT, k)) for k in range(_BLOCK)]
+    initial = [_load_vector(builder, biases, ir.Constant(_INT, k)) for k in range(number)]
     builder.branch(loop)
     builder.position_at_end(loop)
     index = builder.phi(_INT)
-    sums = [builder.phi(_VECTOR) for _ in range(_BLOCK)]
-    x = _load_vector(builder, inputs, index)
+    sums = [builder.phi(_VECTOR) for _ in range(number)]
+    x = _load_vector(builder, inputs, _load_number(builder, rows, index) if picked else index)
     row = builder.mul(index, stride)
     following = builder.add(index, ir.Constant(_INT, 1))
     index.add_incoming(ir.Constant(_INT, 0), start)
     index.add_incoming(following, loop)
     totals = []
-    for k in range(_BLOCK):
+    for k in range(number):
         weight = _load_weight(builder, weights, builder.add(row, ir.Constant(_INT, k)))
         product = builder.fmul(_broadcast(builder, weight), x, flags=("contract",))
         totals.append(builder.fadd(sums[k], product, flags=("contract",)))
@@ -90,39 +102,61 @@ def _emit(builder, arguments, activation):
         sums[k].add_incoming(totals[k], loop)
     builder.cbranch(builder.icmp_signed("<", following, count), loop, done)
     builder.position_at_end(done)
-    for k in range(_BLOCK):
+    for k in range(number):
         pointer = _address(builder, outputs, ir.Constant(_INT, k), LANES)
         builder.store(activation(builder, totals[k]), pointer, align=4)
 
 
-_four_softsign_neurons = _four_neurons(_softsign)
-_four_linear_neurons = _four_neurons(lambda builder, total: total)
+_four_softsign_neurons = _neurons(_BLOCK, _softsign)
+_four_first_neurons = _neurons(_BLOCK, _softsign, picked=True)
+_one_linear_neuron = _neurons(1, lambda builder, total: total)
+
+
+@njit(cache=True, nogil=True)
+def first_layer(
+    weights: np.ndarray, history: np.ndarray, newest: int, rows: np.ndarray, biases: np.ndarray, outputs: np.ndarray
+) -> None:
+    """The softsign layer whose inputs are rows of a history, for 16 motors.
+
+    Args:
+        weights: flat float32; begins with the layer's matrix (inputs, neurons), row-major.
+        history: (rows, 16) float32.
+        newest: row that the numbers in ``rows`` count from.
+        rows: (inputs,) int64.
+        biases: (neurons, 16) float32, one bias per neuron and motor, z folded in.
+        outputs: (neurons, 16) float32, overwritten. ``neurons`` must be a multiple of 4.
+    """
+    neurons, count, x = outputs.shape[0], rows.shape[0], history.ctypes.data + 4 * LANES * newest
+    w, b, y = weights.ctypes.data, biases.ctypes.data, outputs.ctypes.data
+    for k in range(0, neurons, _BLOCK):
+        at = 4 * LANES * k
+        _four_first_neurons(w + 4 * k, neurons, x, rows.ctypes.data, count, b + at, y + at)  # pyright: ignore
 
 
 @njit(cache=True, nogil=True)
 def softsign_layer(
-    weights: np.ndarray, offset: int, inputs: np.ndarray, count: int, biases: np.ndarray, outputs: np.ndarray
+    weights: np.ndarray, offset: int, inputs: np.ndarray, biases: np.ndarray, outputs: np.ndarray
 ) -> None:
     """One softsign layer for 16 motors.
 
     Args:
-        weights: flat float32; the layer's matrix (count, neurons) starts at ``offset``, row-major.
+        weights: flat float32; the layer's matrix (inputs, neurons) starts at ``offset``, row-major.
         offset: index of its first element.
-        inputs: (>= count, 16) float32.
-        count: number of inputs.
-        biases: (neurons, 16) float32, one bias per neuron and motor (z is folded into the first layer's).
+        inputs: (inputs, 16) float32.
+        biases: (neurons, 16) float32.
         outputs: (neurons, 16) float32, overwritten. ``neurons`` must be a multiple of 4.
     """
-    neurons = outputs.shape[0]
+    neurons, count = outputs.shape[0], inputs.shape[0]
     w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
-    for k in range(0, neurons, 4):
-        _four_softsign_neurons(w + 4 * k, neurons, x, count, b + 64 * k, y + 64 * k)  # pyright: ignore[reportCallIssue]
+    for k in range(0, neurons, _BLOCK):
+        at = 4 * LANES * k
+        _four_softsign_neurons(w + 4 * k, neurons, x, 0, count, b + at, y + at)  # pyright: ignore
 
 
 @njit(cache=True, nogil=True)
-def linear_layer(
-    weights: np.ndarray, offset: int, inputs: np.ndarray, count: int, biases: np.ndarray, outputs: np.ndarray
+def linear_output(
+    weights: np.ndarray, offset: int, inputs: np.ndarray, biases: np.ndarray, outputs: np.ndarray
 ) -> None:
-    """Four linear outputs for 16 motors; arguments as for `softsign_layer`, with exactly 4 neurons."""
+    """One linear output for 16 motors; arguments as for `softsign_layer`, with one neuron."""
     w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
-    _four_linear_neurons(w, 4, x, count, b, y)  # pyright: ignore[reportCallIssue]
+    _one_linear_neuron(w, 1, x, 0, inputs.shape[0], b, y)  # pyright: ignore[reportCallIssue]

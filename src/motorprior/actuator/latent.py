@@ -21,11 +21,11 @@ from numba import njit
 
 from motorprior.actuator.actuator import GREY_BOX, LATENT, ActuatorArrays, require_step
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
-from motorprior.actuator.lanes import LANES, linear_layer, softsign_layer
+from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
 from motorprior.exceptions import ConfigError
 
-OUTPUTS = 4
-"""Outputs computed at once; only the first is the torque, the others are padding."""
+_LINE = 64
+"""Bytes."""
 
 
 @dataclass(frozen=True)
@@ -141,28 +141,35 @@ class LatentActuator:
             memory=np.zeros((rows, self.num_motors)),
             clock=np.array([0, renewal], dtype=np.int64),
             damping=np.zeros(self.num_motors),
-            weights=_flat_weights(net),
-            taps=np.array(net.taps, dtype=np.int64),
-            biases=_folded_biases(net, self.z, blocks),
-            history=np.zeros((blocks, 4 * ring, LANES), np.float32),
-            scratch=np.zeros((blocks, 2 * len(net.taps) + 2 * neurons + OUTPUTS, LANES), np.float32),
+            weights=_on_lines(_flat_weights(net)),
+            inputs=np.concatenate([ring - np.array(net.taps), 3 * ring - np.array(net.taps)]),
+            biases=_on_lines(_folded_biases(net, self.z, blocks)),
+            history=_on_lines(np.zeros((blocks, 4 * ring, LANES), np.float32)),
+            scratch=_on_lines(np.zeros((blocks, 2 * neurons + 1, LANES), np.float32)),
         )
 
 
+def _on_lines(array: np.ndarray) -> np.ndarray:
+    """A contiguous copy that begins on a cache line: sixteen lanes of float32 then fill one, and no more."""
+    memory = np.empty(array.nbytes + _LINE, np.uint8)
+    first = -memory.ctypes.data % _LINE
+    copy = memory[first : first + array.nbytes].view(array.dtype).reshape(array.shape)
+    copy[...] = array
+    return copy
+
+
 def _flat_weights(net: LatentNetwork) -> np.ndarray:
-    """W1, W2, and w3 padded with zeros to the four outputs that one call makes."""
-    last = np.zeros((net.num_neurons, OUTPUTS))
-    last[:, 0] = net.w3
-    return np.concatenate([net.w1.ravel(), net.w2.ravel(), last.ravel()]).astype(np.float32)
+    """W1, W2, w3."""
+    return np.concatenate([net.w1.ravel(), net.w2.ravel(), net.w3]).astype(np.float32)
 
 
 def _folded_biases(net: LatentNetwork, z: np.ndarray, blocks: int) -> np.ndarray:
-    """(blocks, 2H + 4, 16): b1 + V1ᵀz, b2 and b3 of every motor."""
+    """(blocks, 2H + 1, 16): b1 + V1ᵀz, b2 and b3 of every motor."""
     padded = np.zeros((blocks * LANES, net.num_latents))
     padded[: len(z)] = z
     first = padded @ net.v1 + net.b1
     second = np.broadcast_to(net.b2, first.shape)
-    last = np.broadcast_to(float(net.b3), (len(padded), OUTPUTS))
+    last = np.broadcast_to(float(net.b3), (len(padded), 1))
     every = np.concatenate([first, second, last], axis=1).astype(np.float32)
     return np.ascontiguousarray(every.reshape(blocks, LANES, -1).transpose(0, 2, 1))
 
@@ -205,24 +212,18 @@ def _remember(
 
 @njit(cache=True, nogil=True)
 def _evaluate(
-    weights: np.ndarray, taps: np.ndarray, biases: np.ndarray, history: np.ndarray, scratch: np.ndarray, slot: int
+    weights: np.ndarray, inputs: np.ndarray, biases: np.ndarray, history: np.ndarray, scratch: np.ndarray, slot: int
 ) -> None:
-    """Run the network of one block of lanes; its output is the first of the last OUTPUTS scratch rows."""
-    count, ring = taps.shape[0], history.shape[0] // 4
-    neurons = (biases.shape[0] - OUTPUTS) // 2
-    for tap in range(count):
-        row = slot + ring - taps[tap]
-        for lane in range(LANES):
-            scratch[tap, lane] = history[row, lane]
-            scratch[count + tap, lane] = history[row + 2 * ring, lane]
-    first, second = scratch[2 * count : 2 * count + neurons], scratch[2 * count + neurons : -OUTPUTS]
-    softsign_layer(weights, 0, scratch, 2 * count, biases[:neurons], first)
-    offset = 2 * count * neurons
-    softsign_layer(weights, offset, first, neurons, biases[neurons : 2 * neurons], second)
-    linear_layer(weights, offset + neurons * neurons, second, neurons, biases[2 * neurons :], scratch[-OUTPUTS:])
+    """Run the network of one block of lanes; its output is the last row of the scratch."""
+    neurons = (biases.shape[0] - 1) // 2
+    first, second, last = scratch[:neurons], scratch[neurons : 2 * neurons], scratch[2 * neurons :]
+    first_layer(weights, history, slot, inputs, biases[:neurons], first)
+    offset = inputs.shape[0] * neurons
+    softsign_layer(weights, offset, first, biases[neurons : 2 * neurons], second)
+    linear_output(weights, offset + neurons * neurons, second, biases[2 * neurons :], last)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def renew_torque(
     arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray
 ) -> None:
@@ -234,10 +235,10 @@ def renew_torque(
         scale, limit = arrays.parameters[2, 0], arrays.parameters[3, 0]
         for block in range(arrays.history.shape[0]):
             scratch = arrays.scratch[block]
-            _evaluate(arrays.weights, arrays.taps, arrays.biases[block], arrays.history[block], scratch, slot)
-            first, output = block * LANES, scratch.shape[0] - OUTPUTS
+            _evaluate(arrays.weights, arrays.inputs, arrays.biases[block], arrays.history[block], scratch, slot)
+            first, output = block * LANES, scratch[scratch.shape[0] - 1]
             for motor in range(first, min(first + LANES, held.shape[0])):
-                raw = scale * float(scratch[output, motor - first])
+                raw = scale * float(output[motor - first])
                 held[motor] = min(limit, max(-limit, raw))
 
 

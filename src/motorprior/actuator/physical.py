@@ -198,7 +198,7 @@ def step_physical(
         torque[motor] = total / substeps
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def read_encoders(arrays: ActuatorArrays, out: np.ndarray) -> None:
     """(n,) encoder angle [rad]: rotor position plus encoder zero."""
     for motor in range(out.shape[0]):

@@ -58,7 +58,7 @@ def make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndar
         forget_damping(arrays)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def measure_joint_pos(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     """(n,) joint angle [rad] as the motor's own encoder reports it."""
     if arrays.kind == PHYSICAL:

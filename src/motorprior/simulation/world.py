@@ -216,7 +216,7 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
     return total / world.substeps
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def find_fault(world: WorldArrays) -> int:
     """0, or the key of FAULTS of what went wrong since the reset."""
     if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
@@ -230,7 +230,7 @@ def find_fault(world: WorldArrays) -> int:
     return 0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
     """(12,) joint angles [rad] as the encoders report them."""
     measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
