@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
+from numba.core.errors import TypingError
 
 from motorprior.actuator.geared_motor import (
     FILTERED_VEL,
@@ -277,3 +278,9 @@ def test_the_encoder_sits_on_the_rotor_and_has_a_zero_of_its_own(grey_network):
     measure_joint_pos(arrays, zero, measured)
     np.testing.assert_allclose(measured, 0.0, atol=1e-4)
     np.testing.assert_allclose(arrays.memory[1 + ROTOR_POS], 0.03, atol=1e-4)
+
+
+def test_arrays_with_gaps_are_refused_and_not_misread(grey_network):
+    arrays, gaps, zero = LatentActuator(grey_network(), np.zeros((2, 3))).arrays(0.002), np.zeros(4)[::2], np.zeros(2)
+    with pytest.raises(TypingError, match="contiguous"):
+        step_actuator(arrays, 0.002, zero, gaps, zero, np.zeros(2))

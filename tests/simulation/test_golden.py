@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
 from motorprior.search.train import Champion, new_search, train
+from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 
@@ -22,16 +24,14 @@ HOLDS_FOR = {
     "machine": "x86_64",
     "libc": "glibc",
 }
-DIGEST = "9729d55d0c3448ea7e493d8f7534c86f645b2ba6cc3e84a7114c10464429d154"
-"""SHA-256 of everything that the search below has found. A change that moves it must say why in the changelog."""
+DIGESTS = {
+    "ideal_pd": "9729d55d0c3448ea7e493d8f7534c86f645b2ba6cc3e84a7114c10464429d154",
+    "grey_box": "1f54269104a250ed77f1c4176b737a4181634bc1819247ea57573b90df11c534",
+}
+"""SHA-256 of everything that the search below has found. A change that moves one must say why in the changelog."""
 
 
-def draw(rng):
-    kp = rng.uniform(8.0, 10.0, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
-
-
-def found() -> str:
+def found(draw: DrawMotors) -> str:
     everything = Randomization(
         armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
         encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
@@ -44,10 +44,25 @@ def found() -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
 
 
-def test_the_bytes_are_those_of_the_golden_run():
+@pytest.fixture(params=DIGESTS)
+def motors(request, grey_network) -> tuple[str, DrawMotors]:
+    network = grey_network(network=0.5)
+
+    def ideal_pd(rng):
+        kp = rng.uniform(8.0, 10.0, 12)
+        return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+
+    def grey_box(rng):
+        return LatentActuator(network, rng.standard_normal((12, network.num_latents)))
+
+    return request.param, {"ideal_pd": ideal_pd, "grey_box": grey_box}[request.param]
+
+
+def test_the_bytes_are_those_of_the_golden_run(motors):
     here = {name: version(name) for name in ("mujoco", "numba", "llvmlite", "numpy")}
     here |= {"machine": platform.machine(), "libc": platform.libc_ver()[0]}
     other = {name: f"{value}, not {HOLDS_FOR[name]}" for name, value in here.items() if value != HOLDS_FOR[name]}
     if other:
         pytest.skip(f"the golden digest holds for other libraries: {other}")
-    assert found() == DIGEST
+    kind, draw = motors
+    assert found(draw) == DIGESTS[kind]
