@@ -10,18 +10,17 @@ The words are those of ``motorprior walk``. Observation and action are those of 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import gymnasium
 
-from motorprior.backend import Backend
 from motorprior.cli.motors import MotorChoice
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.env import PupperWalkEnv
 from motorprior.locomotion.task import TaskWeights
-from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.mujoco_backend import DrawMotors, MujocoBackend
+from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
@@ -29,95 +28,106 @@ from motorprior.simulation.vector_env import WalkVectorEnv
 from motorprior.simulation.world import WorldConfig
 
 ENV_ID = "motorprior/PupperWalk-v0"
-ENGINES = ("mujoco", "pybullet")
 ACTUATORS = ("prior", "pd", "fleet")
+_FILES = ("prior", "posterior")
 
 
-def make_env(
-    engine: str = "mujoco",
-    actuator: str = "fleet",
-    prior: str | Path | None = None,
-    posterior: str | Path | None = None,
-    fleet: str = "pupper_v2",
-    task: TaskWeights | None = None,
-    randomization: Randomization | None = None,
-    roughness: float = 0.0,
-    episode_steps: int = 500,
-    **pd: float,
-) -> PupperWalkEnv:
-    """One environment whose every episode draws new motors.
+@dataclass(frozen=True)
+class EnvOptions:
+    """What ``gymnasium.make`` and ``gymnasium.make_vec`` take as keywords.
 
-    Args:
+    Attributes:
         engine: "mujoco" or "pybullet".
         actuator: "prior" (samples of a learned prior), "fleet" (physical motors) or "pd".
         prior: file of the prior, for "prior".
         posterior: file of `motorprior adapt`: those motors only.
         fleet: name or file; the physical motors, and the nominal gains of the PD.
+        kp: gain of the PD [N·m/rad]; the fleet's center if not given.
+        kd: gain of the PD [N·m·s/rad]; the fleet's center if not given.
+        torque_limit: of the PD [N·m]; the fleet's center if not given.
+        armature: reflected inertia of the PD's motors [kg·m²].
+        delay: of the PD's target [s].
         task: reward.
         randomization: what else differs between episodes.
         roughness: height of bumps [m]; PyBullet only.
         episode_steps: control steps until truncation.
-        **pd: kp, kd, torque_limit, armature, delay of a PD, as in ``motorprior walk``.
+    """
+
+    engine: str = "mujoco"
+    actuator: str = "fleet"
+    prior: str | Path | None = None
+    posterior: str | Path | None = None
+    fleet: str = "pupper_v2"
+    kp: float | None = None
+    kd: float | None = None
+    torque_limit: float | None = None
+    armature: float = 0.0
+    delay: float = 0.0
+    task: TaskWeights = field(default_factory=TaskWeights)
+    randomization: Randomization = field(default_factory=Randomization)
+    roughness: float = 0.0
+    episode_steps: int = 500
+
+    @classmethod
+    def of(cls, words: dict[str, Any]) -> EnvOptions:
+        """From keywords; None is what is not given.
+
+        Raises:
+            ConfigError: a word or an actuator that nobody knows.
+        """
+        known = [each.name for each in fields(cls)]
+        for word in words:
+            if word not in known:
+                raise ConfigError(f"{word!r} is unknown", remedy=f"use some of {', '.join(known)}")
+        options = cls(**{name: value for name, value in words.items() if value is not None})
+        if options.actuator not in ACTUATORS:
+            raise ConfigError(f"actuator {options.actuator!r} is unknown", remedy=f"use one of {ACTUATORS}")
+        return options
+
+    def scene(self) -> Scene:
+        """What is simulated.
+
+        Raises:
+            ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
+        """
+        choice = self._motors()
+        walk = WalkConfig(self.episode_steps, self.task, self.randomization)
+        return Scene(self.engine, choice.drawer(), choice.physics_dt, walk, Terrain(self.roughness))
+
+    def _motors(self) -> MotorChoice:
+        names = {each.name for each in fields(MotorChoice)} - {"actuator", *_FILES}
+        values: dict[str, Any] = {name: getattr(self, name) for name in names}
+        for name in _FILES:
+            file = getattr(self, name)
+            values[name] = None if file is None else Path(file)
+        kind: Literal["prior", "pd", "fleet"] = self.actuator  # pyright: ignore[reportAssignmentType]
+        return MotorChoice(actuator=kind, **values)
+
+
+def make_env(**options: Any) -> PupperWalkEnv:
+    """One environment whose every episode draws new motors; see `EnvOptions`.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
     """
-    choice = _choice(actuator, prior, posterior, fleet, pd)
-    varied = randomization or Randomization()
-    backend = _backend(engine, choice, varied, Terrain(roughness), episode_steps)
-    return PupperWalkEnv(backend, task, episode_steps, draw_sensors=varied.sensors)
+    scene = EnvOptions.of(options).scene()
+    walk = scene.walk
+    return PupperWalkEnv(scene.backend(), walk.task, walk.episode_steps, draw_sensors=walk.randomization.sensors)
 
 
-def make_vector_env(
-    num_envs: int = 1,
-    threads: int = 1,
-    engine: str = "mujoco",
-    actuator: str = "fleet",
-    prior: str | Path | None = None,
-    posterior: str | Path | None = None,
-    fleet: str = "pupper_v2",
-    task: TaskWeights | None = None,
-    randomization: Randomization | None = None,
-    episode_steps: int = 500,
-    **pd: float,
-) -> WalkVectorEnv:
+def make_vector_env(num_envs: int = 1, threads: int = 1, **options: Any) -> WalkVectorEnv:
     """``num_envs`` environments of `make_env`'s settings, compiled, on ``threads`` threads.
 
     Raises:
         ConfigError, ArtifactError: see `make_env`; or another engine than MuJoCo.
     """
-    if engine != "mujoco":
+    scene = EnvOptions.of(options).scene()
+    if scene.engine != "mujoco":
         raise ConfigError(
-            f"many environments at once are for MuJoCo, not {engine!r}", remedy='use vectorization_mode="async"'
+            f"many environments at once are for MuJoCo, not {scene.engine!r}", remedy='use vectorization_mode="async"'
         )
-    choice = _choice(actuator, prior, posterior, fleet, pd)
-    walk = WalkConfig(episode_steps, task or TaskWeights(), randomization or Randomization())
-    return WalkVectorEnv(num_envs, choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), walk, threads)
-
-
-def _choice(
-    actuator: str, prior: str | Path | None, posterior: str | Path | None, fleet: str, pd: dict[str, float]
-) -> MotorChoice:
-    known = ("kp", "kd", "torque_limit", "armature", "delay")
-    if actuator not in ACTUATORS or not set(pd) <= set(known):
-        wrong = actuator if actuator not in ACTUATORS else sorted(set(pd) - set(known))[0]
-        raise ConfigError(f"{wrong!r} is unknown", remedy=f"actuator is one of {ACTUATORS}, a PD has {known}")
-    files = [None if file is None else Path(file) for file in (prior, posterior)]
-    kind: Literal["prior", "pd", "fleet"] = actuator  # pyright: ignore[reportAssignmentType]
-    return MotorChoice(kind, files[0], files[1], fleet=fleet, **pd)
-
-
-def _backend(
-    engine: str, choice: MotorChoice, randomization: Randomization, terrain: Terrain, episode_steps: int
-) -> Backend:
-    draw: DrawMotors = choice.drawer()
-    if engine == "pybullet":
-        return PybulletBackend(draw, None, randomization, terrain, episode_steps)
-    if engine != "mujoco":
-        raise ConfigError(f"engine {engine!r} is unknown", remedy=f"use one of {ENGINES}")
-    if terrain.roughness:
-        raise ConfigError("rough ground is for PyBullet only", remedy='use engine="pybullet", or leave it out')
-    return MujocoBackend(draw, WorldConfig(physics_dt=choice.physics_dt), randomization, episode_steps)
+    world = WorldConfig(physics_dt=scene.physics_dt)
+    return WalkVectorEnv(num_envs, scene.draw_motors, world, scene.walk, threads)
 
 
 gymnasium.register(

@@ -11,7 +11,7 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.cli.motors import MotorChoice
-from motorprior.cli.walk import Walk, simulator_maker
+from motorprior.cli.walk import Walk, scene
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, make_executor
@@ -165,7 +165,7 @@ def kill_when_busy(node, folder, node_id):
 
 def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, tmp_path):
     config = Walk(tmp_path, MotorChoice("fleet"), episode_steps=30)
-    make = simulator_maker(config, config.motors.drawer())  # what the command line sends to Ray
+    make = scene(config, config.motors.drawer()).simulator  # what the command line sends to Ray
     monkeypatch.setenv("RAY_ADDRESS", cluster.address)
     executor = make_executor(make, 3, "ray")
     try:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -24,15 +23,12 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor
 from motorprior.search.train import Champion, Iteration, new_search, train
-from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.last_words import last_words
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import WorldConfig
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
 _CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
@@ -57,7 +53,7 @@ class Walk:
     """Reward."""
     workers: int = min(2, os.cpu_count() or 1)
     """Episodes at a time; the result does not depend on it."""
-    engine: Literal["mujoco", "pybullet"] = "mujoco"
+    engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only `--executor ray` uses more cores."""
     roughness: float = 0.0
     """Height of the bumps of a rough ground [m]; PyBullet only."""
@@ -86,7 +82,7 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     wanted = description("walk", settings, config.motors.inputs())
     if is_finished(config.out, wanted):
         return
-    make_simulator = simulator_maker(config, draw)
+    make_simulator = scene(config, draw).simulator
     if config.ray_address is not None and config.executor != "ray":
         raise ConfigError("--ray-address is for --executor ray", remedy="give both, or leave it out")
     begin(config.out)
@@ -101,23 +97,14 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     finish(config.out, wanted)
 
 
-def simulator_maker(config: Walk, draw: DrawMotors) -> Callable[[], WalkSimulator | BackendSimulator]:
-    """Makes a worker's simulator.
+def scene(config: Walk, draw: DrawMotors) -> Scene:
+    """What a worker simulates.
 
     Raises:
         ConfigError: the engine is not installed, or cannot do what is asked.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization)
-    terrain = Terrain(config.roughness)
-    if config.engine == "mujoco":
-        if terrain.roughness:
-            raise ConfigError("--roughness is for PyBullet only", remedy="use --engine pybullet, or leave it out")
-        world = WorldConfig(physics_dt=config.motors.physics_dt)
-        return lambda: WalkSimulator(draw, world, walk)
-    import_bullet()
-    return lambda: BackendSimulator(
-        PybulletBackend(draw, None, config.randomization, terrain, config.episode_steps), walk
-    )
+    return Scene(config.engine, draw, config.motors.physics_dt, walk, Terrain(config.roughness))
 
 
 def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:

@@ -1,0 +1,68 @@
+"""Which engine walks: one place that knows what each is made of and what it can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from motorprior.backend import Backend
+from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.mujoco_backend import DrawMotors, MujocoBackend
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.world import WorldConfig
+
+Engine = Literal["mujoco", "pybullet"]
+ENGINES: tuple[Engine, ...] = get_args(Engine)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An episode of walking in an engine.
+
+    Attributes:
+        engine: "mujoco" or "pybullet".
+        draw_motors: the motors of an episode.
+        physics_dt: MuJoCo's step [s]; PyBullet's is always 1 ms.
+        walk: the episode and what differs between episodes.
+        terrain: the ground; other than flat in PyBullet only.
+
+    Raises:
+        ConfigError: an engine that is unknown, not installed, or cannot do what is asked.
+    """
+
+    engine: str
+    draw_motors: DrawMotors
+    physics_dt: float = spec.PHYSICS_DT
+    walk: WalkConfig = field(default_factory=WalkConfig)
+    terrain: Terrain = field(default_factory=Terrain)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        if self.engine not in ENGINES:
+            raise ConfigError(f"engine {self.engine!r} is unknown", remedy=f"use one of {ENGINES}")
+        if self.engine == "pybullet":
+            import_bullet()
+        elif self.terrain.roughness:
+            raise ConfigError(
+                f"--roughness {self.terrain.roughness:g} is for PyBullet only",
+                remedy="use --engine pybullet, or leave it out",
+            )
+
+    def backend(self) -> Backend:
+        """For Gymnasium: the interpreter runs between control steps."""
+        walk = self.walk
+        if self.engine == "pybullet":
+            return PybulletBackend(self.draw_motors, None, walk.randomization, self.terrain, walk.episode_steps)
+        world = WorldConfig(physics_dt=self.physics_dt)
+        return MujocoBackend(self.draw_motors, world, walk.randomization, walk.episode_steps)
+
+    def simulator(self) -> WalkSimulator | BackendSimulator:
+        """For a search: whole episodes, compiled where the engine allows it."""
+        if self.engine == "mujoco":
+            return WalkSimulator(self.draw_motors, WorldConfig(physics_dt=self.physics_dt), self.walk)
+        return BackendSimulator(self.backend(), self.walk)
