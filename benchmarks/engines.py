@@ -1,20 +1,24 @@
 """The same trot on the same motors in MuJoCo and in PyBullet: how far apart, as figures and as a picture.
 
-python benchmarks/engines.py [--json FILE] [--figure FILE]
+python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
 
-Physical motors, learned-style motors with reflected inertia (a PD with armature and delay) and an ideal PD, at
-1 kHz in both engines, hung in the air and on the ground, 12 random trots of 2 s.
+Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, hung in the
+air and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS, and where PyBullet's goes.
 """
 
 import argparse
 import json
 import time
+from collections import defaultdict
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
@@ -31,12 +35,15 @@ from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200
+KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
 Motion = tuple[np.ndarray, np.ndarray]
 """(control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step."""
 
 
-def motors_of(kind: str, rng: np.random.Generator) -> Actuator:
+def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuator:
     """Twelve motors."""
+    if kind == "learned":
+        return prior.sample(rng, spec.NUM_JOINTS)
     if kind == "physical":
         return PhysicalActuator(load_fleet("pupper_v2").sample(rng, spec.NUM_JOINTS))
     rotors = 0.003 if kind == "pd_armature_delay" else 0.0
@@ -64,20 +71,22 @@ def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Moti
 def main() -> None:
     """Measure, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--prior", type=Path, required=True)
     parser.add_argument("--json")
     parser.add_argument("--figure")
     options = parser.parse_args()
+    prior = MotorPrior.load(options.prior)
     figures: dict[str, float] = {}
     shown: dict[str, tuple[Motion, Motion]] = {}
     print("motors, place: joint RMSE [mrad], base apart after 2 s [m], seconds MuJoCo / PyBullet")
-    for kind in ("physical", "pd_armature_delay", "ideal_pd"):
+    for kind in KINDS:
         for hung in (True, False):
             config = WorldConfig(physics_dt=0.001, hung=hung)
             here, there = World(config), BulletWorld(config)
             rows, seconds = [], np.zeros(2)
             for draw in range(DRAWS):
                 rng = np.random.default_rng([draw, 77])
-                motors, targets = motors_of(kind, rng), trot_targets(rng, STEPS)
+                motors, targets = motors_of(kind, prior, rng), trot_targets(rng, STEPS)
                 marks = [time.perf_counter()]
                 one = in_mujoco(here, motors, targets)
                 marks.append(time.perf_counter())
@@ -91,7 +100,7 @@ def main() -> None:
             medians = np.median(rows, axis=0)
             figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
             print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
-    figures |= convergence() | iteration_seconds()
+    figures |= convergence(prior) | iteration_seconds(prior) | step_parts(prior)
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:
             json.dump(figures, file, indent=1)
@@ -99,10 +108,10 @@ def main() -> None:
         draw_figure(options.figure, shown)
 
 
-def convergence() -> dict[str, float]:
+def convergence(prior: MotorPrior) -> dict[str, float]:
     """How far the shipped number of solver iterations is from ten times as many, on the ground."""
     rng = np.random.default_rng(0)
-    targets, motors = trot_targets(rng, STEPS), motors_of("pd_armature_delay", rng)
+    targets, motors = trot_targets(rng, STEPS), motors_of("pd_armature_delay", prior, rng)
     motions = []
     shipped = bullet_world.SOLVER_ITERATIONS
     for iterations in (shipped, 10 * shipped):
@@ -116,13 +125,13 @@ def convergence() -> dict[str, float]:
     return {"iterations_rmse_mrad": apart}
 
 
-def iteration_seconds() -> dict[str, float]:
+def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     """Of one ARS iteration (32 episodes of up to 250 control steps, the second of a search) on one core."""
     figures, walk = {}, WalkConfig()
-    for kind in ("physical", "pd_armature_delay"):
+    for kind in KINDS[:-1]:
         simulators = {
-            "mujoco": WalkSimulator(partial(motors_of, kind), WorldConfig(physics_dt=0.001), walk),
-            "pybullet": BackendSimulator(PybulletBackend(partial(motors_of, kind)), walk),
+            "mujoco": WalkSimulator(partial(motors_of, kind, prior), WorldConfig(physics_dt=0.001), walk),
+            "pybullet": BackendSimulator(PybulletBackend(partial(motors_of, kind, prior)), walk),
         }
         for engine, simulator in simulators.items():
             search, executor = new_search(ArsConfig()), SerialExecutor(lambda made=simulator: made)
@@ -134,13 +143,47 @@ def iteration_seconds() -> dict[str, float]:
     return figures
 
 
+def step_parts(prior: MotorPrior) -> dict[str, float]:
+    """Microseconds per physics step of a trot that each function of PyBullet takes, and the whole; reset [ms]."""
+    figures: dict[str, float] = {}
+    for kind in ("learned", "pd_armature_delay"):
+        for iterations in (bullet_world.SOLVER_ITERATIONS, 1):
+            rng, world = np.random.default_rng(0), BulletWorld(WorldConfig(physics_dt=0.001))
+            motors, targets, seconds = motors_of(kind, prior, rng), trot_targets(rng, STEPS), defaultdict(float)
+            call = world.call
+
+            def timed(name: str, *args: Any, call=call, seconds=seconds, **options: Any) -> Any:
+                started = time.perf_counter()
+                value = call(name, *args, **options)
+                seconds[name] += time.perf_counter() - started
+                return value
+
+            started = time.perf_counter()
+            arrays = world.reset(motors)
+            reset = time.perf_counter() - started
+            world.call("setPhysicsEngineParameter", numSolverIterations=iterations)
+            world.call = timed
+            for target in targets:
+                started = time.perf_counter()
+                for _ in range(world.config.substeps):
+                    world.physics_step(arrays, target)
+                seconds["whole"] += time.perf_counter() - started
+            count, name = len(targets) * world.config.substeps, f"{kind}, {iterations} solver iterations"
+            figures |= {f"bullet_us/{name}/{part}": 1e6 * value / count for part, value in seconds.items()}
+            figures[f"bullet_ms/{name}/reset"] = 1e3 * reset
+            world.close()
+    for name, value in figures.items():
+        print(f"{name}: {value:.1f}")
+    return figures
+
+
 def draw_figure(path: str, shown: dict[str, tuple[Motion, Motion]]) -> None:
     """Knee of the first leg and the way of the base, in both engines."""
     import matplotlib.pyplot as plt
 
     time_axis = spec.CONTROL_DT * np.arange(STEPS)
     figure, axes = plt.subplots(2, 2, figsize=(9, 5), constrained_layout=True)
-    for row, name in zip(axes, ("physical ground", "pd_armature_delay ground"), strict=True):
+    for row, name in zip(axes, ("physical ground", "learned ground"), strict=True):
         for motion, label, style in zip(shown[name], ("MuJoCo", "PyBullet"), ("-", "--"), strict=True):
             row[0].plot(time_axis, motion[0][:, 2], style, label=label)
             row[1].plot(time_axis, motion[1][:, 0], style, label=f"{label}, forward")

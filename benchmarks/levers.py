@@ -27,7 +27,7 @@ from motorprior.simulation.world import World, WorldConfig
 
 MOTORS = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.008)
 UNDAMPED = IdealPd.uniform(12, kp=4.0, kd=0.0, torque_limit=1.26, armature=0.003)
-"""Without damping for the engine, as learned motors are: Euler then needs no second factorisation."""
+"""Without damping for the engine, as physical motors are: Euler then needs no second factorisation."""
 FINE_DT = 0.00025
 REPEATS = 9
 
@@ -91,6 +91,14 @@ def world_of(name: str, physics_dt: float = 0.002) -> World:
     return world
 
 
+def drive_of(motors: IdealPd, targets: np.ndarray) -> np.ndarray:
+    """(2, physics steps, 12) torques and damping that the shipped engine is given on this trot."""
+    world = world_of("shipped")
+    drive = np.zeros((2, len(targets) * world.config.substeps, 12))
+    speed._record(world.arrays, world.reset(motors), targets, drive)
+    return drive
+
+
 def apart(one: np.ndarray, other: np.ndarray) -> float:
     """RMS difference of joint angles at the control steps of the first second [mrad]."""
     a, b = (angles[len(angles) // 200 - 1 :: len(angles) // 200][:100] for angles in (one, other))
@@ -113,17 +121,15 @@ def main() -> None:
         figures[f"from_shipped_mrad/{name}"] = apart(joint_pos, shipped)
         figures[f"from_fine_steps_mrad/{name}"] = apart(joint_pos, fine)
         for kind, motors in (("undamped", UNDAMPED), ("damped", MOTORS)):
-            world = world_of(name)
-            torque = replay(world, motors, targets).joint_torque
-            works[name, kind] = (world, motors, torque)
+            works[name, kind] = (world_of(name), motors, drive_of(motors, targets))
     seconds: dict[tuple[str, str], list[float]] = {key: [] for key in works}
     for _ in range(REPEATS):
-        for key, (world, motors, torque) in works.items():
+        for key, (world, motors, drive) in works.items():
             world.reset(motors)
             clock.value = ticking if key[0] == "engine timers on" else None
             started = time.perf_counter()
-            speed._mj_steps(world.arrays, torque)
-            seconds[key].append((time.perf_counter() - started) / len(torque))
+            speed._mj_steps(world.arrays, drive)
+            seconds[key].append((time.perf_counter() - started) / drive.shape[1])
     clock.value = None
     for (name, kind), values in seconds.items():
         ratio = np.median(np.array(values) / np.array(seconds["shipped", kind]))

@@ -12,6 +12,7 @@ from motorprior.artifacts import read_json, read_tensors
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.policy import Policy
 from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.world import FAULTS
 
 Command = Callable[..., Any]
 SMALL = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5)
@@ -89,6 +90,25 @@ def test_episodes_that_fail_cost_no_finished_iteration(
     assert int(read_tensors(tmp_path / "broken" / "search.safetensors")[0]["iteration"]) == 2
     assert motorprior(*line, "--out", tmp_path / "broken").code == 0
     assert contents(tmp_path / "broken") == contents(tmp_path / "whole")
+
+
+def test_episodes_that_were_no_physics_are_counted_by_name(motorprior: Command, tmp_path: Path):
+    wild = ("--kp", 1e8, "--kd", 0, "--torque-limit", 1e9, "--episode-steps", 50)
+    line = (
+        "walk",
+        "--actuator",
+        "pd",
+        "--iterations",
+        2,
+        "--search.num-directions",
+        2,
+        "--search.num-top-directions",
+        1,
+    )
+    result = motorprior(*line, *wild, "--out", tmp_path)
+    assert result.code == 0
+    assert [point["faults"] for point in read_json(tmp_path / "curve.json")] == [{FAULTS[1]: 4}] * 2
+    assert f"8 of 8 episodes ended early: {FAULTS[1]}" in " ".join(result.err.split())
 
 
 def test_speed_writes_a_flat_map_of_every_path(motorprior: Command, tmp_path: Path, prior: Path):

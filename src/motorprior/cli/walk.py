@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ import tyro
 
 from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.cli.bounds import require_at_least, require_at_most
-from motorprior.cli.console import bar
+from motorprior.cli.console import CONSOLE, bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, finish, is_finished
 from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
@@ -29,6 +30,7 @@ from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.world import FAULTS
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
 _CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
@@ -93,6 +95,7 @@ def run_walk(config: Walk, name: str = "walk") -> None:
         executor.close()
     _policy(config, champion).save(config.out / POLICY)
     write_json(config.out / CURVE, curve)
+    _tell_faults(curve, 2 * config.search.num_directions)
     (config.out / CHECKPOINT).unlink(missing_ok=True)
     finish(config.out, wanted)
 
@@ -129,7 +132,7 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
 
             def report(point: Iteration, best: Champion) -> None:
                 nonlocal latest, saved
-                curve.append(asdict(point))
+                curve.append(asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}})
                 latest = _checkpoint(search, best)
                 progress.advance(1, f"return {point.mean_return:.2f} m")
                 if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
@@ -141,6 +144,13 @@ def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[C
         _save_checkpoint(config.out, latest, curve, wanted)
         raise
     return champion, curve
+
+
+def _tell_faults(curve: list[dict], episodes: int) -> None:
+    """Say which episodes of the training were no physics; each of them ended there, without reward."""
+    faults = sum((Counter(point.get("faults", {})) for point in curve), Counter())
+    for name, count in faults.items():
+        CONSOLE.print(f"{count} of {len(curve) * episodes} episodes ended early: {name}")
 
 
 def _policy(config: Walk, champion: Champion) -> Policy:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -23,6 +24,7 @@ class EpisodeLike(Protocol):
 
     total: float
     steps: int
+    fault: int
     count: int
     mean: np.ndarray
     m2: np.ndarray
@@ -30,12 +32,13 @@ class EpisodeLike(Protocol):
 
 @dataclass(frozen=True)
 class Iteration:
-    """One point of a learning curve: means over the iteration's episodes."""
+    """One point of a learning curve: means over the iteration's episodes, and how many broke down, by fault number."""
 
     iteration: int
     mean_return: float
     best_return: float
     mean_steps: float
+    faults: dict[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +118,8 @@ def advance(search: Ars, executor: Executor) -> Iteration:
     returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
     search.tell(returns, [Moments(episode.count, episode.mean, episode.m2) for episode in episodes])
     steps = float(np.mean([episode.steps for episode in episodes]))
-    return Iteration(iteration, float(returns.mean()), float(returns.max()), steps)
+    faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
+    return Iteration(iteration, float(returns.mean()), float(returns.max()), steps, dict(sorted(faults.items())))
 
 
 def contest(search: Ars, executor: Executor, champion: Champion) -> Champion:
