@@ -23,10 +23,12 @@ def motors(period: float) -> LatentActuator:
     return LatentActuator(network, rng.standard_normal((12, 3)))
 
 
-@pytest.mark.parametrize("period", [0.002, 0.010])
 @pytest.mark.parametrize("make", [numpy_torque, torchscript_torque])
-def test_it_moves_as_the_kernel_does(make, period):
-    actuator = motors(period)
+@pytest.mark.parametrize("kind", ["network of 2 ms", "network of 10 ms", "grey box"])
+def test_it_moves_as_the_kernel_does(make, kind, grey_network):
+    actuator = motors(0.010 if kind == "network of 10 ms" else 0.002)
+    if kind == "grey box":
+        actuator = LatentActuator(grey_network(spread=0.1, network=0.2), actuator.z)
     torque = make(actuator)
     if torque is None:
         pytest.skip("PyTorch is not installed: pip install 'motorprior[rl]'")

@@ -15,6 +15,7 @@ import numpy as np
 from motorprior.actuator.geared_motor import step_geared_motor
 from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.torque_law import measure_joint_pos
 from motorprior.backend import BackendState
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
 from motorprior.simulation.world import World, WorldConfig
@@ -84,10 +85,11 @@ class PythonLoopBackend:
         """Nothing to give back."""
 
     def _state(self, torque_squared_sum: float) -> BackendState:
-        data = self._world.data
+        data, measured = self._world.data, np.zeros(NUM_JOINTS)
+        measure_joint_pos(self._motors, data.qpos[7:], measured)
         return BackendState(
-            data.qpos[:3].copy(), data.qpos[3:7].copy(), data.qvel[:3].copy(), data.qvel[3:6].copy(),
-            data.qpos[7:].copy(), torque_squared_sum,
+            data.qpos[:3].copy(), data.qpos[3:7].copy(), data.qvel[:3].copy(), data.qvel[3:6].copy(), measured,
+            torque_squared_sum,
         )  # fmt: skip
 
 
