@@ -227,7 +227,7 @@ class BulletWorld:
 
 
 def _cross(a: list[float], b: list[float]) -> np.ndarray:
-    """a × b; numpy's own takes as long as half a step of Bullet."""
+    """The cross product a × b; numpy's own takes as long as half a step of Bullet."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
