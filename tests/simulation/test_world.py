@@ -172,6 +172,25 @@ def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_pa
     assert episode.steps < 60 and np.isfinite(episode.total)
 
 
+def test_a_link_without_inertia_ends_the_episode_with_its_name():
+    simulator = WalkSimulator(lambda rng: replace(PD, armature=np.zeros(12)))
+    model = simulator.world.model
+    model.body_mass[-1], model.body_inertia[-1] = 0.0, 0.0
+    episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)
+    assert (episode.fault, episode.steps) == (3, 1) and "singular" in FAULTS[3]
+
+
+def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
+    kinds = mujoco.mjtWarning
+    of_no_concern = {int(kinds.mjNWARNING), int(kinds.mjWARN_BADCTRL)}  # a robot without controls
+    for kind in set(map(int, kinds.__members__.values())) - of_no_concern:
+        world = World(WorldConfig())
+        world.reset(PD)
+        assert world.fault() == 0
+        world.data.warning.number[kind] = 1
+        assert world.fault() in FAULTS
+
+
 def test_a_step_that_breaks_earns_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     episode = WalkSimulator(lambda rng: NAN).run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)

@@ -23,10 +23,12 @@ from motorprior.simulation.randomization import LONGEST_DELAY, NOMINAL, Conditio
 FAULTS = {
     1: "a coordinate, speed or acceleration is not finite or huge",
     2: "MuJoCo ran out of contact or constraint memory",
+    3: "the robot's mass matrix is singular: a link without inertia",
 }
 """Fault numbers of `BackendState` and what they mean."""
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
+_SINGULAR = int(_WARNING.mjWARN_INERTIA)
 _BAD = (int(_WARNING.mjWARN_BADQPOS), int(_WARNING.mjWARN_BADQVEL), int(_WARNING.mjWARN_BADQACC))
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
@@ -221,6 +223,8 @@ def find_fault(world: WorldArrays) -> int:
     """0, or the key of FAULTS of what went wrong since the reset."""
     if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
         return 2
+    if world.warnings[_SINGULAR] > 0:  # before what it leads to
+        return 3
     for kind in _BAD:
         if world.warnings[kind] > 0:
             return 1
