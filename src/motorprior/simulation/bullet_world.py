@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import make_explicit, measure_joint_pos, reset_actuator, step_actuator
@@ -103,9 +104,7 @@ class BulletWorld:
             push: (2,) horizontal force on the origin of the chassis [N].
         """
         q, dq = self._joints if self._joints is not None else self.joints()
-        step_actuator(motors, self.config.physics_dt, target, q, dq, self._torque)
-        make_explicit(motors, dq, self._torque)
-        forces = self._torque - self._passive * dq
+        forces = _drive(motors, self.config.physics_dt, target, q, dq, self._passive, self._torque).tolist()
         self.call("setJointMotorControlArray", self.robot, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
         if push is not None:
             where = self.base().pos.tolist()
@@ -224,6 +223,22 @@ class BulletWorld:
                 info = self.call("getDynamicsInfo", self.robot, index)
                 inertia = [factor * value for value in info[2]]
                 self.call("changeDynamics", self.robot, index, mass=factor * info[0], localInertiaDiagonal=inertia)
+
+
+@njit(cache=True, nogil=True)
+def _drive(
+    motors: ActuatorArrays,
+    physics_dt: float,
+    target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    passive: np.ndarray,
+    torque: np.ndarray,
+) -> np.ndarray:
+    """Write the motors' torque (12,) [N·m]; returns what Bullet is given: that less the joints' damping."""
+    step_actuator(motors, physics_dt, target, joint_pos, joint_vel, torque)
+    make_explicit(motors, joint_vel, torque)
+    return torque - passive * joint_vel
 
 
 def _cross(a: list[float], b: list[float]) -> np.ndarray:

@@ -168,7 +168,7 @@ def _two_threads(actuator: Actuator) -> Path:
 def measure(paths: dict[str, Path], repeats: int = 7) -> dict[str, float]:
     """Time every path ``repeats`` times, in turn, each time in the second of two runs.
 
-    The first finds its world in no cache, since the other paths ran meanwhile; in a search the same worlds run on and on.
+    The first finds its world in no cache, since the other paths ran meanwhile; in a search the same worlds run on.
 
     Args:
         paths: what `compiled_paths` and `interpreted_paths` gave.
