@@ -42,6 +42,7 @@ def network():
 
 LATENT = LatentActuator(network(), np.random.default_rng(1).standard_normal((12, 3)))
 
+
 @pytest.fixture(params=["ideal_pd", "latent", "physical", "grey_box"])
 def motors(request, grey_network) -> tuple[str, Actuator]:
     z = np.random.default_rng(1).standard_normal((12, 3))
