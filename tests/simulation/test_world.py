@@ -173,7 +173,7 @@ def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_pa
 
 
 def test_a_link_without_inertia_ends_the_episode_with_its_name():
-    simulator = WalkSimulator(lambda rng: replace(PD, armature=np.zeros(12)))
+    simulator = WalkSimulator(lambda rng: LIMP)
     model = simulator.world.model
     model.body_mass[-1], model.body_inertia[-1] = 0.0, 0.0
     episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)

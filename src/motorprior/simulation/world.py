@@ -223,15 +223,13 @@ def find_fault(world: WorldArrays) -> int:
     """0, or the key of FAULTS of what went wrong since the reset."""
     if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
         return 2
-    if world.warnings[_SINGULAR] > 0:  # before what it leads to
-        return 3
     for kind in _BAD:
         if world.warnings[kind] > 0:
             return 1
     for value in world.qpos:
         if not np.isfinite(value):
             return 1
-    return 0
+    return 3 if world.warnings[_SINGULAR] > 0 else 0  # a state that breaks down makes it singular too
 
 
 @njit(cache=True, nogil=True, inline="always")
