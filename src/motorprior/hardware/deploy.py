@@ -15,7 +15,7 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.robot import Robot
-from motorprior.hardware.session import Gains, StopRequest, confirm_and_look_again, first_look, run_armed
+from motorprior.hardware.session import Gains, StopRequest, first_look, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
@@ -120,8 +120,7 @@ def walk(
         RobotFault: why the walk ended early; the robot is idle.
     """
     walker = Walker(policy)
-    walker.warm_up(first_look(robot, need_imu))
-    confirm_and_look_again(robot, confirm, need_imu)
+    look_and_confirm(robot, confirm, need_imu, walker.warm_up)
     timing, ended_by = timing or Timing(), ""
 
     def work(loop: ControlLoop) -> None:
