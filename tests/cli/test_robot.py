@@ -1,6 +1,9 @@
 """deploy, record, doctor and virtual-pupper from the command line: against virtual robots, and with bad input."""
 
 import json
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -118,3 +121,23 @@ def test_a_folder_in_use_is_not_overwritten(motorprior: Callable, policy: Path, 
     done = motorprior("record", "--virtual", "--robot.no-homing", "--yes", "--out", tmp_path / "run")
     assert done.code == 2 and "exists already" in done.err
     assert (tmp_path / "run" / "run.csv").read_text() == "precious"
+
+
+def test_a_virtual_robot_does_not_outlive_the_command_that_started_it(tmp_path: Path):
+    """However that ends: here it is killed."""
+    link = tmp_path / "port"
+    robot = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--with-parent", "--link", str(link)]
+    parent = subprocess.Popen([sys.executable, "-c", f"import subprocess; subprocess.run({robot})"])
+    try:
+        _wait(link.is_symlink)
+    finally:
+        parent.kill()
+        parent.wait()
+    _wait(lambda: not link.is_symlink())
+
+
+def _wait(condition: Callable[[], bool], patience: float = 60.0) -> None:
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

@@ -85,10 +85,11 @@ def pilot(throttle: float) -> Iterator[Pilot]:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Whether this process may touch its terminal; one in the background that does is stopped by the kernel."""
-    with contextlib.suppress(OSError):
+    """Whether this process may touch a terminal; from the background, touching its own would stop it."""
+    try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
-    return False
+    except OSError:  # not its own
+        return True
 
 
 def _put_back(terminal: int, before: list) -> None:
