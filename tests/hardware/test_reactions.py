@@ -29,6 +29,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 STEPS_BEFORE, STEPS_AFTER = 30, 300
 SENSED = [
     ("frozen", "FR_knee", {"stuck"}),
@@ -211,9 +212,7 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     assert min(took) < 0.1
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP], ids=lambda number: number.name
-)
+@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
 def test_a_signal_sits_down_and_idles(
     virtual: Callable, host: Callable, walker: Walker, when: Callable, number: signal.Signals
 ):

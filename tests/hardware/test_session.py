@@ -58,7 +58,7 @@ def test_a_robot_that_must_not_be_armed_is_refused(
 def test_a_robot_that_homes_is_not_armed(virtual: Callable, host: Callable):
     """It takes no targets meanwhile, and would jump to the first one afterwards."""
     pupper = virtual(homing=True)
-    with pytest.raises(RobotFault, match="moved .* this host sent nothing.*homed"):
+    with pytest.raises(RobotFault, match=r"moved .* this host sent nothing.*homed"):
         first_look(host(pupper.port), True)
     assert pupper.received == 0
 
