@@ -3,8 +3,10 @@
 With the chassis fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's own belongs to its motor)
 and b gravity and Coriolis torques. For joint j that is a bench of its own, `MotorLog`'s known load:
 
-    M_jj·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k)
-    load_inertia      external_torque
+    J_j·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k - (M_jj - J_j)·q̈_j)
+    load_inertia     external_torque
+
+J_j is the mean of M_jj over the segment: an inertia that changes with the pose is no bench's.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -40,6 +42,9 @@ def with_loads(log: MotorLog) -> MotorLog:
         acceleration = np.gradient(log.joint_vel[part], log.time[part], axis=0)
         for row, joint_acc in zip(range(part.start, part.stop), acceleration, strict=True):
             inertia[row], external[row] = _load(model, data, log.joint_pos[row], log.joint_vel[row], joint_acc)
+        mean = inertia[part].mean(axis=0)
+        external[part] -= (inertia[part] - mean) * acceleration
+        inertia[part] = mean
     return checked(replace(log, load_inertia=inertia, external_torque=external), where=log.source)
 
 
