@@ -7,7 +7,7 @@ The host is this process, the robot another one. Writes a flat map:
     missed_share                    control steps that were skipped or more than 5 ms late
     telemetry_age_ms/p50|p99|max    of the measurement a command was computed from, when the command left
     end_to_end_ms/p50|p99|max       from the moment of that measurement in the robot to the command's arrival in it
-    forward_m, tilt_rad             where the robot got, and how far it leaned in the end
+    path_m, tilt_rad                how far the robot walked, second by second, and how far it leaned in the end
     faults                          times the walk was ended by a fault, for example a slow host, and begun again
     noisy/...                       the same with 1 % of the frames dropped and 1 % damaged, both ways
     inference_ms/p50|p99            observation, policy and generator, compiled; interpreted_ms where numba is off
@@ -53,7 +53,7 @@ def trot_policy(folder: Path) -> Path:
 
 def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict[str, float]:
     """Clock, age and delay of a walk of so many seconds; one that a fault ends is followed by another."""
-    whole, delays, forward, tilt, faults = Timing(), [], 0.0, 0.0, 0
+    whole, delays, path, tilt, faults = Timing(), [], 0.0, 0.0, 0
     while len(whole.sent) * policy.control_dt < seconds - 1.0 and faults < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
         timing, left = Timing(), seconds - len(whole.sent) * policy.control_dt
@@ -71,12 +71,12 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         whole.skipped += timing.skipped
         if len(timing.sent):
             delays.append(1e3 * end_to_end(timing, life))
-        forward, tilt = forward + life["forward_m"], max(tilt, life["tilt_rad"])
+        path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
     delay = np.concatenate(delays)
     figures = whole.figures(policy.control_dt)
     print(f"  {figures}", file=sys.stderr)
     figures |= {f"end_to_end_ms/{name}": float(np.percentile(delay, q)) for name, q in QUANTILES.items()}
-    return figures | {"forward_m": forward, "tilt_rad": tilt, "faults": float(faults)}
+    return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults)}
 
 
 def end_to_end(timing: Timing, life: dict) -> np.ndarray:

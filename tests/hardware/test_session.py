@@ -55,11 +55,13 @@ def test_a_robot_that_must_not_be_armed_is_refused(
     assert pupper.received == 0
 
 
-def test_a_robot_that_homes_is_not_armed(virtual: Callable, host: Callable):
-    """It takes no targets meanwhile, and would jump to the first one afterwards."""
-    pupper = virtual(homing=True)
+def test_a_robot_that_moves_by_itself_is_not_armed(virtual: Callable, host: Callable):
+    """One that homes takes no targets meanwhile, and would jump to the first one afterwards."""
+    pupper = virtual()
+    robot = host(pupper.port)
+    pupper.firmware._target = spec.JOINT_SIGNS * spec.NOMINAL_POSE  # it gets up
     with pytest.raises(RobotFault, match=r"moved .* this host sent nothing.*homed"):
-        first_look(host(pupper.port), True)
+        first_look(robot, True)
     assert pupper.received == 0
 
 
@@ -111,7 +113,8 @@ def test_the_doctor_finds_what_is_wrong(virtual: Callable, host: Callable):
 
 def test_the_doctor_takes_the_current_away_when_asked(virtual: Callable, when: Callable):
     pupper = virtual()
-    assert all(one.well for one in run_doctor(pupper.port, 1.0, idle=True))
+    found = run_doctor(pupper.port, 1.0, idle=True)
+    assert {one.check for one in found if not one.well} <= {f"joint {name}" for name in spec.JOINT_NAMES}, "it sank"
     when(pupper, IDLE)
     assert {what for _, what in pupper.events} == {IDLE}
 

@@ -123,7 +123,7 @@ def run_virtual_pupper(config: VirtualPupperCommand) -> None:
     forward, left = (end.base - start)[:2]
     CONSOLE.print(f"virtual Pupper: went {forward:+.2f} m forward, {left:+.2f} m left, now {robot.firmware.mode}")
     if config.json is not None:
-        write_json(config.json, _life(robot, forward, left, end.attitude))
+        write_json(config.json, {"path_m": body.path} | _life(robot, forward, left, end.attitude))
 
 
 @contextlib.contextmanager
