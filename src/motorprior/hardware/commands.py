@@ -107,7 +107,7 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
         settings.excitation,
         joints,
         settings.seconds,
-        settings.amplitude,
+        _amplitude(settings),
         settings.speed,
         spec.CONTROL_DT,
         settings.seed,
@@ -193,6 +193,13 @@ def _takes_more(file: TextIO) -> bool:
     except (OSError, ValueError):  # a notebook's, or a test's: no terminal, never full
         return True
     return bool(select.select([], [number], [], 0.0)[1])
+
+
+def _amplitude(settings: RecordSettings) -> float:
+    """What the ground lets pass is less than what the air does: feet that are pushed into it look blocked."""
+    if settings.amplitude is not None:
+        return settings.amplitude
+    return 0.1 if settings.standing else 0.4
 
 
 def _require_somebody(yes: bool) -> None:

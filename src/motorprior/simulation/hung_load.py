@@ -6,6 +6,9 @@ and b gravity and Coriolis torques. For joint j that is a bench of its own, `Mot
     J_j·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k - (M_jj - J_j)·q̈_j)
     load_inertia     external_torque
 
+A torque from the motor's current is none of the joint's: the gear's friction and the rotor lie between (on the virtual
+robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's.
+
 J_j is the mean of M_jj over the segment: an inertia that changes with the pose is no bench's.
 """
 
@@ -25,7 +28,7 @@ from motorprior.robots.pupper_v2.mjcf import mjcf
 
 
 def with_loads(log: MotorLog) -> MotorLog:
-    """The same log with load_inertia [kg·m²] and external_torque [N·m], its body level and fixed.
+    """The same log with load_inertia [kg·m²] and external_torque [N·m] for joint_torque, its body level and fixed.
 
     Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run` with a period.
 
@@ -45,7 +48,8 @@ def with_loads(log: MotorLog) -> MotorLog:
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
         inertia[part] = mean
-    return checked(replace(log, load_inertia=inertia, external_torque=external), where=log.source)
+    loads = {"load_inertia": inertia, "external_torque": external, "joint_torque": None}
+    return checked(replace(log, **loads), where=log.source)
 
 
 def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
