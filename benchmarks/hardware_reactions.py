@@ -177,12 +177,14 @@ def host_reaction(folder: Path, policy: Policy, disaster: Callable[[Robot], None
 
         log = Path(tempfile.mkdtemp(dir=folder)) / "run.csv"
         with virtual_pupper(folder) as (port, end):
+            found = None
             with unlimited_files_afterwards():
                 try:
                     deploy(port, policy, 2.0 * FAULT_AT, log, status=status)
-                    raise AssertionError(f"walked on in spite of {disaster.__name__}")
-                except (MotorPriorError, ZeroDivisionError) as found:
-                    print(f"  {disaster.__name__}: {found}", file=sys.stderr)
+                except (MotorPriorError, ZeroDivisionError) as error:
+                    found = error
+            assert found is not None, f"walked on in spite of {disaster.__name__}"
+            print(f"  {disaster.__name__}: {found}", file=sys.stderr)
             time.sleep(0.1)
             life = end()
         if began < float("inf"):  # otherwise this machine was too busy
