@@ -1,7 +1,7 @@
-"""``python -m motorprior.hardware deploy|record|doctor``: the robot's own computer, with numpy, pyserial and msgpack.
+"""``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, pyserial and msgpack.
 
-The same commands and settings as `motorprior deploy`, `record` and `doctor`, without what those need on top for a
-simulated robot and a nice terminal.
+The same commands and settings as elsewhere, without what those need on top for a simulated robot and a nice terminal.
+Also as ``python -m motorprior.hardware``.
 """
 
 from __future__ import annotations
@@ -23,9 +23,7 @@ IDLE_FIRST = "take the current from the motors first, so that legs can be moved 
 
 def parser() -> argparse.ArgumentParser:
     """The command line, made from the settings and their docstrings."""
-    top = argparse.ArgumentParser(
-        prog="python -m motorprior.hardware", description="Deploy to, record from, or examine a robot."
-    )
+    top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or examine a robot.")
     commands = top.add_subparsers(dest="command", required=True)
     for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
         command = commands.add_parser(name)
@@ -70,9 +68,11 @@ def main() -> None:
     command, port, policy = arguments.pop("command"), arguments.pop("port"), arguments.pop("policy", None)
     try:
         _run(command, the_port(port), policy, arguments, say)
-    except MotorPriorError as error:
+    except (MotorPriorError, OSError) as error:
         say(f"error: {error}")
         raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
 
 
 def _run(command: str, port: str, policy: Path | None, arguments: dict[str, Any], say: Any) -> None:

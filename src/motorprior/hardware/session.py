@@ -132,7 +132,7 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
         raise RobotFault(
             "moving",
             f"{spec.JOINT_NAMES[int(np.argmax(moved))]} moved {moved.max():.2f} rad, and this host sent nothing",
-            remedy="wait until the robot has homed, hands off, and end every other program that drives it",
+            remedy="wait until the robot has homed or lies still, hands off, and end other programs that drive it",
         )
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > robot.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
