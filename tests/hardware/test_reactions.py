@@ -18,10 +18,12 @@ import pytest
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import ERROR, IDLE, POSITION
+from motorprior.hardware.guardian import Guardian
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
+from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual_pupper import VirtualPupper
@@ -186,6 +188,19 @@ def test_the_death_of_the_watchdog_sits_down_and_idles(
         run(robot, lambda loop: loop.play(walker, Mode.WALK, after_step))
     when(pupper, IDLE)
     assert sits(pupper)
+
+
+def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_next_host(virtual: Callable):
+    link = SerialLink(virtual().port)
+    guardian = Guardian(link.fileno(), 0.08)
+    os.kill(guardian.pid, signal.SIGSTOP)
+    with pytest.raises(RobotFault, match="dead or asleep"):
+        for _ in range(1_000_000):  # the pipe takes some 65 000
+            guardian.beat()
+    guardian.release()
+    link.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(guardian.pid, 0)
 
 
 def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
