@@ -7,12 +7,12 @@ The host is this process, the robot another one. Writes a flat map:
     missed_share                    control steps that were skipped or more than 5 ms late
     telemetry_age_ms/p50|p99|max    of the measurement a command was computed from, when the command left
     end_to_end_ms/p50|p99|max       from the moment of that measurement in the robot to the command's arrival in it
-    forward_m, tilt_rad             where the robot got, and how far it leaned in the end
+    path_m, tilt_rad                how far the robot walked, second by second, and how far it leaned in the end
     faults                          times the walk was ended by a fault, for example a slow host, and begun again
     noisy/...                       the same with 1 % of the frames dropped and 1 % damaged, both ways
     inference_ms/p50|p99            observation, policy and generator, compiled; interpreted_ms where numba is off
     kill_to_idle_ms/max             SIGKILL of a walking host until the robot is idle; hang_to_idle_ms with SIGSTOP
-    reaction_ms/FAULT               from an injected fault until the robot is idle (unplugged: until the host says so)
+    reaction_ms/FAULT               from a fault until the robot is idle (unplugged, surge: until the host says so)
 """
 
 from __future__ import annotations
@@ -25,66 +25,22 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from hardware_reactions import MOST_FAULTS, deploy, reactions, signal_to_idle, virtual_pupper
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
-from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot import Robot
-from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import StopRequest
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 
-KILLS, MOST_FAULTS = 5, 5
-FAULT_AT = 7.0
-"""Robot time at which injected faults begin [s]: it walks by then."""
-FAULTS = (
-    "frozen:FR_knee",
-    "jumping:FL_hip",
-    "stalled:RR_knee",
-    "dead:FR_knee",
-    "tilted",
-    "hot_current:RL_hip",
-    "mute",
-    "unplugged",
-    "hot_motor:FL_knee",
-    "flat",
-    "numb",
-)
+KILLS = 5
 NOISE = ("--robot.drop", "0.01", "--robot.corrupt", "0.01")
 QUANTILES = {"p50": 50.0, "p99": 99.0, "max": 100.0}
-
-
-@contextmanager
-def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[[], dict]]]:
-    """A virtual robot in its own process: its port, and what it went through, to ask for afterwards."""
-    link, life = folder / "port", folder / "life.json"
-    life.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--link", str(link), "--json", str(life)]
-    process = subprocess.Popen([*command, "--robot.no-homing", *options], stderr=subprocess.DEVNULL)
-
-    def end() -> dict:
-        process.send_signal(signal.SIGTERM)
-        process.wait(timeout=20.0)
-        return json.loads(life.read_text())
-
-    try:
-        while not link.is_symlink():
-            assert process.poll() is None, "the virtual Pupper did not start"
-            time.sleep(0.01)
-        yield str(link), end
-    finally:
-        process.kill()
-        process.wait()
 
 
 def trot_policy(folder: Path) -> Path:
@@ -95,16 +51,9 @@ def trot_policy(folder: Path) -> Path:
     return path
 
 
-def deploy(port: str, policy: Policy, seconds: float, log: Path | None = None, timing: Timing | None = None) -> None:
-    """Walk, from this process."""
-    recorder = None if log is None else Recorder(log)
-    with Robot(SerialLink(port), recorder=recorder) as robot:
-        walk(robot, policy, gains_for(policy), StopRequest(), seconds=seconds, timing=timing)
-
-
 def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict[str, float]:
     """Clock, age and delay of a walk of so many seconds; one that a fault ends is followed by another."""
-    whole, delays, forward, tilt, faults = Timing(), [], 0.0, 0.0, 0
+    whole, delays, path, tilt, faults = Timing(), [], 0.0, 0.0, 0
     while len(whole.sent) * policy.control_dt < seconds - 1.0 and faults < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
         timing, left = Timing(), seconds - len(whole.sent) * policy.control_dt
@@ -122,12 +71,12 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         whole.skipped += timing.skipped
         if len(timing.sent):
             delays.append(1e3 * end_to_end(timing, life))
-        forward, tilt = forward + life["forward_m"], max(tilt, life["tilt_rad"])
+        path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
     delay = np.concatenate(delays)
     figures = whole.figures(policy.control_dt)
     print(f"  {figures}", file=sys.stderr)
     figures |= {f"end_to_end_ms/{name}": float(np.percentile(delay, q)) for name, q in QUANTILES.items()}
-    return figures | {"forward_m": forward, "tilt_rad": tilt, "faults": float(faults)}
+    return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults)}
 
 
 def end_to_end(timing: Timing, life: dict) -> np.ndarray:
@@ -163,55 +112,10 @@ def inference_interpreted(policy: Path) -> dict[str, float]:
     return json.loads(done.stdout)
 
 
-def signal_to_idle(folder: Path, policy: Path, number: signal.Signals) -> float:
-    """Milliseconds from a signal that ends or stops a walking host until the robot is idle."""
-    for _ in range(MOST_FAULTS):
-        out = Path(tempfile.mkdtemp(dir=folder)) / "run"
-        with virtual_pupper(folder) as (port, end):
-            command = ["-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out), "--yes"]
-            host = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
-            log = out / "run.csv"
-            while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
-                time.sleep(0.01)
-            before = time.monotonic()
-            if host.poll() is not None:  # this machine was too busy, and the host sat down
-                continue
-            os.kill(host.pid, number)
-            time.sleep(0.5)
-            life = end()
-            host.kill()
-            host.wait()
-            return 1e3 * (first_idle(life, before) - before)
-    raise AssertionError("this machine is too busy")
-
-
-def first_idle(life: dict, after: float) -> float:
-    """When the robot became idle [s]; infinite if it never did."""
-    return min((at for at, mode in life["modes"] if mode == "idle" and at >= after), default=float("inf"))
-
-
-def reaction(folder: Path, policy: Policy, fault: str) -> float:
-    """Milliseconds from an injected fault until the robot is idle, or, unplugged, until the host says so."""
-    for _ in range(MOST_FAULTS):
-        with virtual_pupper(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
-            try:
-                deploy(port, policy, 2.0 * FAULT_AT)
-                raise AssertionError(f"walked on in spite of {fault}")
-            except RobotFault as found:
-                said, kind = time.monotonic(), found.kind
-            time.sleep(0.1)
-            life = end()
-        print(f"  {fault}: {kind}", file=sys.stderr)
-        began = life["started"] + FAULT_AT
-        if said > began:  # otherwise this machine was too busy, and the host sat down before the fault
-            return 1e3 * ((said if fault == "unplugged" else first_idle(life, began)) - began)
-    raise AssertionError("this machine is too busy")
-
-
 def main() -> None:
-    """Measure everything; about three minutes more than the minutes asked for."""
+    """Measure everything; twice the minutes asked for, and about five more."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=10.0, help="length of the walk [min]")
+    parser.add_argument("--minutes", type=float, default=10.0, help="length of each walk, without and with noise [min]")
     parser.add_argument("--json", type=Path, required=True, help="file for the figures")
     parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
     arguments = parser.parse_args()
@@ -220,15 +124,14 @@ def main() -> None:
         path = arguments.policy or trot_policy(folder)
         policy = Policy.load(path)
         figures = walking(folder, policy, 60.0 * arguments.minutes)
-        noisy = walking(folder, policy, min(60.0, 60.0 * arguments.minutes), *NOISE)
+        noisy = walking(folder, policy, 60.0 * arguments.minutes, *NOISE)
         figures |= {f"noisy/{key}": value for key, value in noisy.items()}
         figures |= {f"inference_ms/{key}": value for key, value in inference(policy).items()}
         figures |= {f"interpreted_ms/{key}": value for key, value in inference_interpreted(path).items()}
         kills = [signal_to_idle(folder, path, signal.SIGKILL) for _ in range(KILLS)]
         figures |= {"kill_to_idle_ms/max": max(kills), "kill_to_idle_ms/median": float(np.median(kills))}
         figures["hang_to_idle_ms"] = signal_to_idle(folder, path, signal.SIGSTOP)
-        for fault in FAULTS:
-            figures[f"reaction_ms/{fault.partition(':')[0]}"] = reaction(folder, policy, fault)
+        figures |= reactions(folder, path)
     arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
     for key, value in figures.items():
         print(f"{key:32} {value:10.4f}")

@@ -1,6 +1,9 @@
 """deploy, record, doctor and virtual-pupper from the command line: against virtual robots, and with bad input."""
 
 import json
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.locomotion.policy import Policy
@@ -48,20 +52,25 @@ def test_a_policy_walks_a_virtual_robot_and_leaves_a_log(motorprior: Callable, p
     assert log.num_joints == 12 and 1.3 < log.duration < 1.8, "half a second, and one to come to rest"
 
 
-def test_an_excitation_becomes_a_log_that_a_prior_can_adapt_to(motorprior: Callable, tmp_path: Path):
+def test_an_excitation_becomes_a_log_that_priors_adapt_to_and_are_identified_from(motorprior: Callable, tmp_path: Path):
     out = tmp_path / "rec"
     settings = ("--robot.no-homing", "--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
     done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
     assert done.code == 0, done.err
     checked = motorprior("logs", "check", out / "run.csv")
     assert checked.code == 0 and "12 joints, 2.0 s" in checked.out, checked.out
+    assert read_robot_run(out / "run.csv").joint_torque is not None
     done = motorprior("logs", "import", out / "run.csv", "--hung", "--out", tmp_path / "log")
     assert done.code == 0, done.err
     log = read_log(tmp_path / "log" / "run.parquet")
-    assert log.joint_torque is not None and 1.8 < log.duration < 2.1
+    assert log.joint_torque is None and 1.8 < log.duration < 2.1, "a current is not the joint's torque"
     assert np.median(np.diff(log.time)) == pytest.approx(spec.PHYSICS_DT)
     data = training_data(log, identification_preset("rollout"), "the recording")
     assert data.series.shape[0] == 12 and len(data.starts) > 100
+    done = motorprior("identify", tmp_path / "log" / "run.parquet", "--steps", 2, "--out", tmp_path / "prior")
+    assert done.code == 0 and "12 motors say little" in done.err, done.err
+    prior = MotorPrior.load(tmp_path / "prior" / "prior.safetensors")
+    assert (prior.robot, len(prior.mean)) == (spec.ROBOT_NAME, 12) and prior.provenance["log"] == str(out / "run.csv")
 
 
 def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
@@ -81,6 +90,7 @@ def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
         ("deploy {policy} --port /dev/null --yes", ("/dev/null",)),
         ("deploy no.safetensors --virtual --yes", ("no such file",)),
         ("deploy {other_gains} --port /dev/null --yes", ("kp = 22.2", "--kp 22.2")),
+        ("deploy {stiff_gains} --port /dev/null --yes", ("kp = 75.0", "-> train it with")),
         ("deploy {slow} --port /dev/null --yes", ("0.02 s", "0.01 s")),
         ("deploy {policy} --port /dev/null --yes --kp 90", ("--kp 90", "at most 60")),
         ("deploy {policy} --port /dev/null --yes --throttle 2", ("--throttle 2", "at most 1")),
@@ -106,6 +116,7 @@ def test_bad_input_is_refused_in_one_line(
     files = {
         "policy": policy_file(tmp_path / "policy.safetensors"),
         "other_gains": policy_file(tmp_path / "gains.safetensors", kp=np.full(12, 4.0)),
+        "stiff_gains": policy_file(tmp_path / "stiff.safetensors", kp=np.full(12, 13.5)),
         "slow": policy_file(tmp_path / "slow.safetensors", control_dt=0.02),
         "raw": next(pupper_logs.iterdir()),
     }
@@ -118,3 +129,23 @@ def test_a_folder_in_use_is_not_overwritten(motorprior: Callable, policy: Path, 
     done = motorprior("record", "--virtual", "--robot.no-homing", "--yes", "--out", tmp_path / "run")
     assert done.code == 2 and "exists already" in done.err
     assert (tmp_path / "run" / "run.csv").read_text() == "precious"
+
+
+def test_a_virtual_robot_does_not_outlive_the_command_that_started_it(tmp_path: Path):
+    """However that ends: here it is killed."""
+    link = tmp_path / "port"
+    robot = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--with-parent", "--link", str(link)]
+    parent = subprocess.Popen([sys.executable, "-c", f"import subprocess; subprocess.run({robot})"])
+    try:
+        _wait(link.is_symlink)
+    finally:
+        parent.kill()
+        parent.wait()
+    _wait(lambda: not link.is_symlink())
+
+
+def _wait(condition: Callable[[], bool], patience: float = 60.0) -> None:
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

@@ -3,6 +3,7 @@
 import os
 import pty
 import select
+import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -92,3 +93,43 @@ def test_a_lost_terminal_sits_down_and_idles(
     terminal.process.wait(timeout=10.0)
     modes = {line.split(",")[1] for line in (tmp_path / "run" / "run.csv").read_text().splitlines()[1:]}
     assert modes >= {"1", "2", "4"}, "ramp, walk and crouch"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_a_signal_while_it_waits_for_arm_sends_nothing(
+    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path, number: signal.Signals
+):
+    pupper = virtual()
+    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run")
+    terminal.read_until(b"press Enter")
+    terminal.process.send_signal(number)
+    terminal.read_until(b"not armed")
+    assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
+
+
+def test_a_robot_that_fell_while_somebody_hesitated_is_not_armed(
+    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path
+):
+    pupper = virtual()
+    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run")
+    terminal.read_until(b"press Enter")
+    pupper.break_down("tilted")
+    time.sleep(2.5)  # telemetry overflows the buffers of the port meanwhile
+    terminal.type("arm\n")
+    terminal.read_until(b"fall")
+    assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
+
+
+def test_a_terminal_that_is_stopped_does_not_stop_the_walk(
+    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path, when: Callable
+):
+    """Ctrl-S: words are lost, steps are not."""
+    pupper = virtual()
+    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes", "--seconds", 3)
+    terminal.read_until(b"throttle 1.0")
+    terminal.type("\x13")
+    began = time.monotonic()
+    when(pupper, IDLE, began, patience=10.0)
+    assert when(pupper, IDLE, began) - began > 2.0, "nobody idled it before its time"
+    terminal.type("\x11")
+    assert terminal.process.wait(timeout=10.0) == 0

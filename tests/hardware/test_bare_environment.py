@@ -43,6 +43,14 @@ def test_the_help_of_every_command_shows_its_settings():
         assert done.returncode == 0 and option in done.stdout and "--port" in done.stdout, done.stderr
 
 
+def test_the_command_itself_knows_what_a_robot_s_computer_can_do():
+    done = in_bare_environment("motorprior.__main__", "record", "--help")
+    assert done.returncode == 0 and "--excitation" in done.stdout, done.stderr
+    done = in_bare_environment("motorprior.__main__", "walk", "--out", "x")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert "`motorprior walk` needs tyro" in done.stderr and "deploy, record, doctor" in done.stderr
+
+
 def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
     pupper = virtual(currents=True)
     dry = in_bare_environment(

@@ -21,6 +21,12 @@ def test_every_fault_of_the_table_has_its_test():
             assert not case or f'"{case.split("-")[0]}"' in written, row
 
 
+def test_every_fault_of_the_table_has_a_measured_figure():
+    table = PAGE[PAGE.index("| fault |") :].split("\n\n")[0].splitlines()[2:]
+    for row in table:
+        assert re.search(r"\d", row.split("|")[4]), row
+
+
 def test_every_fault_that_can_be_injected_is_in_a_test():
     written = (HERE / "test_reactions.py").read_text("utf-8")
     assert [kind for kind in KINDS if f'"{kind}"' not in written] == []

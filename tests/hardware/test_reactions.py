@@ -5,7 +5,6 @@ what the watchdog is for.
 """
 
 import os
-import resource
 import signal
 import threading
 import time
@@ -19,10 +18,12 @@ import pytest
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import ERROR, IDLE, POSITION
+from motorprior.hardware.guardian import Guardian
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
+from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual_pupper import VirtualPupper
@@ -30,6 +31,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 STEPS_BEFORE, STEPS_AFTER = 30, 300
 SENSED = [
     ("frozen", "FR_knee", {"stuck"}),
@@ -87,13 +89,13 @@ def test_what_telemetry_shows_ends_in_idle(
     assert [event for at, event in pupper.events if at > idle] == [], "nothing moves it again"
 
 
-def test_the_firmware_giving_up_is_heard(
-    virtual: Callable, host: Callable, stand_up: Callable, walker: Walker, when: Callable
-):
+def test_the_firmware_giving_up_is_heard(virtual: Callable, host: Callable, stand_up: Callable, walker: Walker):
+    """12 A, which a host without currents cannot see; the firmware can, and takes the current away by itself."""
     pupper = virtual()
     robot = host(pupper.port)
-    fault = walk_into(stand_up(robot), walker, lambda: pupper.firmware._enter(ERROR))
+    fault = walk_into(stand_up(robot), walker, lambda: pupper.break_down("surge", 4))
     assert fault.kind == "firmware" and "ERROR" in str(fault)
+    assert pupper.firmware.mode == ERROR
 
 
 def test_unplugging_is_said_with_what_to_do(virtual: Callable, host: Callable, stand_up: Callable, walker: Walker):
@@ -188,6 +190,19 @@ def test_the_death_of_the_watchdog_sits_down_and_idles(
     assert sits(pupper)
 
 
+def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_next_host(virtual: Callable):
+    link = SerialLink(virtual().port)
+    guardian = Guardian(link.fileno(), 0.08)
+    os.kill(guardian.pid, signal.SIGSTOP)
+    with pytest.raises(RobotFault, match="dead or asleep"):
+        for _ in range(1_000_000):  # the pipe takes some 65 000
+            guardian.beat()
+    guardian.release()
+    link.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(guardian.pid, 0)
+
+
 def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     virtual: Callable, deploying: Callable, trot: Path, tmp_path: Path, when: Callable
 ):
@@ -212,7 +227,7 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     assert min(took) < 0.1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
 def test_a_signal_sits_down_and_idles(
     virtual: Callable, host: Callable, walker: Walker, when: Callable, number: signal.Signals
 ):
@@ -228,6 +243,22 @@ def test_a_signal_sits_down_and_idles(
     assert stop.reason == number.name
     when(pupper, IDLE)
     assert sits(pupper)
+
+
+def test_many_signals_drop_the_robot_and_do_not_hinder_it(
+    virtual: Callable, deploying: Callable, trot: Path, tmp_path: Path, when: Callable
+):
+    """Somebody who leans on Ctrl-C: the second one drops everything, the others change nothing."""
+    pupper = virtual()
+    walking = deploying(pupper.port, trot, tmp_path / "run")
+    first = when(pupper, POSITION, patience=30.0)
+    time.sleep(max(0.0, first + 1.5 - time.monotonic()))
+    pressed = time.monotonic()
+    while walking.poll() is None and time.monotonic() < pressed + 5.0:
+        os.kill(walking.pid, signal.SIGINT)
+        time.sleep(0.004)
+    assert when(pupper, IDLE, pressed) - pressed < 0.5 and pupper.events[-1][1] == IDLE
+    assert walking.wait(timeout=10.0) in (2, -signal.SIGINT)
 
 
 @pytest.mark.parametrize(
@@ -247,20 +278,16 @@ def test_what_leaves_time_sits_down_and_idles(
     assert sits(pupper)
 
 
+@pytest.mark.parametrize("room", [0, 40_000])
 def test_a_full_disk_sits_down_and_idles(
-    virtual: Callable, host: Callable, walker: Walker, when: Callable, tmp_path: Path
+    virtual: Callable, host: Callable, walker: Walker, when: Callable, tmp_path: Path, full_disk: Callable, room: int
 ):
-    """The disk is a limit of the file size here."""
+    """The disk is a limit of the file size here; without any room not even the header can be written."""
     pupper = virtual()
     robot = host(pupper.port, recorder=Recorder(tmp_path / "run.csv"))
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, before[1]))
-    try:
-        with pytest.raises(ArtifactError, match=r"run\.csv: cannot write"):
-            run(robot, lambda loop: loop.play(walker, Mode.WALK))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
+    with full_disk(room), pytest.raises(ArtifactError, match=r"run\.csv: cannot write"):
+        run(robot, lambda loop: loop.play(walker, Mode.WALK))
     when(pupper, IDLE)
     assert sits(pupper)
-    assert read_robot_run(tmp_path / "run.csv", (Mode.RAMP,)).num_rows > 10
+    if room:
+        assert read_robot_run(tmp_path / "run.csv", (Mode.RAMP,)).num_rows > 10

@@ -1,5 +1,6 @@
 """A recording is what happened, survives its writer, and is a motor log."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,14 @@ def test_nothing_is_overwritten_and_nothing_empty_is_left(tmp_path: Path):
         Recorder(path)
     Recorder(tmp_path / "b.csv").close()
     assert not (tmp_path / "b.csv").exists()
+
+
+@pytest.mark.parametrize("room", [0, 100, 5000], ids=["for nothing", "for half a header", "for some lines"])
+def test_a_full_disk_is_said_and_what_was_written_can_be_read(tmp_path: Path, full_disk: Callable, room: int):
+    with full_disk(room), pytest.raises(ArtifactError, match=r"run\.csv: cannot write .*free some space"):
+        recorded(tmp_path / "run.csv")
+    if room > 1000:
+        assert read_robot_run(tmp_path / "run.csv").num_rows > 2
 
 
 def test_idle_time_is_not_recorded(tmp_path: Path):

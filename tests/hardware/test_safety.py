@@ -1,12 +1,16 @@
 """The gate: whatever comes in, what goes out is inside every bound, and nothing goes out after a fault."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.health import Pace, Tilt, Tracking
+from motorprior.hardware import safety
+from motorprior.hardware.health import Extras, Pace, Tilt, Tracking
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety import SafetyGate
 from motorprior.robots.pupper_v2 import spec
@@ -149,3 +153,36 @@ def test_some_late_steps_are_allowed_and_many_are_not():
             pace.check(0.02)
     with pytest.raises(RobotFault, match="60 ms late"):
         Pace(LIMITS, 0.01).check(0.06)
+
+
+@pytest.mark.parametrize(
+    ("bad", "well", "kind", "duration"),
+    [
+        ({"cur": np.full(12, -9.5)}, {"cur": np.full(12, 8.0)}, "current", LIMITS.current_time),
+        ({"temp": np.full(12, 95.0)}, {"temp": np.full(12, 40.0)}, "temperature", LIMITS.warning_time),
+        ({"bat": 3.0}, {"bat": 22.0}, "battery", LIMITS.warning_time),
+    ],
+)
+def test_one_damaged_frame_is_no_overcurrent_no_heat_and_no_flat_battery(
+    bad: dict, well: dict, kind: str, duration: float
+):
+    extras = Extras(LIMITS)
+    for step in range(100):
+        extras.check(telemetry(**(bad if step % 3 == 0 else well)), 0.01 * step)
+    with pytest.raises(RobotFault) as caught:
+        for step in range(round(duration / 0.01) + 1):
+            extras.check(telemetry(**bad), 2.0 + 0.01 * step)
+    assert caught.value.kind == kind
+
+
+def test_one_class_writes_to_the_port_and_gets_every_command_from_the_gate():
+    """Who else could send: the watchdog, which knows one command."""
+    folder = Path(safety.__file__).parent
+    written = {file.name: file.read_text("utf-8") for file in folder.glob("*.py")}
+    assert {name for name, text in written.items() if "link.send(" in text} == {"robot.py"}
+    assert {name for name, text in written.items() if "SerialLink(" in text} == {"commands.py"}
+    robot = written["robot.py"]
+    assert sorted(re.findall(r"link\.send\((.*)\)", robot)) == ["command", "command", "gate.law()"]
+    assert "command = gate.admit(target" in robot and "_send_idle(self._gate.idle())" in robot
+    writers = {name for name, text in written.items() if "os.write(" in text}
+    assert writers == {"serial_link.py", "watchdog.py", "guardian.py", "recorder.py", "virtual_pupper.py"}

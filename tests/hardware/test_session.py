@@ -1,7 +1,9 @@
 """A robot is looked at before it is armed; pilots steer, doctors judge, excitations stay in bounds."""
 
+import contextlib
 import os
 import pty
+import signal
 import struct
 import time
 from collections.abc import Callable
@@ -13,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.hardware.commands import careful, run_doctor, run_record
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.doctor import examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
@@ -20,7 +23,9 @@ from motorprior.hardware.firmware import IDLE
 from motorprior.hardware.motions import Walker, ramp
 from motorprior.hardware.pilot import Pilot
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import StopRequest, first_look
+from motorprior.hardware.session import StopRequest, first_look, look_and_confirm
+from motorprior.hardware.settings import RecordSettings
+from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
@@ -50,9 +55,31 @@ def test_a_robot_that_must_not_be_armed_is_refused(
     assert pupper.received == 0
 
 
+def test_a_robot_that_moves_by_itself_is_not_armed(virtual: Callable, host: Callable):
+    """One that homes takes no targets meanwhile, and would jump to the first one afterwards."""
+    pupper = virtual()
+    robot = host(pupper.port)
+    pupper.firmware._target = spec.JOINT_SIGNS * spec.NOMINAL_POSE  # it gets up
+    with pytest.raises(RobotFault, match=r"moved .* this host sent nothing.*homed"):
+        first_look(robot, True)
+    assert pupper.received == 0
+
+
+def test_what_happened_while_the_policy_was_compiled_is_seen(virtual: Callable, host: Callable):
+    pupper = virtual()
+
+    def prepare(_: Measurement) -> None:
+        pupper.break_down("tilted")
+        time.sleep(0.2)
+
+    with pytest.raises(RobotFault, match="fall"):
+        look_and_confirm(host(pupper.port), lambda: None, True, prepare)
+    assert pupper.received == 0
+
+
 def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callable, trot: Path):
     """1 % of the frames lost, 1 % damaged, 1 % twice, both ways."""
-    pupper = virtual(drop=0.01, corrupt=0.01, duplicate=0.01)
+    pupper = virtual(drop=0.01, corrupt=0.01, duplicate=0.01, currents=True)
     policy = Policy.load(trot)
     run = walk(host(pupper.port), policy, gains_for(policy), StopRequest(), seconds=1.5)
     assert run.stopped_by == "time" and len(run.timing.sent) > 100
@@ -67,9 +94,8 @@ def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callabl
 def test_a_port_has_one_user(virtual: Callable):
     pupper = virtual()
     link = SerialLink(pupper.port)
-    if os.geteuid() != 0:  # root may open what others hold
-        with pytest.raises(RobotFault, match="close every other program"):
-            SerialLink(pupper.port)
+    with pytest.raises(RobotFault, match="close every other program"):
+        SerialLink(pupper.port)
     link.close()
     with pytest.raises(RobotFault, match="unplugged"):
         link.wait(time.monotonic())
@@ -83,6 +109,47 @@ def test_the_doctor_finds_what_is_wrong(virtual: Callable, host: Callable):
     ill = {one.check: one for one in examine(host(sick.port), 1.0)}
     assert not ill["IMU"].well and not ill["frames"].well
     assert ill["currents"].finding == "not sent (position only)" and healthy.received == sick.received == 0
+
+
+def test_the_doctor_takes_the_current_away_when_asked(virtual: Callable, when: Callable):
+    pupper = virtual()
+    found = run_doctor(pupper.port, 1.0, idle=True)
+    assert {one.check for one in found if not one.well} <= {f"joint {name}" for name in spec.JOINT_NAMES}, "it sank"
+    when(pupper, IDLE)
+    assert {what for _, what in pupper.events} == {IDLE}
+
+
+def test_signals_after_the_second_one_are_too_late_to_hinder():
+    stop = StopRequest()
+    stop.on_signal(signal.SIGINT, None)
+    assert stop() and stop.reason == "SIGINT"
+    with pytest.raises(RobotFault, match="second signal, SIGTERM"):
+        stop.on_signal(signal.SIGTERM, None)
+    stop.on_signal(signal.SIGINT, None)
+
+
+def test_words_do_not_wait_for_a_terminal_that_takes_none():
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(writer, 4096 * b"x"):
+            pass
+    os.set_blocking(writer, True)
+    said = []
+    with open(writer, "w") as pipe:
+        say = careful(said.append, pipe)
+        say("lost")
+        os.read(reader, 65536)
+        say("heard")
+    say("to a closed file")
+    os.close(reader)
+    assert said == ["heard", "to a closed file"]
+
+
+def test_nobody_at_the_terminal_is_refused_also_without_a_standard_input(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("sys.stdin", None)
+    with pytest.raises(ConfigError, match="nobody is at the terminal"):
+        run_record("/dev/null", RecordSettings(), lambda _: None)
 
 
 def test_silence_is_a_diagnosis(host: Callable):
@@ -185,3 +252,16 @@ def test_gains_reach_the_robot_in_commands_of_their_own_and_again(
     pupper.firmware._gains = (1.0, 1.0, 1.0)
     loop.play(ramp(spec.NOMINAL_POSE, spec.NOMINAL_POSE, 1.0, spec.CONTROL_DT), Mode.RAMP)
     assert pupper.firmware._gains == (50.0, 5.0, 7.0)
+
+
+def test_the_gains_come_with_each_of_the_first_targets(virtual: Callable, host: Callable):
+    """One of them may get lost, and what a firmware holds by itself may be another current limit."""
+    pupper, gains = virtual(), []
+    robot = host(pupper.port)
+    robot.arm(50.0, 5.0, 2.0)
+    for _ in range(3):
+        pupper.firmware._gains = (1.0, 1.0, 1.0)
+        robot.send(spec.NOMINAL_POSE, Mode.RAMP)
+        robot.listen(time.monotonic() + 0.03)
+        gains.append(pupper.firmware._gains)
+    assert gains == 3 * [(50.0, 5.0, 2.0)]

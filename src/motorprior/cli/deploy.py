@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -35,7 +36,7 @@ def run_deploy_command(config: Deploy) -> None:
     from motorprior.hardware.commands import careful, run_deploy
 
     Policy.load(config.policy)  # before a virtual robot is started for nothing
-    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True))
+    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
     with config.choice.open() as port:
         figures = run_deploy(config.policy, port, config.settings, say)
     if figures:

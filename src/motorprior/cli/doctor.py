@@ -9,17 +9,18 @@ import tyro
 
 from motorprior.cli.console import table
 from motorprior.cli.robot_choice import RobotChoice
-from motorprior.exceptions import RobotFault
 
 
 @dataclass(frozen=True)
 class Doctor:
-    """Listen to a robot and judge: frames, age, IMU, joints, currents, battery. Sends nothing."""
+    """Listen to a robot and judge: frames, age, IMU, joints, currents, battery. Sends nothing, unless --idle."""
 
     choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
     """The robot."""
     seconds: float = 3.0
     """Time to listen [s]."""
+    idle: bool = False
+    """Take the current from the motors first, so that legs can be moved by hand; a standing robot sinks."""
 
 
 def run_doctor_command(config: Doctor) -> None:
@@ -28,12 +29,10 @@ def run_doctor_command(config: Doctor) -> None:
     Raises:
         RobotFault: after the table, if something is not as it should be.
     """
-    from motorprior.hardware.commands import run_doctor
+    from motorprior.hardware.commands import require_well, run_doctor
 
     with config.choice.open() as port:
-        found = run_doctor(port, config.seconds)
+        found = run_doctor(port, config.seconds, config.idle)
     rows = [["ok" if one.well else "BAD", one.check, one.finding, "" if one.well else one.remedy] for one in found]
     table(f"{port}, {config.seconds:g} s", ["", "check", "finding", "remedy"], rows)
-    bad = [one.check for one in found if not one.well]
-    if bad:
-        raise RobotFault("doctor", f"{', '.join(bad)}: not as it should be", remedy="see the table")
+    require_well(found)

@@ -18,16 +18,19 @@ from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE, bar
 from motorprior.cli.stage import begin, description, finish, is_finished
 from motorprior.exceptions import ArtifactError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_log
 
 PRIOR, CHECKPOINT, SECONDS = "prior.safetensors", "checkpoint.safetensors", "seconds.txt"
 
 
 @dataclass(frozen=True)
 class Identify:
-    """Learn a motor prior from the log of a bench."""
+    """Learn a motor prior from the log of a bench or of a hung robot."""
 
     bench: tyro.conf.Positional[Path]
-    """Folder that `motorprior bench` wrote."""
+    """Folder that `motorprior bench` wrote, or a motor log (.parquet) whose loads are known, as from `motorprior logs
+    import --hung`."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
@@ -59,12 +62,11 @@ def run_identify(config: Identify) -> None:
     preset = identification_preset(config.preset)
     if config.steps is not None:
         preset = replace(preset, steps=config.steps)
-    log, facts = read_bench(config.bench)
-    inputs = [config.bench / LOG, config.bench / FACTS]
+    log, inputs, origin = _training_log(config.bench)
     wanted = description("identify", asdict(config), inputs, recipe=asdict(preset))
     if is_finished(config.out, wanted):
         return
-    data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(config.bench / LOG))
+    data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(inputs[0]))
     if preset.num_latents and log.num_joints < MOTORS_PER_LATENT * preset.num_latents:
         wanted_motors = MOTORS_PER_LATENT * preset.num_latents
         CONSOLE.print(
@@ -83,15 +85,37 @@ def run_identify(config: Identify) -> None:
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
     metrics |= reference_metrics(found.network, data, preset, found.mean, log)
-    provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": config.seed}
     prior = MotorPrior(
-        found.network, found.mean, found.log_var, config.preset, facts.fleet.robot, facts.fleet.motor,
-        provenance, metrics,
+        found.network, found.mean, found.log_var, config.preset, origin.robot, origin.motor,
+        origin.provenance | {"recipe": asdict(preset), "seed": config.seed}, metrics,
     )  # fmt: skip
     prior.save(config.out / PRIOR)
     write_text(config.out / SECONDS, f"{seconds:.1f}\n")
     (config.out / CHECKPOINT).unlink(missing_ok=True)
     finish(config.out, wanted)
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """Whose motors these are, and what the prior will say about it."""
+
+    robot: str
+    motor: str
+    provenance: dict[str, Any]
+
+
+def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:
+    """The log of a bench's folder, or a log of its own; the files that the prior depends on, the log first.
+
+    Raises:
+        LogError, ArtifactError: missing, truncated or inconsistent files.
+    """
+    if path.suffix == ".parquet":
+        log = read_log(path)
+        return log, [path], _Origin(log.robot, log.motor, {"log": log.source})
+    log, facts = read_bench(path)
+    origin = _Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
+    return log, [path / LOG, path / FACTS], origin
 
 
 @dataclass(frozen=True)

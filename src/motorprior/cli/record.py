@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import tyro
 
-from motorprior.cli.console import CONSOLE, bar
+from motorprior.cli.console import CONSOLE
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.hardware.settings import RecordSettings
-from motorprior.robots.pupper_v2 import spec
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,10 @@ def run_record_command(config: Record) -> None:
     """
     from motorprior.hardware.commands import careful, run_record
 
-    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True))
+    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
     settings, choice = config.settings, config.choice
     if choice.virtual and not settings.standing:
         choice = replace(choice, robot=replace(choice.robot, hung=True))
-    with (
-        choice.open() as port,
-        bar(f"record {settings.seconds:g} s", round(settings.seconds / spec.CONTROL_DT)) as progress,
-    ):
-        log = run_record(port, settings, say, progress.advance)
+    with choice.open() as port:
+        log = run_record(port, settings, say)
     say(f"{log}: next, motorprior logs check {log}")

@@ -24,11 +24,13 @@ class TwinBody:
 
     Attributes:
         live: the twin behind it.
+        path: length of its way over the ground [m], in straight pieces of a second.
     """
 
     def __init__(self, motors: MotorParameters, hung: bool, seed: int):
         self.live = LiveRobot(motors, hung, np.random.default_rng([TWIN_STREAM, seed, 1]))
         self._drive: Drive | None = None
+        self.path, self._lived, self._was_at = 0.0, 0, self.live.position()
 
     def advance(self, milliseconds: int, drive: Drive) -> None:
         """See `Body.advance`."""
@@ -38,6 +40,14 @@ class TwinBody:
             self.live.block(drive.blocked)
         self._drive = drive
         self.live.advance(milliseconds, spec.JOINT_SIGNS * drive.target)
+        self._measure_path(milliseconds)
+
+    def _measure_path(self, milliseconds: int) -> None:
+        before, self._lived = self._lived, self._lived + milliseconds
+        if self._lived // 1000 > before // 1000:
+            now = self.live.position()
+            self.path += float(np.hypot(*(now - self._was_at)))
+            self._was_at = now
 
     def sense(self) -> Sensors:
         """See `Body.sense`; the current is that of the law at the present target."""

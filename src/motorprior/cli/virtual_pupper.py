@@ -73,6 +73,8 @@ class VirtualPupperCommand:
     """File for what the robot went through, written when it ends."""
     seconds: float | None = None
     """Lifetime [s]; until Ctrl-C if not given."""
+    with_parent: bool = False
+    """End with the process that started it, however that ends."""
 
 
 def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
@@ -111,16 +113,17 @@ def run_virtual_pupper(config: VirtualPupperCommand) -> None:
     """Live until Ctrl-C, or for the seconds that were asked for."""
     if config.seconds is not None:
         require_at_least(0, seconds=config.seconds)
+    parent = os.getppid()
     robot, body = make(config.robot)
     start = body.live.state().base
     with _ended_by_signals(robot.stop, config.seconds), _named(config.link, robot.port):
         CONSOLE.print(f"virtual Pupper number {config.robot.seed} on {config.link or robot.port}", soft_wrap=True)
-        robot.run()
+        robot.run(lambda: config.with_parent and os.getppid() != parent)
     end = body.live.state()
     forward, left = (end.base - start)[:2]
     CONSOLE.print(f"virtual Pupper: went {forward:+.2f} m forward, {left:+.2f} m left, now {robot.firmware.mode}")
     if config.json is not None:
-        write_json(config.json, _life(robot, forward, left, end.attitude))
+        write_json(config.json, {"path_m": body.path} | _life(robot, forward, left, end.attitude))
 
 
 @contextlib.contextmanager
@@ -192,6 +195,7 @@ def living(config: Virtual) -> Iterator[str]:
             "motorprior.cli.main",
             "virtual-pupper",
             *_options(config),
+            "--with-parent",
             "--link",
             str(link),
         ]

@@ -1,7 +1,7 @@
-"""``python -m motorprior.hardware deploy|record|doctor``: the robot's own computer, with numpy, pyserial and msgpack.
+"""``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, pyserial and msgpack.
 
-The same commands and settings as `motorprior deploy`, `record` and `doctor`, without what those need on top for a
-simulated robot and a nice terminal.
+The same commands and settings as elsewhere, without what those need on top for a simulated robot and a nice terminal.
+Also as ``python -m motorprior.hardware``.
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from motorprior.exceptions import MotorPriorError
-from motorprior.hardware.commands import careful, run_deploy, run_doctor, run_record, the_port
+from motorprior.hardware.commands import careful, require_well, run_deploy, run_doctor, run_record, the_port
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 
 SECONDS = 3.0
+IDLE_FIRST = "take the current from the motors first, so that legs can be moved by hand; a standing robot sinks"
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line, made from the settings and their docstrings."""
-    top = argparse.ArgumentParser(
-        prog="python -m motorprior.hardware", description="Deploy to, record from, or examine a robot."
-    )
+    top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or examine a robot.")
     commands = top.add_subparsers(dest="command", required=True)
     for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
         command = commands.add_parser(name)
@@ -33,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
             command.add_argument("policy", type=Path, help="policy.safetensors")
         if settings is None:
             command.add_argument("--seconds", type=float, default=SECONDS, help="time to listen [s]")
+            command.add_argument("--idle", action="store_true", help=IDLE_FIRST)
         else:
             _add_options(command, settings)
     return top
@@ -64,13 +64,15 @@ def _texts(settings: type) -> dict[str, str]:
 def main() -> None:
     """Run a command line; exit code 2 and one line on bad input or a robot fault."""
     arguments = vars(parser().parse_args())
-    say = careful(lambda text: print(text, file=sys.stderr, flush=True))
+    say = careful(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
     command, port, policy = arguments.pop("command"), arguments.pop("port"), arguments.pop("policy", None)
     try:
         _run(command, the_port(port), policy, arguments, say)
-    except MotorPriorError as error:
+    except (MotorPriorError, OSError) as error:
         say(f"error: {error}")
         raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
 
 
 def _run(command: str, port: str, policy: Path | None, arguments: dict[str, Any], say: Any) -> None:
@@ -79,13 +81,15 @@ def _run(command: str, port: str, policy: Path | None, arguments: dict[str, Any]
         for name, value in figures.items():
             say(f"{name} {value:.4g}")
     elif command == "record":
-        say(f"recorded {run_record(port, RecordSettings(**arguments), say, lambda _: None)}")
+        say(f"recorded {run_record(port, RecordSettings(**arguments), say)}")
     else:
-        for line in run_doctor(port, arguments["seconds"]):
+        found = run_doctor(port, arguments["seconds"], arguments["idle"])
+        for line in found:
             say(
                 f"{'ok ' if line.well else 'BAD'} {line.check}: {line.finding}"
                 + ("" if line.well else f" -> {line.remedy}")
             )
+        require_well(found)
 
 
 if __name__ == "__main__":

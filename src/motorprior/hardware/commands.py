@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError, RobotFault
@@ -88,7 +88,7 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
     return figures
 
 
-def run_record(port: str, settings: RecordSettings, say: Say, progress: Callable[[int], None]) -> Path:
+def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
     """Excite and record; returns the log.
 
     Raises:
@@ -107,7 +107,7 @@ def run_record(port: str, settings: RecordSettings, say: Say, progress: Callable
         settings.excitation,
         joints,
         settings.seconds,
-        settings.amplitude,
+        _amplitude(settings),
         settings.speed,
         spec.CONTROL_DT,
         settings.seed,
@@ -125,13 +125,13 @@ def run_record(port: str, settings: RecordSettings, say: Say, progress: Callable
         record.excite(
             robot, targets, settings.speed, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
-            confirm=confirm, progress=progress,
+            confirm=confirm, status=say,
         )  # fmt: skip
     return out / LOG
 
 
-def run_doctor(port: str, seconds: float) -> list[Diagnosis]:
-    """Listen and judge; sends nothing.
+def run_doctor(port: str, seconds: float, idle: bool) -> list[Diagnosis]:
+    """Listen and judge; sends nothing, or idle and nothing else.
 
     Raises:
         ConfigError: less than a second.
@@ -139,7 +139,20 @@ def run_doctor(port: str, seconds: float) -> list[Diagnosis]:
     """
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with Robot(SerialLink(port)) as robot:
+        if idle:
+            robot.relax()
         return examine(robot, seconds)
+
+
+def require_well(found: list[Diagnosis]) -> None:
+    """Refuse what a doctor found.
+
+    Raises:
+        RobotFault: something is not as it should be.
+    """
+    bad = [one.check for one in found if not one.well]
+    if bad:
+        raise RobotFault("doctor", f"{', '.join(bad)}: not as it should be", remedy="see the remedies above")
 
 
 def ask_to_arm(stop: StopRequest, yes: bool, say: Say) -> None:
@@ -160,18 +173,37 @@ def ask_to_arm(stop: StopRequest, yes: bool, say: Say) -> None:
     raise RobotFault("not armed", "nobody typed arm; nothing was sent", remedy="run the command again when ready")
 
 
-def careful(say: Say) -> Say:
-    """The same words; a terminal that is gone is no reason to stop."""
+def careful(say: Say, file: TextIO) -> Say:
+    """The same words, unless the terminal or pipe behind ``file`` is gone or full: no reason to stop, or to wait.
+
+    A control loop that waits for a terminal (Ctrl-S, a pager) would be idled by the watchdog.
+    """
 
     def speak(text: str) -> None:
-        with contextlib.suppress(OSError):
-            say(text)
+        with contextlib.suppress(OSError, ValueError):
+            if _takes_more(file):
+                say(text)
 
     return speak
 
 
+def _takes_more(file: TextIO) -> bool:
+    try:
+        number = file.fileno()
+    except (OSError, ValueError):  # a notebook's, or a test's: no terminal, never full
+        return True
+    return bool(select.select([], [number], [], 0.0)[1])
+
+
+def _amplitude(settings: RecordSettings) -> float:
+    """What the ground lets pass is less than what the air does: feet that are pushed into it look blocked."""
+    if settings.amplitude is not None:
+        return settings.amplitude
+    return 0.1 if settings.standing else 0.4
+
+
 def _require_somebody(yes: bool) -> None:
-    if not yes and not sys.stdin.isatty():
+    if not yes and (sys.stdin is None or not sys.stdin.isatty()):
         raise ConfigError("nobody is at the terminal to arm the robot", remedy="give --yes if that is meant")
 
 

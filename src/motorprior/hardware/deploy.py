@@ -15,7 +15,7 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.robot import Robot
-from motorprior.hardware.session import Gains, StopRequest, confirm_and_look_again, first_look, run_armed
+from motorprior.hardware.session import Gains, StopRequest, first_look, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
@@ -64,16 +64,17 @@ def gains_for(policy: Policy, kp: float | None = None, kd: float | None = None) 
     Raises:
         ConfigError: the policy's gains are others and none were given.
     """
-    for name, given, of_policy, of_robot in (
-        ("kp", kp, policy.kp, spec.WIRE_KP),
-        ("kd", kd, policy.kd, spec.WIRE_KD),
+    for name, unit, given, of_policy, of_robot, highest in (
+        ("kp", "A/rad", kp, policy.kp, spec.WIRE_KP, spec.SAFETY.highest_kp),
+        ("kd", "A·s/rad", kd, policy.kd, spec.WIRE_KD, spec.SAFETY.highest_kd),
     ):
         wanted = of_policy / spec.TORQUE_CONSTANT
         if given is None and np.abs(wanted / of_robot - 1.0).max() > GAIN_TOLERANCE:
+            mean = float(wanted.mean())
             raise ConfigError(
-                f"the policy was trained with {name} = {float(wanted.mean()):.1f} A per unit on the motors, the robot "
-                f"runs with {of_robot:g}",
-                remedy=f"give --{name} {float(wanted.mean()):.1f} if that is meant, or train it with the robot's gains",
+                f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {of_robot:g}",
+                remedy=(f"give --{name} {mean:.1f} if that is meant, or " if mean <= highest else "")
+                + "train it with the robot's gains",
             )
     return Gains(spec.WIRE_KP if kp is None else kp, spec.WIRE_KD if kd is None else kd)
 
@@ -120,8 +121,7 @@ def walk(
         RobotFault: why the walk ended early; the robot is idle.
     """
     walker = Walker(policy)
-    walker.warm_up(first_look(robot, need_imu))
-    confirm_and_look_again(robot, confirm, need_imu)
+    look_and_confirm(robot, confirm, need_imu, walker.warm_up)
     timing, ended_by = timing or Timing(), ""
 
     def work(loop: ControlLoop) -> None:

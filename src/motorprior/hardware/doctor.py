@@ -80,16 +80,15 @@ def _frames(robot: Robot, rate: float) -> Diagnosis:
 
 
 def _joints(poses: np.ndarray) -> list[Diagnosis]:
-    """One line per joint: where it was, and its range."""
+    """One line per joint: where it is, where it was, and its range."""
     found = []
     for joint, name in enumerate(spec.JOINT_NAMES):
         low, high = poses[:, joint].min(), poses[:, joint].max()
         inside = spec.JOINT_LOWER[joint] - 0.1 <= low and high <= spec.JOINT_UPPER[joint] + 0.1
         span = f"{spec.JOINT_LOWER[joint]:+.2f} to {spec.JOINT_UPPER[joint]:+.2f}"
-        found.append(
-            Diagnosis(f"joint {name}", f"{low:+.3f} to {high:+.3f} rad of {span}", bool(inside),
-                      "switch the robot on with its legs free so that it finds its end stops")
-        )  # fmt: skip
+        finding = f"{poses[-1, joint]:+.3f} rad, was {low:+.3f} to {high:+.3f} of {span}"
+        remedy = "switch the robot on with its legs free so that it finds its end stops"
+        found.append(Diagnosis(f"joint {name}", finding, bool(inside), remedy))
     return found
 
 

@@ -56,13 +56,11 @@ class Guardian:
         """Say that the host is alive.
 
         Raises:
-            RobotFault: the watchdog has taken over the port, or is dead.
+            RobotFault: the watchdog has taken over the port, is dead, or has not read a beat for minutes.
         """
         try:
             os.write(self._beats, b".")
-        except BlockingIOError:  # it is asleep; silence will be heard
-            pass
-        except BrokenPipeError:
+        except (BrokenPipeError, BlockingIOError):
             raise _dead() from None
         ready, _, _ = select.select([self._reports], [], [], 0.0)
         if ready:
@@ -75,12 +73,18 @@ class Guardian:
         with contextlib.suppress(OSError):
             os.write(self._beats, b"q")
         os.close(self._beats)
-        with contextlib.suppress(subprocess.TimeoutExpired):
+        try:
             self._process.wait(timeout=2.0)
+        except subprocess.TimeoutExpired:  # it sleeps, and must not wake up beside the next host
+            self._process.kill()
+            self._process.wait()
         os.close(self._reports)
 
 
 def _dead() -> RobotFault:
     return RobotFault(
-        "watchdog", "the watchdog process is dead", safe_state="crouch", remedy="look into the system's log for why"
+        "watchdog",
+        "the watchdog process is dead or asleep",
+        safe_state="crouch",
+        remedy="look into the system's log for why",
     )

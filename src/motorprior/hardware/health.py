@@ -17,19 +17,26 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES, SafetyLimits
 
 
+class _Lasting:
+    """Whether something has been so for ``duration`` [s]: a single damaged frame may say anything."""
+
+    def __init__(self, duration: float):
+        self._duration, self._since = duration, math.inf
+
+    def __call__(self, is_so: bool, now: float) -> bool:
+        self._since = min(self._since, now) if is_so else math.inf
+        return now - self._since >= self._duration - 1e-3  # stamps are whole milliseconds
+
+
 class Tilt:
     """The body leans further than any walking body does."""
 
     def __init__(self, limits: SafetyLimits):
-        self._limits, self._since = limits, math.inf
+        self._limits, self._leans = limits, _Lasting(limits.tilt_time)
 
     def check(self, telemetry: Telemetry, now: float) -> None:
         """Raise once roll or pitch has been beyond ``max_tilt`` for ``tilt_time``."""
-        if max(abs(telemetry.roll), abs(telemetry.pitch)) <= self._limits.max_tilt:
-            self._since = math.inf
-            return
-        self._since = min(self._since, now)
-        if now - self._since >= self._limits.tilt_time - 1e-3:  # stamps are whole milliseconds
+        if self._leans(max(abs(telemetry.roll), abs(telemetry.pitch)) > self._limits.max_tilt, now):
             raise RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
 
 
@@ -109,25 +116,32 @@ class Tracking:
             )
 
 
-def check_extras(telemetry: Telemetry, limits: SafetyLimits) -> None:
-    """Currents, temperatures and battery, where the robot sends them.
+class Extras:
+    """Currents, temperatures and battery, where the robot sends them."""
 
-    Raises:
-        RobotFault: a bound is broken.
-    """
-    if telemetry.cur is not None and np.abs(telemetry.cur).max() > limits.measured_current:
-        worst = int(np.argmax(np.abs(telemetry.cur)))
-        raise RobotFault("current", f"{JOINT_NAMES[worst]} draws {telemetry.cur[worst]:.1f} A")
-    if telemetry.temp is not None and telemetry.temp.max() > limits.temperature:
-        worst = int(np.argmax(telemetry.temp))
-        raise RobotFault(
-            "temperature",
-            f"{JOINT_NAMES[worst]} is at {telemetry.temp[worst]:.0f} °C",
-            safe_state="crouch",
-            remedy="let the motors cool down",
-        )
-    if telemetry.bat is not None and telemetry.bat < limits.battery:
-        raise RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
+    def __init__(self, limits: SafetyLimits):
+        self._limits = limits
+        self._current = _Lasting(limits.current_time)
+        self._temperature, self._battery = _Lasting(limits.warning_time), _Lasting(limits.warning_time)
+
+    def check(self, telemetry: Telemetry, now: float) -> None:
+        """Raise once a current has been too high for ``current_time``, or another value bad for ``warning_time``."""
+        limits, current, temperature = self._limits, telemetry.cur, telemetry.temp
+        if self._current(current is not None and np.abs(current).max() > limits.measured_current, now):
+            assert current is not None
+            worst = int(np.argmax(np.abs(current)))
+            raise RobotFault("current", f"{JOINT_NAMES[worst]} draws {current[worst]:.1f} A")
+        if self._temperature(temperature is not None and temperature.max() > limits.temperature, now):
+            assert temperature is not None
+            worst = int(np.argmax(temperature))
+            raise RobotFault(
+                "temperature",
+                f"{JOINT_NAMES[worst]} is at {temperature[worst]:.0f} °C",
+                safe_state="crouch",
+                remedy="let the motors cool down",
+            )
+        if self._battery(telemetry.bat is not None and telemetry.bat < limits.battery, now):
+            raise RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
 
 
 def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:

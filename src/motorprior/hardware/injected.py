@@ -13,10 +13,10 @@ from motorprior.hardware.firmware import Sensors
 from motorprior.robots.pupper_v2 import spec
 
 KINDS = (
-    *("frozen", "jumping", "stalled", "dead", "hot_current", "hot_motor"),
+    *("frozen", "jumping", "stalled", "dead", "hot_current", "hot_motor", "surge"),
     *("tilted", "numb", "flat", "mute", "unplugged"),
 )
-_WITH_JOINT = KINDS[:6]
+_WITH_JOINT = KINDS[:7]
 _FORM = re.compile(r"(?P<kind>\w+?)(:(?P<joint>\w+))?(@(?P<at>[0-9.]+))?$")
 JUMP = 0.8
 """[rad] to either side, in turn at every frame."""
@@ -27,8 +27,9 @@ class Fault:
     """One thing that breaks.
 
     Attributes:
-        kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C),
-            tilted (the IMU says 1 rad), numb (the IMU repeats itself), flat (17 V), mute (no telemetry), unplugged.
+        kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C), surge (12 A:
+            the firmware gives up), tilted (the IMU says 1 rad), numb (the IMU repeats itself), flat (17 V), mute (no
+            telemetry), unplugged.
         at: time since the robot started [s].
         joint: index, where the kind has one.
     """
@@ -83,6 +84,8 @@ class FaultySensors:
                 pos[fault.joint] += JUMP * (1 if round(100.0 * now) % 2 else -1)
             elif fault.kind == "hot_current":
                 current[fault.joint] = 9.5
+            elif fault.kind == "surge":
+                current[fault.joint] = 12.0
             elif fault.kind == "hot_motor":
                 temperature = np.where(np.arange(spec.NUM_JOINTS) == fault.joint, 95.0, 40.0)
             elif fault.kind == "tilted":

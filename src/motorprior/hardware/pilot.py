@@ -73,7 +73,7 @@ def pilot(throttle: float) -> Iterator[Pilot]:
     """A pilot with what there is; the terminal is put back afterwards."""
     with contextlib.ExitStack() as stack:
         keyboard = gamepad = None
-        if sys.stdin is not None and sys.stdin.isatty():
+        if sys.stdin is not None and sys.stdin.isatty() and _in_foreground(sys.stdin.fileno()):
             keyboard = sys.stdin.fileno()
             before = termios.tcgetattr(keyboard)
             stack.callback(_put_back, keyboard, before)
@@ -82,6 +82,14 @@ def pilot(throttle: float) -> Iterator[Pilot]:
             gamepad = os.open(GAMEPAD, os.O_RDONLY | os.O_NONBLOCK)
             stack.callback(os.close, gamepad)
         yield Pilot(keyboard, gamepad, throttle)
+
+
+def _in_foreground(terminal: int) -> bool:
+    """Whether this process may touch a terminal; from the background, touching its own would stop it."""
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:  # not its own
+        return True
 
 
 def _put_back(terminal: int, before: list) -> None:

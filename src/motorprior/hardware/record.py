@@ -9,11 +9,12 @@ import numpy as np
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import played
 from motorprior.hardware.robot import Robot
-from motorprior.hardware.session import Gains, StopRequest, confirm_and_look_again, first_look, run_armed
+from motorprior.hardware.session import Gains, StopRequest, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
 
-_PROGRESS_EVERY = 50
+_STATUS_EVERY = 500
 
 
 def excite(
@@ -26,7 +27,7 @@ def excite(
     hung: bool,
     need_imu: bool,
     confirm: Callable[[], None] = lambda: None,
-    progress: Callable[[int], None] = lambda _: None,
+    status: Callable[[str], None] = lambda _: None,
 ) -> Timing:
     """Look, arm, ramp to the nominal pose, play (steps, 12) targets [rad], and let go.
 
@@ -39,20 +40,19 @@ def excite(
         hung: the robot hangs in the air: it need not crouch.
         need_imu: refuse a robot whose IMU is not read.
         confirm: the arm step; raises if the user does not want to.
-        progress: gets the number of steps that are done, twice a second.
+        status: gets a line every five seconds.
 
     Raises:
         RobotFault: why it ended early; the robot is idle and the recording is kept.
     """
-    first_look(robot, need_imu)
-    confirm_and_look_again(robot, confirm, need_imu)
+    look_and_confirm(robot, confirm, need_imu)
     timing, done = Timing(), 0
 
     def count(_: Measurement) -> None:
         nonlocal done
         done += 1
-        if done % _PROGRESS_EVERY == 0:
-            progress(_PROGRESS_EVERY)
+        if done % _STATUS_EVERY == 0:
+            status(f"{done * spec.CONTROL_DT:6.1f} of {len(targets) * spec.CONTROL_DT:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
         nonlocal timing

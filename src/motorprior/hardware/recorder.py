@@ -63,15 +63,7 @@ class Recorder:
         telemetry = measurement.telemetry
         if in_force is None or (self._with_current and telemetry.cur is None):
             return
-        line = self._row(measurement, *in_force).encode()
-        try:
-            written = os.write(self._file, line)
-        except OSError as error:
-            raise ArtifactError(
-                f"cannot write ({error.strerror})", where=self.path, remedy="free some space"
-            ) from error
-        if written < len(line):
-            raise ArtifactError("cannot write (the disk is full)", where=self.path, remedy="free some space")
+        self._append(self._row(measurement, *in_force))
         self.rows += 1
 
     def close(self) -> None:
@@ -80,12 +72,23 @@ class Recorder:
         if self.rows == 0:
             self.path.unlink(missing_ok=True)
 
+    def _append(self, line: str) -> None:
+        data = line.encode()
+        try:
+            written = os.write(self._file, data)
+        except OSError as error:
+            raise ArtifactError(
+                f"cannot write ({error.strerror})", where=self.path, remedy="free some space"
+            ) from error
+        if written < len(data):
+            raise ArtifactError("cannot write (the disk is full)", where=self.path, remedy="free some space")
+
     def _row(self, measurement: Measurement, sent: float, target: np.ndarray, mode: Mode) -> str:
         telemetry = measurement.telemetry
         if self._format is None:
             self._with_current = telemetry.cur is not None
             columns = run_columns(self._with_current)
-            os.write(self._file, (",".join(columns) + "\n").encode())
+            self._append(",".join(columns) + "\n")
             self._format = "%.3f,%d,%.4f" + ",%.7g" * (len(columns) - 3) + "\n"
         now = 1e-3 * telemetry.ts
         since = now + sent - measurement.sampled

@@ -12,7 +12,8 @@ import numpy as np
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.axes import from_wire
 from motorprior.hardware.guardian import Guardian
-from motorprior.hardware.health import FrozenImu, Tilt, Tracking, check_extras, check_stream
+from motorprior.hardware.health import Extras, FrozenImu, Tilt, Tracking, check_stream
+from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.safety import SafetyGate
 from motorprior.hardware.serial_link import SerialLink
@@ -23,8 +24,9 @@ from motorprior.robots.pupper_v2.spec import SafetyLimits
 
 _IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
 """The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
-_LAW_EVERY = 10
-"""Commands with a target between two with the gains: one of those may get lost."""
+_LAW_FIRST, _LAW_EVERY = 3, 10
+"""The first so many targets come with the gains, and then every tenth: any command may get lost, and what a firmware
+holds before the first one is its own idea of a current limit."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 
@@ -54,6 +56,7 @@ class Robot:
         self._gate: SafetyGate | None = None
         self._guardian: Guardian | None = None
         self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(limits)
+        self._extras = Extras(limits)
         self._checked: Measurement | None = None
         self._error_line: str | None = None
         self._forgiven: set[str] = set()
@@ -117,7 +120,7 @@ class Robot:
         self._checked = measurement
         telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
         with self._unless_forgiven():
-            check_extras(telemetry, self.limits)
+            self._extras.check(telemetry, now)
         with self._unless_forgiven():
             self._imu.check(telemetry, now)
         self._tilt.check(telemetry, now)
@@ -151,7 +154,7 @@ class Robot:
         if self._guardian is not None:
             self._guardian.beat()
         command = gate.admit(target, time.monotonic())
-        if self.sent % _LAW_EVERY == 0:
+        if self.sent < _LAW_FIRST or self.sent % _LAW_EVERY == 0:
             self._link.send(gate.law())
         sent = self._link.send(command)
         self.sent += 1
@@ -169,19 +172,17 @@ class Robot:
     def idle(self) -> None:
         """Take the current from all motors, whatever state this host is in. Says it several times: frames get lost."""
         if self._gate is not None:
-            command = self._gate.idle()
-            self._link.forget_unsent()
-            for repeats in _IDLE_BURSTS:
-                with contextlib.suppress(MotorPriorError):  # the port may be gone
-                    for _ in range(repeats):
-                        self._link.send(command)
-                time.sleep(_IDLE_PAUSE)
+            self._send_idle(self._gate.idle())
             self._gate = None
         if self._guardian is not None:
             self._guardian.release()
             self._guardian = None
         if self._recorder is not None:
             self._recorder.released()
+
+    def relax(self) -> None:
+        """Take the current from the motors of a robot that this host never armed, so that legs move by hand."""
+        self._send_idle(IDLE)
 
     def close(self) -> None:
         """Idle, and give port and recording back."""
@@ -191,6 +192,14 @@ class Robot:
             self._link.close()
             if self._recorder is not None:
                 self._recorder.close()
+
+    def _send_idle(self, command: Command) -> None:
+        self._link.forget_unsent()
+        for repeats in _IDLE_BURSTS:
+            with contextlib.suppress(MotorPriorError):  # the port may be gone
+                for _ in range(repeats):
+                    self._link.send(command)
+            time.sleep(_IDLE_PAUSE)
 
     @contextlib.contextmanager
     def _unless_forgiven(self) -> Iterator[None]:

@@ -17,7 +17,7 @@ from types import FrameType
 
 import numpy as np
 
-from motorprior.exceptions import MotorPriorError, RobotFault
+from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.health import is_imu_alive
 from motorprior.hardware.motions import Motion, ramp
@@ -34,17 +34,20 @@ _FEWEST_FRAMES = 20
 _RANGE_SLACK = 0.1
 """A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
 _HOLD = 0.5
+_STILL = 0.1
+"""A joint that moves further than this [rad] in the first look is moved by something else: homing, or a hand."""
 _NOT_TO_BE_TRUSTED = ("program error", "impossible command", "frozen IMU")
 """Faults after which the motion that was playing, or what it sees, is no good for coming to rest."""
 _QUICK = 0.1
-"""Somebody who confirms within this time [s] is a script."""
+"""What was seen so long ago [s] is still so: a script confirmed, and nothing had to be compiled."""
 
 
 class StopRequest:
-    """Set by Ctrl-C, a polite kill, or a lost terminal; the second one is an order to drop everything."""
+    """Set by Ctrl-C, Ctrl-Z, a polite kill, or a lost terminal; the second one is an order to drop everything."""
 
     def __init__(self) -> None:
         self.reason: str | None = None
+        self._dropped = False
 
     def __call__(self) -> bool:
         """Whether to stop."""
@@ -54,18 +57,23 @@ class StopRequest:
         """Handler of a signal.
 
         Raises:
-            RobotFault: the second time, idle at once.
+            RobotFault: the second time, idle at once. Further ones must not hinder that, and do nothing.
         """
-        if self.reason is not None:
-            raise RobotFault("stopped", f"{signal.Signals(number).name} came twice")
-        self.reason = signal.Signals(number).name
+        if self.reason is None:
+            self.reason = signal.Signals(number).name
+        elif not self._dropped:
+            self._dropped = True
+            raise RobotFault("stopped", f"a second signal, {signal.Signals(number).name}")
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM and SIGHUP end the motion cleanly while this is open."""
+    """SIGINT, SIGTERM, SIGHUP and SIGTSTP end the motion cleanly while this is open.
+
+    Ctrl-Z (SIGTSTP) would stop the host where it is, and the watchdog would drop the robot.
+    """
     request = StopRequest()
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
     before = {number: signal.signal(number, request.on_signal) for number in numbers}
     try:
         yield request
@@ -90,13 +98,16 @@ class Gains:
 
 
 def first_look(robot: Robot, need_imu: bool) -> Measurement:
-    """Listen for a second and refuse a robot that must not be armed.
+    """Listen for half a second and refuse a robot that must not be armed.
 
     Raises:
-        RobotFault: too few frames, an IMU that is not read, joints out of range, a tilted body, or a fault.
+        RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
+            fault.
     """
     before = robot.stream.accepted
-    robot.listen(time.monotonic() + _FIRST_LOOK)
+    robot.listen(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
+    pose = robot.check().telemetry.pos
+    robot.listen(time.monotonic() + 0.8 * _FIRST_LOOK)
     measurement = robot.check()
     telemetry, frames = measurement.telemetry, robot.stream.accepted - before
     if frames < _FEWEST_FRAMES:
@@ -116,18 +127,29 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
             f"{spec.JOINT_LOWER[worst]:+.2f} to {spec.JOINT_UPPER[worst]:+.2f}",
             remedy="switch the robot on with its legs free so that it finds its end stops",
         )
+    moved = np.abs(telemetry.pos - pose)
+    if moved.max() > _STILL:
+        raise RobotFault(
+            "moving",
+            f"{spec.JOINT_NAMES[int(np.argmax(moved))]} moved {moved.max():.2f} rad, and this host sent nothing",
+            remedy="wait until the robot has homed or lies still, hands off, and end other programs that drive it",
+        )
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > robot.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
     return measurement
 
 
-def confirm_and_look_again(robot: Robot, confirm: Callable[[], None], need_imu: bool) -> None:
-    """The arm step; a robot that waited for it is looked at once more.
+def look_and_confirm(
+    robot: Robot, confirm: Callable[[], None], need_imu: bool, prepare: Callable[[Measurement], None] = lambda _: None
+) -> None:
+    """Look, prepare, and the arm step; a robot that waited for these is looked at once more.
 
     Raises:
         RobotFault: nobody confirmed, or see `first_look`.
     """
+    seen = first_look(robot, need_imu)
     before = time.monotonic()
+    prepare(seen)
     confirm()
     if time.monotonic() - before > _QUICK:
         first_look(robot, need_imu)
@@ -170,14 +192,18 @@ def run_armed(
             if crouch:
                 _sit_down(robot, control_dt, wind_down if worked else None)
         except Exception as error:
-            fault = error
-            if not isinstance(fault, RobotFault):
-                fault = RobotFault("program error", str(error), safe_state="crouch")
+            fault = error if isinstance(error, RobotFault) else _fault_of(error)
             if crouch and fault.safe_state == "crouch":
                 _try_to_sit_down(robot, control_dt, fault, wind_down if worked else None)
             raise
         finally:
             robot.idle()
+
+
+def _fault_of(error: Exception) -> RobotFault:
+    """What a program's error is for the robot; one that cannot be recorded can still come to rest."""
+    kind = "recording" if isinstance(error, ArtifactError) else "program error"
+    return RobotFault(kind, str(error), safe_state="crouch")
 
 
 def _to_nominal(robot: Robot, control_dt: float) -> Motion:

@@ -60,7 +60,7 @@ class RecordSettings:
         excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot.
         joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
-        amplitude: largest distance from the nominal pose [rad].
+        amplitude: largest distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
         speed: fastest target [rad/s].
         standing: the robot stands on the ground and sits down afterwards; otherwise it hangs in the air.
         kp: position gain to send [A/rad].
@@ -75,7 +75,7 @@ class RecordSettings:
     excitation: Excitation = "multisine"
     joint: str = "all"
     seconds: float = 60.0
-    amplitude: float = 0.4
+    amplitude: float | None = None
     speed: float = 8.0
     standing: bool = False
     kp: float = spec.WIRE_KP

@@ -71,12 +71,12 @@ class VirtualPupper:
         """End `run`, from another thread or a signal handler."""
         self._stop.set()
 
-    def run(self) -> None:
-        """Live until `stop`."""
+    def run(self, ended: Callable[[], bool] = lambda: False) -> None:
+        """Live until `stop`, or until ``ended`` says so."""
         try:
             with real_time_priority():
                 self.started = time.monotonic()
-                while not self._stop.is_set():
+                while not self._stop.is_set() and not ended():
                     self._turn()
         finally:
             self._unplug()

@@ -85,6 +85,10 @@ class LiveRobot:
         """Let time pass under (12,) targets [rad]."""
         _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
 
+    def position(self) -> np.ndarray:
+        """(2,) where the base is on the ground [m]."""
+        return np.zeros(2) if self._hung else self._world.data.qpos[:2].copy()
+
     def state(self) -> LiveState:
         """What the sensors and an observer see now."""
         data, measured = self._world.data, np.zeros(spec.NUM_JOINTS)

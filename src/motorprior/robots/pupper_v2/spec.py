@@ -134,8 +134,10 @@ class SafetyLimits:
         joint_speed: fastest believable joint [rad/s]; walking stays below 13.
         body_rate: fastest believable rotation of the body [rad/s], the range of the gyroscope (2000 °/s).
         measured_current: of any motor [A], where it is sent; the firmware itself gives up at 10.
+        current_time: for so long [s]; one damaged frame is no overcurrent.
         temperature: of any motor [°C], where it is sent; assumption, the motors' windings take about 100.
         battery: lowest voltage [V], where it is sent; assumption, 3.3 V for each of six cells.
+        warning_time: temperature or battery beyond their bounds for so long [s].
         tick_delay: longest delay of one control step [s].
         late_ticks: so many late steps (by more than half a period) of the last hundred are a host that cannot keep up.
         watchdog: the watchdog process sends idle when the host is silent for so long [s].
@@ -159,8 +161,10 @@ class SafetyLimits:
     joint_speed: float = 20.0
     body_rate: float = 35.0
     measured_current: float = 9.0
+    current_time: float = 0.02
     temperature: float = 80.0
     battery: float = 19.8
+    warning_time: float = 0.3
     tick_delay: float = 0.05
     late_ticks: int = 10
     watchdog: float = 0.08

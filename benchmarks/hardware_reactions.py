@@ -1,0 +1,215 @@
+"""How long a walking host takes to bring a virtual Pupper to rest, fault by fault: what `hardware.py` breaks.
+
+Faults of the robot are injected at a time of its own; those of the host happen in its control loop, or from outside it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from motorprior.exceptions import MotorPriorError, RobotFault
+from motorprior.hardware.control_loop import Timing
+from motorprior.hardware.deploy import gains_for, walk
+from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.session import StopRequest
+from motorprior.locomotion.policy import Policy
+
+MOST_FAULTS = 5
+FAULT_AT = 7.0
+"""Robot time at which injected faults begin [s]: it walks by then."""
+FAULTS = (
+    "frozen:FR_knee",
+    "jumping:FL_hip",
+    "stalled:RR_knee",
+    "dead:FR_knee",
+    "tilted",
+    "hot_current:RL_hip",
+    "mute",
+    "hot_motor:FL_knee",
+    "flat",
+    "numb",
+    "surge:FL_hip",
+    "unplugged",
+)
+SAID = ("surge", "unplugged")
+"""The robot lost its current by itself, or cannot be reached: what counts is when the host says so."""
+LATE = 0.06
+"""A step that takes so long [s] is too late, and the watchdog does not bite yet."""
+STATUS_BEFORE = 6
+"""Status lines, two a second, before the host breaks."""
+
+
+@contextmanager
+def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[[], dict]]]:
+    """A virtual robot in its own process: its port, and what it went through, to ask for afterwards."""
+    link, life = folder / "port", folder / "life.json"
+    life.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--link", str(link), "--json", str(life)]
+    process = subprocess.Popen([*command, "--robot.no-homing", *options], stderr=subprocess.DEVNULL)
+
+    def end() -> dict:
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=20.0)
+        return json.loads(life.read_text())
+
+    try:
+        while not link.is_symlink():
+            assert process.poll() is None, "the virtual Pupper did not start"
+            time.sleep(0.01)
+        yield str(link), end
+    finally:
+        process.kill()
+        process.wait()
+
+
+def deploy(
+    port: str,
+    policy: Policy,
+    seconds: float,
+    log: Path | None = None,
+    timing: Timing | None = None,
+    status: Callable[[Robot], None] = lambda _: None,
+) -> None:
+    """Walk, from this process; ``status`` is called in the control loop, twice a second."""
+    recorder = None if log is None else Recorder(log)
+    with Robot(SerialLink(port), recorder=recorder) as robot:
+        stop = StopRequest()
+        walk(robot, policy, gains_for(policy), stop, seconds=seconds, timing=timing, status=lambda _: status(robot))
+
+
+def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience: float = 0.5) -> float:
+    """Milliseconds from a signal to a walking host until the robot is idle, which takes less than ``patience`` [s]."""
+    for _ in range(MOST_FAULTS):
+        out = Path(tempfile.mkdtemp(dir=folder)) / "run"
+        with virtual_pupper(folder) as (port, end):
+            command = ["-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out), "--yes"]
+            host = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
+            log = out / "run.csv"
+            while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
+                time.sleep(0.01)
+            before = time.monotonic()
+            if host.poll() is not None:  # this machine was too busy, and the host sat down
+                continue
+            os.kill(host.pid, number)
+            time.sleep(patience)
+            life = end()
+            host.kill()
+            host.wait()
+            return 1e3 * (first_idle(life, before) - before)
+    raise AssertionError("this machine is too busy")
+
+
+def first_idle(life: dict, after: float) -> float:
+    """When the robot became idle [s]; infinite if it never did."""
+    return min((at for at, mode in life["modes"] if mode == "idle" and at >= after), default=float("inf"))
+
+
+def reaction(folder: Path, policy: Policy, fault: str) -> float:
+    """Milliseconds from an injected fault until the robot is idle, or, unplugged, until the host says so."""
+    for _ in range(MOST_FAULTS):
+        with virtual_pupper(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
+            try:
+                deploy(port, policy, 2.0 * FAULT_AT)
+                raise AssertionError(f"walked on in spite of {fault}")
+            except RobotFault as found:
+                said, kind = time.monotonic(), found.kind
+            time.sleep(0.1)
+            life = end()
+        print(f"  {fault}: {kind}", file=sys.stderr)
+        began = life["started"] + FAULT_AT
+        if said > began:  # otherwise this machine was too busy, and the host sat down before the fault
+            return 1e3 * ((said if fault.partition(":")[0] in SAID else first_idle(life, began)) - began)
+    raise AssertionError("this machine is too busy")
+
+
+def kill_watchdog(robot: Robot) -> None:
+    """SIGKILL to the watchdog process."""
+    assert robot._guardian is not None
+    os.kill(robot._guardian.pid, signal.SIGKILL)
+
+
+def raise_an_exception(_: Robot) -> None:
+    """A bug in the program."""
+    raise ZeroDivisionError("a bug")
+
+
+def come_late(_: Robot) -> None:
+    """A busy computer."""
+    time.sleep(LATE)
+
+
+def fill_the_disk(_: Robot) -> None:
+    """No file may grow any more."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+
+
+HOST_FAULTS: dict[str, Callable[[Robot], None]] = {
+    "watchdog_dead": kill_watchdog,
+    "exception": raise_an_exception,
+    "slow_host": come_late,
+    "full_disk": fill_the_disk,
+}
+
+
+def host_reaction(folder: Path, policy: Policy, disaster: Callable[[Robot], None]) -> float:
+    """Milliseconds from something that happens in the host until the robot is idle."""
+    for _ in range(MOST_FAULTS):
+        calls, began = 0, float("inf")
+
+        def status(robot: Robot) -> None:
+            nonlocal calls, began
+            calls += 1
+            if calls == STATUS_BEFORE:
+                began = time.monotonic()
+                disaster(robot)
+
+        log = Path(tempfile.mkdtemp(dir=folder)) / "run.csv"
+        with virtual_pupper(folder) as (port, end):
+            found = None
+            with unlimited_files_afterwards():
+                try:
+                    deploy(port, policy, 2.0 * FAULT_AT, log, status=status)
+                except (MotorPriorError, ZeroDivisionError) as error:
+                    found = error
+            assert found is not None, f"walked on in spite of {disaster.__name__}"
+            print(f"  {disaster.__name__}: {found}", file=sys.stderr)
+            time.sleep(0.1)
+            life = end()
+        if began < float("inf"):  # otherwise this machine was too busy
+            return 1e3 * (first_idle(life, began) - began)
+    raise AssertionError("this machine is too busy")
+
+
+@contextmanager
+def unlimited_files_afterwards() -> Iterator[None]:
+    """Put the limit of file sizes back, and do not die of it."""
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def reactions(folder: Path, path: Path) -> dict[str, float]:
+    """reaction_ms/FAULT of every fault, one trial each."""
+    policy, figures = Policy.load(path), {}
+    for fault in FAULTS:
+        figures[f"reaction_ms/{fault.partition(':')[0]}"] = reaction(folder, policy, fault)
+    for name, disaster in HOST_FAULTS.items():
+        figures[f"reaction_ms/{name}"] = host_reaction(folder, policy, disaster)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        figures[f"reaction_ms/{number.name}"] = signal_to_idle(folder, path, number, patience=6.0)
+    return figures

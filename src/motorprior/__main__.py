@@ -1,0 +1,30 @@
+"""The command ``motorprior``, or what of it a robot's own computer can run with numpy, pyserial and msgpack."""
+
+from __future__ import annotations
+
+import sys
+
+ON_THE_ROBOT = ("deploy", "record", "doctor")
+
+
+def main() -> None:
+    """Run a command line; see `motorprior.cli.main` and `motorprior.hardware.__main__`."""
+    try:
+        from motorprior.cli.main import main as run
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("motorprior"):
+            raise
+        command = next((word for word in sys.argv[1:] if not word.startswith("-")), ON_THE_ROBOT[0])
+        if command not in ON_THE_ROBOT:
+            print(
+                f"error: `motorprior {command}` needs {error.name}, which is not installed -> "
+                f"install motorprior with all its requirements; without them there are {', '.join(ON_THE_ROBOT)}",
+                file=sys.stderr,
+            )
+            raise SystemExit(2) from None
+        from motorprior.hardware.__main__ import main as run
+    run()
+
+
+if __name__ == "__main__":
+    main()
