@@ -177,14 +177,15 @@ def _held_out_figures(
     figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
     with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
         motors = held_out.held_out_motors(facts)
-        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, paths, motors, facts)
+        known = held_out.adapt_all(priors, paths, motors, facts)
+        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
         progress.advance()
         found = _figures(motors, models, config.seed, progress)
         figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
-        if "rollout" in priors:
-            prior, path = priors["rollout"], paths["rollout"]
+        if "rollout" in known:
+            prior, path, rollout = priors["rollout"], paths["rollout"], known["rollout"]
             figures |= held_out.adaptation_figures(
-                prior, path, facts, config.adapt_seconds, config.seed, progress.advance
+                prior, path, facts, config.adapt_seconds, rollout, config.seed, progress.advance
             )
             figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
     return figures
