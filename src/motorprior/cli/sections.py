@@ -19,6 +19,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import skeleton
 from motorprior.transfer import plots
 from motorprior.transfer.gait_picture import gait_animation, gait_strip
+from motorprior.transfer.plots_directions import behaviour_directions
 from motorprior.transfer.report import Picture, Section, Table, picture
 
 _LATENT_COLOURS = ("kp", "coulomb", "load_friction", "armature", "delay", "encoder_zero")
@@ -60,10 +61,12 @@ def identify(run: Path) -> list[Section]:
     prior = MotorPrior.load(run / "priors" / "rollout" / "prior.safetensors")
     motors = read_bench(run / "bench" / "rollout")[1].physical_motors()
     known = {name: getattr(motors, name) for name in _LATENT_COLOURS if np.ptp(getattr(motors, name)) > 0}
-    figure = plots.latent_map(prior.mean, prior.log_var, known)
+    directions = behaviour_directions(prior.network) if prior.network.num_latents > 1 else None
+    figure = plots.latent_map(prior.mean, prior.log_var, known, directions)
     body = (
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
-        "training never saw the physical parameters that colour the dots.",
+        "training never saw the physical parameters that colour the dots. Of all directions of z the map shows the two "
+        "along which motors behave most differently on the standard bench (gain, lag, friction, stall, speed).",
     )
     shown = picture(figure, f"The {len(prior.mean)} training motors in the latent space.", "latent map")
     return [
