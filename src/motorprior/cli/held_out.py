@@ -64,9 +64,7 @@ def adapt_all(
 ) -> dict[str, Adapted]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
     return {
-        name: adapted(prior, paths[name], motors, facts)
-        for name, prior in priors.items()
-        if prior.network.num_latents
+        name: adapted(prior, paths[name], motors, facts) for name, prior in priors.items() if prior.network.num_latents
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from motorprior.cli.stage import begin, description, finish, is_finished, read_f
 from motorprior.exceptions import ConfigError
 from motorprior.identification.validate import (
     ModelOfMotors,
+    Prediction,
     bench_errors,
 )
 from motorprior.robots.pupper_v2 import spec
@@ -47,7 +49,7 @@ COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "
 
 MODELS = (
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
-    "per_motor", "rollout", "physical",
+    "per_motor", "per_motor_play", "rollout", "physical",
 )  # fmt: skip
 """Actuator models in the order of every table."""
 
@@ -148,7 +150,7 @@ def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts)
     tuned = _tune_baselines(config.out, motors, facts)
     models = _models(facts.fleet, priors, tuned)
     with bar("validate: bench, standing robot, hung robot", 4) as progress:
-        figures = _figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
+        figures = fidelity_figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
         write_traces(config.out / TRACES, motors, models, priors, config.seed)
         progress.advance()
     if config.held_out:
@@ -180,7 +182,7 @@ def _held_out_figures(
         known = held_out.adapt_all(priors, paths, motors, facts)
         models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
         progress.advance()
-        found = _figures(motors, models, config.seed, progress)
+        found = fidelity_figures(motors, models, config.seed, progress)
         figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
         if "rollout" in known:
             prior, path, rollout = priors["rollout"], paths["rollout"], known["rollout"]
@@ -205,7 +207,10 @@ def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts) -> Id
     return tuned
 
 
-def _figures(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int, progress: Bar) -> dict[str, float]:
+def fidelity_figures(
+    motors: MotorParameters, models: Mapping[str, Prediction], seed: int, progress: Bar
+) -> dict[str, float]:
+    """METRIC/MODEL on the bench, in the standing and in the hung robot; three advances of ``progress``."""
     figures: dict[str, float] = {}
     errors = bench_errors(motors, models, seed)
     for metric, kind in BENCH_METRICS.items():
