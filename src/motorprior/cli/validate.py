@@ -155,6 +155,7 @@ def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts)
         progress.advance()
     if config.held_out:
         figures |= _held_out_figures(config, priors, facts, tuned, figures)
+    figures |= _residual_figures(priors)
     figures |= _identify_seconds(dict(zip(priors, config.priors, strict=True)))
     write_json(config.out / FIGURES, figures)
 
@@ -239,6 +240,19 @@ def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) ->
             figures[f"armature_ratio/{name}"] = float(np.mean(decoded / motors.armature))
             if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
                 figures[f"armature_correlation/{name}"] = float(np.corrcoef(decoded, motors.armature)[0, 1])
+    return figures
+
+
+def _residual_figures(priors: dict[str, MotorPrior]) -> dict[str, float]:
+    """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
+    from motorprior.identification.passivity import residual_bound, residual_work
+
+    figures: dict[str, float] = {}
+    for name, prior in priors.items():
+        if prior.network.motor is not None:
+            motors = prior.training_motors(np.arange(len(prior.mean)))
+            figures[f"residual_work/{name}"] = residual_work(motors)
+            figures[f"residual_bound/{name}"] = residual_bound(prior.network)
     return figures
 
 
