@@ -24,6 +24,8 @@ HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
 """Tags of random streams."""
 ADAPTED_SECONDS = 10.0
 """Log from which held-out motors are known in the fidelity table [s]."""
+UNLIKELY = 0.1
+"""Chance of fitting its log as badly that one motor of the fleet in ten should fall below."""
 POPULATION = 256
 
 
@@ -101,8 +103,9 @@ def adaptation_figures(
 
     Returns:
         ``adapt_rmse_ratio/S``: median closed-loop RMSE on gait + impacts after S seconds of log, over the training
-        motors' own; ``adapt_false_alarms/S``: share of held-out motors called unlike the fleet; and, for the longest
-        S up to ADAPTED_SECONDS, ``coverage50`` and ``coverage90``.
+        motors' own; ``adapt_false_alarms/S``: share of held-out motors called unlike the fleet, FALSE_ALARMS being
+        stated, and ``adapt_unlikely/S``, share of those below UNLIKELY, which so few motors tell better; and, for the
+        longest S up to ADAPTED_SECONDS, ``coverage50`` and ``coverage90``.
     """
     from motorprior.identification.coverage import coverage
 
@@ -115,6 +118,7 @@ def adaptation_figures(
         error = bench_errors(motors, {"prior": model}, seed)["impacts"]["prior"]
         figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
         figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(found.surprise < FALSE_ALARMS))
+        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(found.surprise < UNLIKELY))
         if length == covered:
             figures |= coverage(prior.network, prior.metrics, found.posterior, motors, seed)
         progress()

@@ -268,7 +268,15 @@ def show_fidelity(figures: dict[str, float]) -> None:
     if "two_sample_auc" not in figures:
         return
     _show_table("The same on held-out motors, known from 10 s of log each", figures, "/held_out")
-    names = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample", "energy_distance")
+    names = (
+        "adapt_rmse_ratio",
+        "adapt_false_alarms",
+        "adapt_unlikely",
+        "coverage50",
+        "coverage90",
+        "two_sample",
+        "energy_distance",
+    )
     rows = [[name, f"{value:.3f}"] for name, value in figures.items() if name.startswith(names)]
     table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
 
