@@ -28,7 +28,7 @@ RECIPE = replace(
 
 @pytest.fixture(scope="module")
 def chances():
-    """{seconds: (NEW,) chances of motors nobody trained on}, each at the posterior after so long a log, or after 5 s."""
+    """{seconds: (NEW,) chances of motors nobody trained on}, at the posteriors after so long a log, or after 5 s."""
     rng = np.random.default_rng(5)
     log = record(FLEET.sample(rng, 24), PRESETS["rollout"], 5000, 0, FLEET)
     data = training_data(log, RECIPE, "log")
