@@ -14,7 +14,12 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import Skeleton, skeleton
 from motorprior.transfer import plots
 from motorprior.transfer.gait_picture import gait_animation, gait_strip
-from motorprior.transfer.plots_directions import Directions, behaviour_directions, principal_directions
+from motorprior.transfer.plots_directions import (
+    Directions,
+    behaviour_directions,
+    principal_directions,
+    told_best,
+)
 from motorprior.transfer.plots_style import png_bytes
 
 TIME = np.arange(0.0, 1.0, 0.01)
@@ -148,6 +153,14 @@ def test_the_latent_that_makes_motors_differ_is_the_first_direction(grey_network
     motor = replace(network.motor, slope=network.motor.slope * np.array([[0.05], [1.0], [0.05]]))
     found = behaviour_directions(replace(network, motor=motor))
     assert abs(found.axes[1, 0]) > 0.95 and found.share[0] > 0.8
+
+
+def test_constants_are_shown_in_the_order_in_which_the_map_tells_them():
+    random = np.random.default_rng(5)
+    points, noise = random.normal(size=(40, 2)), random.normal(size=(3, 40))
+    values = {"same": np.ones(40), "noise": noise[0], "plain": points @ [1.0, -2.0], "vague": points[:, 0] + noise[1]}
+    assert list(told_best(points, values, 6)) == ["plain", "vague", "noise"]
+    assert list(told_best(points, values, 1)) == ["plain"]
 
 
 def test_the_animation_is_small_repeats_exactly_and_runs_in_real_time():

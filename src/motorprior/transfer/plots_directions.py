@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,3 +50,19 @@ def principal_directions(slopes: np.ndarray) -> Directions:
     share = np.zeros(2)
     share[: len(strength)] = strength[:2] ** 2 / max(float(np.sum(strength**2)), 1e-300)
     return Directions(axes * np.where(largest < 0.0, -1.0, 1.0), share)
+
+
+def told_best(points: np.ndarray, values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
+    """The ``count`` of the values (M,) that are most nearly linear in points (M, D), by R², best first.
+
+    Those that are the same for every motor are left out.
+    """
+    basis = np.column_stack([np.ones(len(points)), points])
+
+    def unexplained(name: str) -> float:
+        value = values[name]
+        fitted = basis @ np.linalg.lstsq(basis, value, rcond=None)[0]
+        return float(np.var(value - fitted) / np.var(value))
+
+    varying = [name for name, value in values.items() if np.ptp(value) > 0]
+    return {name: values[name] for name in sorted(varying, key=unexplained)[:count]}
