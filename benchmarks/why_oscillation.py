@@ -220,6 +220,7 @@ def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> n
     first, rows = log.segment_slices()[0], np.array(network.taps)
     picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
     error = (log.position_target - log.joint_pos) / network.error_scale
+    assert log.joint_vel is not None
     velocity = log.joint_vel / network.velocity_scale
     parts = [np.stack([channel[picked - age] for age in rows], axis=2) for channel in (error, velocity)]
     return np.concatenate(parts, axis=2).transpose(1, 0, 2)
@@ -239,7 +240,8 @@ def chatter(actuator, load: float, seed: int) -> float:
 def measure(settings: Settings) -> dict[str, Any]:
     """Loops, chatter against load, and torque above 20 Hz in the robot."""
     motors, every = training_motors(load_fleet(settings.fleet), MOTORS, settings.seed), np.arange(MOTORS)
-    found, variants = {}, {}
+    found: dict[str, Learned] = {}
+    variants: dict[str, dict[str, Any]] = {}
     for name, variant in VARIANTS.items():
         learned, log = train(settings, variant, motors)
         own = learned.motors(every)
@@ -255,7 +257,7 @@ def measure(settings: Settings) -> dict[str, Any]:
             loops = [growth(learned, slopes, load) for load in LOADS]
             variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
         print(f"trained: {name}", flush=True)
-    physical = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
+    physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
     models = {name: learned.motors for name, learned in found.items()}
     for place, hung in (("standing", False), ("hung", True)):
         fidelity = robot_fidelity(motors, models, hung, settings.seed)
