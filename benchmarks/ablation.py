@@ -39,12 +39,13 @@ from motorprior.bench.record import bench_preset, record
 from motorprior.cli.bench import training_motors
 from motorprior.cli.stage import code_digest, digest, fleet_files
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.presets import identification_preset
 from motorprior.identification.validate import held_out_trials
 from motorprior.signals import rmse
 from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 
-BENCH = bench_preset("adapt")
-CENTER = {"latents": 12.0, "kl_weight": 3e-4, "motors": 32.0, "seconds": 20.0}
+BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
+CENTER = {"latents": float(RECIPE.num_latents), "kl_weight": RECIPE.kl_weight, "motors": 32.0, "seconds": 20.0}
 """Preset rollout on its usual bench: in every sweep, measured once."""
 SWEEPS: dict[str, tuple[float, ...]] = {
     "latents": (2, 4, 8, 16),
@@ -62,7 +63,7 @@ NEW_MOTORS, NEW_SECONDS, POPULATION = 32, 10.0, 256
 TAG = 61
 """Of the random streams that draw motors nobody trained on."""
 ROWS = (
-    ("gait + impacts, RMSE [mrad]", {"train": "training motors", "new": "new motors, 10 s of log"}, 0.0),
+    ("gait + impacts\nRMSE [mrad]", {"train": "training motors", "new": "new motors, 10 s of log"}, 0.0),
     ("two-sample AUC", {"auc": "draws against physical motors"}, 0.5),
     ("energy distance", {"energy": "draws against physical motors"}, 0.0),
 )
@@ -106,10 +107,10 @@ class Point:
 
 
 def points(settings: Settings) -> Iterator[Point]:
-    """The centre and every sweep, seed by seed."""
+    """The centre and every other value of every sweep, seed by seed."""
     for seed in range(settings.seeds):
-        values = [CENTER, *(CENTER | {sweep: value} for sweep in settings.only for value in SWEEPS[sweep])]
-        for chosen in values:
+        others = (CENTER | {sweep: value} for sweep in settings.only for value in SWEEPS[sweep])
+        for chosen in (CENTER, *(values for values in others if values != CENTER)):
             yield _point(settings, seed, chosen)
 
 
@@ -124,12 +125,10 @@ def measure(point: Point) -> dict[str, float]:
     """Train and measure one prior."""
     from motorprior.identification.adapt import adapt, window_losses
     from motorprior.identification.distribution import energy_distance, two_sample_auc
-    from motorprior.identification.presets import identification_preset
     from motorprior.identification.train import identify
     from motorprior.identification.windows import training_data
 
-    preset = identification_preset("rollout")
-    preset = replace(preset, steps=point.adam_steps, num_latents=point.latents, kl_weight=point.kl_weight)
+    preset = replace(RECIPE, steps=point.adam_steps, num_latents=point.latents, kl_weight=point.kl_weight)
     fleet = load_fleet(point.fleet)
     motors, rng = training_motors(fleet, point.motors, point.seed), np.random.default_rng([point.seed, TAG])
     log = record(motors, BENCH, round(point.seconds / BENCH.period), point.seed, fleet)
@@ -185,6 +184,7 @@ def identity(settings: Settings) -> dict[str, Any]:
         "code": code_digest("identify"),
         "measured": hashlib.sha256(measured.encode()).hexdigest()[:16],
         "bench": repr(BENCH),
+        "recipe": repr(RECIPE),
         "new": [NEW_MOTORS, NEW_SECONDS, POPULATION],
         "fleet": [digest(path) for path in fleet_files(settings.fleet)],
         "adam_steps": settings.adam_steps,
@@ -195,19 +195,28 @@ def picture(settings: Settings, results: dict[str, dict[str, float]]) -> bytes:
     """One column per sweep, one row per entry of ROWS."""
     shown = Figure(figsize=(12.0, 7.0), layout="constrained")
     grid = shown.subplots(len(ROWS), len(SWEEPS), sharey="row")
-    for (row, (label, names, lowest)), (column, name) in itertools.product(enumerate(ROWS), enumerate(SWEEPS)):
+    for (row, (label, names, _)), (column, name) in itertools.product(enumerate(ROWS), enumerate(SWEEPS)):
         axes = grid[row][column]
         for figure, color in zip(names, (MODEL_COLORS["rollout"], OTHER_COLOR), strict=False):
             _curve(axes, settings, results, name, figure, color, names[figure])
         axes.axvline(CENTER[name], color="0.85", lw=4, zorder=0)
         axes.set_xscale("log")
-        axes.set_ylim(bottom=lowest)
+        axes.set_xticks(_values(name), [f"{value:g}" for value in _values(name)], fontsize=8)
+        axes.minorticks_off()
         if column == 0:
             axes.set_ylabel(label)
-            axes.legend(frameon=False, fontsize=8)
+            axes.legend(frameon=False, fontsize=8, loc="lower left" if row == 1 else "best")
         if row == len(ROWS) - 1:
             axes.set_xlabel(LABELS[name])
+    for row, (_, names, lowest) in enumerate(ROWS):
+        highest = max((found[figure] for found in results.values() for figure in names), default=1.0)
+        grid[row][0].set_ylim(lowest, highest + 0.08 * (highest - lowest))
     return png_bytes(shown)
+
+
+def _values(name: str) -> list[float]:
+    """Of a sweep, its centre included."""
+    return sorted({CENTER[name], *SWEEPS[name]})
 
 
 def _curve(
@@ -215,7 +224,7 @@ def _curve(
 ) -> None:
     """Mean over seeds as a line, every seed as a dot."""
     x, means = [], []
-    for value in sorted({CENTER[name], *SWEEPS[name]}):
+    for value in _values(name):
         keys = [_point(settings, seed, CENTER | {name: value}).key for seed in range(settings.seeds)]
         found = [results[key][figure] for key in keys if key in results]
         if found:
