@@ -9,13 +9,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record
 from motorprior.identification.adapt import adapt, window_losses
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.reference import (
-    _loss_metrics,
-    _windows_per_piece,
-    pieces,
-    reference_metrics,
-    surprise,
-)
+from motorprior.identification.reference import loss_metrics, pieces, reference_metrics, surprise
 from motorprior.identification.train import identify
 from motorprior.identification.windows import training_data
 
@@ -55,7 +49,7 @@ def test_new_motors_of_the_fleet_are_rarely_called_strange_whatever_the_length_o
 
 def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray:
     """(motors, windows): a spread of 0.5 between motors' logarithms, pieces with a variance of 2 over mean squared."""
-    length = _windows_per_piece(RECIPE)
+    length = round(1 / pieces(1, RECIPE))
     level = np.exp(-2.0 + 0.5 * rng.standard_normal((motors, 1)))
     of_pieces = np.exp(rng.normal(-0.5 * np.log(3.0), np.sqrt(np.log(3.0)), (motors, seconds)))
     return np.repeat(level * of_pieces, length, axis=1)
@@ -66,7 +60,7 @@ def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
     alarms = {(count, level): [] for count in counts for level in (0.01, 0.05)}
     as_if_long = []
     for _ in range(100):  # priors, each trained on motors of its own
-        metrics = _loss_metrics(losses_of(rng, 32, 20), RECIPE, "")
+        metrics = loss_metrics(losses_of(rng, 32, 20), RECIPE, "")
         assert metrics["loss_pieces"] == 20.0
         for count in counts:
             losses = losses_of(rng, 300, count).mean(axis=1)

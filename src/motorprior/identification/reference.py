@@ -39,11 +39,11 @@ def reference_metrics(
         ``residual_p95_SPEED``: percentiles of joint_pos - simulated joint_pos [rad] when the log's commands and loads
         are replayed from rest, for every pool of SPEEDS of the simulated joint.
     """
-    metrics = _loss_metrics(window_losses(network, data, preset, mean), preset, "")
+    metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":
         if data.has_torque:
             blind = replace(data, has_torque=False)
-            metrics |= _loss_metrics(window_losses(network, blind, preset, mean), preset, ending(False))
+            metrics |= loss_metrics(window_losses(network, blind, preset, mean), preset, ending(False))
         metrics |= _residual_metrics(LatentActuator(network, mean), log)
     return metrics
 
@@ -62,8 +62,8 @@ def _windows_per_piece(preset: Preset) -> int:
     return max(1, round(PIECE / (preset.window * preset.period)))
 
 
-def _loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[str, float]:
-    """Of window losses (M, N)."""
+def loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[str, float]:
+    """The ``loss_…`` of `reference_metrics`, from window losses (M, N) in the order of the log."""
     motor, length = losses.mean(axis=1), _windows_per_piece(preset)
     count = losses.shape[1] // length
     cut = losses[:, : count * length].reshape(len(losses), count, length).mean(axis=2)
