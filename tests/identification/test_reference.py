@@ -9,7 +9,14 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record
 from motorprior.identification.adapt import adapt, window_losses
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.reference import loss_metrics, pieces, reference_metrics, surprise
+from motorprior.identification.reference import (
+    ending,
+    knows_its_errors,
+    loss_metrics,
+    pieces,
+    reference_metrics,
+    surprise,
+)
 from motorprior.identification.train import identify
 from motorprior.identification.windows import training_data
 
@@ -18,6 +25,12 @@ RECIPE = replace(
     identification_preset("rollout"), num_latents=4, num_neurons=4, taps=(0, 1), warm_up=20, window=32, batch=96,
     steps=300, learning_rate=3e-2, noisy_share=0.0,
 )  # fmt: skip
+
+
+METRICS = {
+    "loss_mean": 0.16, "loss_log_mean": -2.0, "loss_log_std": 0.4, "loss_motors": 24.0, "loss_pieces": 18.0,
+    "loss_piece_variance": 2.0,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -75,12 +88,20 @@ def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
 
 
 def test_a_worse_log_is_never_less_surprising_and_a_longer_one_never_less_telling():
-    metrics = {"log_mean": -2.0, "log_std": 0.4, "motors": 24.0, "pieces": 18.0, "piece_variance": 2.0}
-    metrics = {f"loss_{name}": value for name, value in metrics.items()}
     losses = np.exp(np.linspace(-4.0, 2.0, 50))
-    assert np.all(np.diff(surprise(metrics, losses, 5.0)) <= 0.0)
+    assert np.all(np.diff(surprise(METRICS, losses, 5.0)) <= 0.0)
     bad = np.exp(np.array([-0.5]))
-    by_count = [surprise(metrics, bad, count)[0] for count in (1.5, 4.0, 9.0, 18.0, 30.0)]
+    by_count = [surprise(METRICS, bad, count)[0] for count in (1.5, 4.0, 9.0, 18.0, 30.0)]
     assert np.all(np.diff(by_count) <= 0.0) and by_count[-1] == by_count[-2]
-    few = surprise(metrics | {"loss_motors": 4.0}, bad, 18.0)[0]
+    few = surprise(METRICS | {"loss_motors": 4.0}, bad, 18.0)[0]
     assert few > by_count[-1]  # a spread known from four motors is known badly
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str):
+    assert knows_its_errors(METRICS)
+    assert not knows_its_errors({key: value for key, value in METRICS.items() if key != name})
+    assert knows_its_errors(METRICS | {"loss_log_mean": -9.0})
+    if name != "loss_log_mean":
+        assert not knows_its_errors(METRICS | {name: -1.0})
+    assert not knows_its_errors(METRICS | {f"loss_mean{ending(False)}": 0.2})  # half of what it would be judged by

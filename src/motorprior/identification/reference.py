@@ -97,6 +97,20 @@ def _pool(joint_vel: np.ndarray) -> np.ndarray:
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
 
 
+def knows_its_errors(metrics: dict[str, float]) -> bool:
+    """Whether these metrics of a prior, with either `ending`, are such that `surprise` can compute with them."""
+    if "loss_mean" not in metrics:
+        return False
+    endings = [which for which in (ending(True), ending(False)) if f"loss_mean{which}" in metrics]
+    positive = (f"loss_{name}{which}" for which in endings for name in ("mean", "motors", "pieces"))
+    at_least_0 = (f"loss_{name}{which}" for which in endings for name in ("log_std", "piece_variance"))
+    return (
+        all(f"loss_log_mean{which}" in metrics for which in endings)
+        and all(metrics.get(name, 0.0) > 0.0 for name in positive)
+        and all(metrics.get(name, -1.0) >= 0.0 for name in at_least_0)
+    )
+
+
 def surprise(metrics: dict[str, float], losses: np.ndarray, count: float, which: str = "") -> np.ndarray:
     """(M,) probability that a motor of the prior's fleet fits its log as badly: small means unlike anything known.
 
