@@ -1,49 +1,73 @@
-"""What a motor prior needs: latents, KL weight, motors, minutes of log. The curves of docs/fidelity.md.
+"""What a motor prior needs: latents, KL weight, motors, seconds of log. The curves of docs/ablation.png.
 
     python benchmarks/ablation.py --out runs/ablation
 
-Half an hour on two cores. Every point trains one prior on the same fleet and measures, on cases of its own,
-  impacts   median joint RMSE of the training motors on gait + impacts [mrad]
-  new       the same for 32 motors nobody trained on, at the posterior after 10 s of log
+A quarter of an hour on two cores. One setting at a time around preset rollout, all on the same bench (segments of a
+second, so that the shortest log has every excitation), with fewer Adam steps than the preset's and several seeds, each
+with motors of its own. A point trains one prior and measures
+  train     median joint RMSE of the training motors on gait + impacts [mrad]
+  new       the same for motors nobody trained on, at the posterior after 10 s of log
   auc       two-sample AUC of 256 draws against 256 other physical motors (0.5 is perfect)
+  energy    energy distance of the same (0 is perfect)
 """
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import itertools
 import os
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.behaviour import behaviours
+from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.cli.bench import training_motors
-from motorprior.exceptions import ArtifactError
-from motorprior.identification.validate import bench_errors
+from motorprior.cli.stage import code_digest, digest, fleet_files
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.validate import held_out_trials
+from motorprior.signals import rmse
 from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 
-STEPS, MOTORS = 10_000, 32
+BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
+CENTER = {"latents": float(RECIPE.num_latents), "kl_weight": RECIPE.kl_weight, "motors": 32.0, "seconds": 20.0}
+"""Preset rollout on its usual bench: in every sweep, measured once."""
 SWEEPS: dict[str, tuple[float, ...]] = {
-    "latents": (2, 4, 8, 12, 16),
-    "kl_weight": (1e-5, 3e-4, 1e-2),
-    "motors": (4, 12, 32, 128),
-    "seconds": (2, 5, 20, 60),
+    "latents": (2, 4, 8, 16),
+    "kl_weight": (1e-5, 1e-2),
+    "motors": (4, 8, 16, 64, 128),
+    "seconds": (5, 10, 60),
 }
-LABELS = {"latents": "latents", "kl_weight": "KL weight", "motors": "motors", "seconds": "seconds of log per motor"}
-HELD_OUT, POPULATION = 32, 256
-NAMES = {
-    "impacts": "training motors",
-    "new": "new motors, 10 s of log",
-    "auc": "draws against physical motors",
+LABELS = {
+    "latents": "latents",
+    "kl_weight": "KL weight",
+    "motors": "motors",
+    "seconds": "seconds of log per motor",
 }
+NEW_MOTORS, NEW_SECONDS, POPULATION = 32, 10.0, 256
+TAG = 61
+"""Of the random streams that draw motors nobody trained on."""
+ROWS = (
+    ("gait + impacts\nRMSE [mrad]", {"train": "training motors", "new": "new motors, 10 s of log"}, 0.0),
+    ("two-sample AUC", {"auc": "draws against physical motors"}, 0.5),
+    ("energy distance", {"energy": "draws against physical motors"}, 0.0),
+)
+"""Label, figures and lower end of the axes of each row of the picture."""
 
 
 @dataclass(frozen=True)
@@ -54,90 +78,174 @@ class Settings:
     """Run folder: ablation.json and ablation.png; points that are there are kept."""
     fleet: str = "mixed"
     """Population of motors."""
-    seed: int = 0
-    """Seed of bench, training and validation."""
-    adam_steps: int | None = None
-    """Adam steps; the preset's own number if not given."""
+    seeds: int = 2
+    """Of motors, bench and training; the picture shows their mean and every one of them."""
+    adam_steps: int = 1000
+    """Adam steps of a training."""
+    workers: int = 2
+    """Points at a time."""
+    only: tuple[str, ...] = tuple(SWEEPS)
+    """Sweeps to measure; the picture shows whatever is there."""
 
 
-def point(settings: Settings, sweep: str, value: float) -> dict[str, float]:
+@dataclass(frozen=True)
+class Point:
+    """What to train."""
+
+    fleet: str
+    seed: int
+    adam_steps: int
+    latents: int
+    kl_weight: float
+    motors: int
+    seconds: float
+
+    @property
+    def key(self) -> str:
+        """Its name among the results."""
+        return f"seed {self.seed}: " + ", ".join(f"{name} {getattr(self, name):g}" for name in CENTER)
+
+
+def points(settings: Settings) -> Iterator[Point]:
+    """The centre and every other value of every sweep, seed by seed."""
+    for seed in range(settings.seeds):
+        others = (CENTER | {sweep: value} for sweep in settings.only for value in SWEEPS[sweep])
+        for chosen in (CENTER, *(values for values in others if values != CENTER)):
+            yield _point(settings, seed, chosen)
+
+
+def _point(settings: Settings, seed: int, values: dict[str, float]) -> Point:
+    return Point(
+        settings.fleet, seed, settings.adam_steps, int(values["latents"]), values["kl_weight"], int(values["motors"]),
+        values["seconds"],
+    )  # fmt: skip
+
+
+def measure(point: Point) -> dict[str, float]:
     """Train and measure one prior."""
-    from motorprior.identification.adapt import adapt
+    from motorprior.identification.adapt import adapt, window_losses
     from motorprior.identification.distribution import energy_distance, two_sample_auc
-    from motorprior.identification.presets import identification_preset
     from motorprior.identification.train import identify
     from motorprior.identification.windows import training_data
 
-    preset = identification_preset("rollout")
-    preset = replace(preset, steps=settings.adam_steps or preset.steps)
-    if sweep == "latents":
-        preset = replace(preset, num_latents=int(value))
-    if sweep == "kl_weight":
-        preset = replace(preset, kl_weight=value)
-    motors = int(value) if sweep == "motors" else MOTORS
-    steps = round(value / preset.period) if sweep == "seconds" else STEPS
-    fleet, wide = load_fleet(settings.fleet), bench_preset("rollout" if steps >= STEPS else "adapt")
-    units = training_motors(fleet, motors, settings.seed)
-    found = identify(
-        training_data(record(units, wide, steps, settings.seed, fleet), preset, "bench"), preset, settings.seed
-    )
-    rng = np.random.default_rng([settings.seed, 5])
-    others = fleet.sample(rng, HELD_OUT)
-    log = record(others, bench_preset("adapt"), 5000, settings.seed + 1, fleet)
-    posterior = adapt(found.network, training_data(log, preset, "log"), preset, float(found.losses[-1]))
-    errors = [
-        np.median(bench_errors(who, {"m": lambda index, z=z: LatentActuator(found.network, z[index])}, settings.seed)
-                  ["impacts"]["m"])
-        for who, z in ((units, found.mean), (others, posterior.mean))
-    ]  # fmt: skip
+    preset = replace(RECIPE, steps=point.adam_steps, num_latents=point.latents, kl_weight=point.kl_weight)
+    fleet = load_fleet(point.fleet)
+    motors, rng = training_motors(fleet, point.motors, point.seed), np.random.default_rng([point.seed, TAG])
+    log = record(motors, BENCH, round(point.seconds / BENCH.period), point.seed, fleet)
+    data = training_data(log, preset, "bench")
+    found = identify(data, preset, point.seed)
+    temperature = float(window_losses(found.network, data, preset, found.mean).mean())
+    new = fleet.sample(rng, NEW_MOTORS)
+    log = record(new, BENCH, round(NEW_SECONDS / BENCH.period), point.seed + 1_000_000, fleet)
+    posterior = adapt(found.network, training_data(log, preset, "log"), preset, temperature)
     physical = behaviours(PhysicalActuator(fleet.sample(rng, POPULATION))).values
-    noise = rng.standard_normal((POPULATION, preset.num_latents))
-    drawn = behaviours(LatentActuator(found.network, noise)).values
+    drawn = behaviours(LatentActuator(found.network, rng.standard_normal((POPULATION, point.latents)))).values
     return {
-        "impacts": 1e3 * float(errors[0]),
-        "new": 1e3 * float(errors[1]),
-        "auc": two_sample_auc(drawn, physical, 0),
+        "train": 1e3 * impact_error(LatentActuator(found.network, found.mean), motors, point.seed),
+        "new": 1e3 * impact_error(LatentActuator(found.network, posterior.mean), new, point.seed),
+        "auc": two_sample_auc(drawn, physical, point.seed),
         "energy": energy_distance(drawn, physical),
     }
 
 
-def picture(results: dict[str, dict[str, Any]]) -> bytes:
-    """One column per sweep: errors above, two-sample AUC below."""
-    shown = Figure(figsize=(12.0, 5.2), layout="constrained")
-    axes = shown.subplots(2, len(SWEEPS), sharey="row")
-    for column, sweep in enumerate(SWEEPS):
-        points = sorted((float(value), found) for value, found in results.get(sweep, {}).items())
-        x = [value for value, _ in points]
-        for row, names in enumerate((("impacts", "new"), ("auc",))):
-            for name, color in zip(names, (MODEL_COLORS["rollout"], OTHER_COLOR), strict=False):
-                axes[row][column].plot(x, [found[name] for _, found in points], "o-", color=color, label=NAMES[name])
-            axes[row][column].set_xscale("log")
-            axes[row][column].set_ylim(bottom=0.5 if row else 0.0)
-        axes[1][column].set_xlabel(LABELS[sweep])
-    axes[0][0].set_ylabel("gait + impacts, RMSE [mrad]")
-    axes[1][0].set_ylabel("two-sample AUC")
-    for row in range(2):
-        axes[row][0].legend(frameon=False, fontsize=8)
+def impact_error(model: LatentActuator, motors: MotorParameters, seed: int) -> float:
+    """Median over motors of the joint RMSE [rad] on held-out gaits with impacts."""
+    cases, truth = held_out_trials("impacts", len(motors), seed), PhysicalActuator(motors)
+    errors = [rmse(run(model, case).joint_pos, run(truth, case).joint_pos, axis=0) for case in cases]
+    return float(np.median(np.mean(errors, axis=0)))
+
+
+def sweep(settings: Settings) -> dict[str, dict[str, float]]:
+    """All points, those that the run folder has and those that it lacks, by `Point.key`."""
+    path, wanted = settings.out / "ablation.json", identity(settings)
+    try:
+        kept: Any = read_json(path)
+    except ArtifactError:
+        kept = {}
+    results: dict[str, dict[str, float]] = kept["results"] if kept.get("identity") == wanted else {}
+    missing = [point for point in points(settings) if point.key not in results]
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NPROC"):  # before the workers import numpy and JAX
+        os.environ[name] = "1"
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    with ProcessPoolExecutor(settings.workers, mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(measure, point): point for point in missing}
+        for number, done in enumerate(as_completed(waiting), 1):
+            key = waiting[done].key
+            results[key] = done.result()
+            write_json(path, {"identity": wanted, "results": results})
+            print(f"{number}/{len(missing)}", key, {k: round(v, 3) for k, v in results[key].items()}, flush=True)
+    return results
+
+
+def identity(settings: Settings) -> dict[str, Any]:
+    """What the points depend on besides their own settings; how they are drawn is no part of it."""
+    measured = "".join(inspect.getsource(function) for function in (measure, impact_error))
+    return {
+        "code": code_digest("identify"),
+        "measured": hashlib.sha256(measured.encode()).hexdigest()[:16],
+        "bench": repr(BENCH),
+        "recipe": repr(RECIPE),
+        "new": [NEW_MOTORS, NEW_SECONDS, POPULATION],
+        "fleet": [digest(path) for path in fleet_files(settings.fleet)],
+        "adam_steps": settings.adam_steps,
+    }
+
+
+def picture(settings: Settings, results: dict[str, dict[str, float]]) -> bytes:
+    """One column per sweep, one row per entry of ROWS."""
+    shown = Figure(figsize=(12.0, 7.0), layout="constrained")
+    grid = shown.subplots(len(ROWS), len(SWEEPS), sharey="row")
+    for (row, (label, names, _)), (column, name) in itertools.product(enumerate(ROWS), enumerate(SWEEPS)):
+        axes = grid[row][column]
+        for figure, color in zip(names, (MODEL_COLORS["rollout"], OTHER_COLOR), strict=False):
+            _curve(axes, settings, results, name, figure, color, names[figure])
+        axes.axvline(CENTER[name], color="0.85", lw=4, zorder=0)
+        axes.set_xscale("log")
+        axes.set_xticks(_values(name), [f"{value:g}" for value in _values(name)], fontsize=8)
+        axes.minorticks_off()
+        if column == 0:
+            axes.set_ylabel(label)
+            axes.legend(frameon=False, fontsize=8, loc="lower left" if row == 1 else "best")
+        if row == len(ROWS) - 1:
+            axes.set_xlabel(LABELS[name])
+    for row, (_, names, lowest) in enumerate(ROWS):
+        highest = max((found[figure] for found in results.values() for figure in names), default=1.0)
+        grid[row][0].set_ylim(lowest, highest + 0.08 * (highest - lowest))
     return png_bytes(shown)
 
 
+def _values(name: str) -> list[float]:
+    """Of a sweep, its centre included."""
+    return sorted({CENTER[name], *SWEEPS[name]})
+
+
+def _curve(
+    axes: Axes, settings: Settings, results: dict[str, dict[str, float]], name: str, figure: str, color: str, label: str
+) -> None:
+    """Mean over seeds as a line, every seed as a dot."""
+    x, means = [], []
+    for value in _values(name):
+        keys = [_point(settings, seed, CENTER | {name: value}).key for seed in range(settings.seeds)]
+        found = [results[key][figure] for key in keys if key in results]
+        if found:
+            axes.plot([value] * len(found), found, ".", color=color, alpha=0.6)
+            x.append(value)
+            means.append(np.mean(found))
+    axes.plot(x, means, "-", color=color, label=label)
+
+
 def main() -> None:
-    """Measure what is missing, draw what is there."""
+    """Measure what is missing, draw what is there.
+
+    Raises:
+        ConfigError: a sweep that does not exist.
+    """
     settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    path, wanted = settings.out / "ablation.json", {k: v for k, v in asdict(settings).items() if k != "out"}
-    try:
-        kept = read_json(path)
-    except ArtifactError:
-        kept = {}
-    results: dict[str, dict[str, Any]] = kept.get("results", {}) if kept.get("settings") == wanted else {}
-    for sweep, values in SWEEPS.items():
-        for value in values:
-            if f"{value:g}" not in results.setdefault(sweep, {}):
-                results[sweep][f"{value:g}"] = point(settings, sweep, value)
-                write_json(path, {"settings": wanted, "results": results})
-            print(sweep, f"{value:g}", {k: round(v, 3) for k, v in results[sweep][f"{value:g}"].items()}, flush=True)
-    (settings.out / "ablation.png").write_bytes(picture(results))
+    if unknown := set(settings.only) - set(SWEEPS):
+        raise ConfigError(f"no sweep {sorted(unknown)}", remedy=f"use some of {', '.join(SWEEPS)}")
+    settings.out.mkdir(parents=True, exist_ok=True)
+    results = sweep(settings)
+    (settings.out / "ablation.png").write_bytes(picture(settings, results))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python benchmarks/why_oscillation.py --out runs/why
 
-Three minutes on two cores.
+Five minutes on two cores.
 
 Torque causes acceleration, so the last change of velocity tells the torque that made it: a regression one step
 ahead reads the torque off its inputs, correctly, and in open loop that costs nothing. A simulator closes the loop: the
@@ -13,21 +13,25 @@ much a disturbance grows each step. Above 1 the legs oscillate until the torque 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import PhysicalActuator
-from motorprior.artifacts import write_json
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import bench_preset, record
+from motorprior.bench.record import BenchPreset, bench_preset, record
 from motorprior.cli.bench import training_motors
 from motorprior.identification.validate import HELD_OUT_SEED
+from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import high_frequency_rms
 from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.transfer.robot_fidelity import CUTOFF, robot_fidelity
@@ -37,22 +41,60 @@ LOADS = np.geomspace(3e-4, 3e-2, 13)
 """Load inertias of the sweep [kg·m²]."""
 LEG = (2e-4, 1.7e-3)
 """Apparent inertias of the leg joints without motors, knee to abduction [kg·m²]."""
+FAST, SLOW = 0.002, 0.01
+"""[s]"""
+WIDE, SINUSOIDS = bench_preset("rollout"), bench_preset("paper")
+PAPER, TORQUE = "the paper's recipe", "torque regression"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to learn the same motors.
+
+    Attributes:
+        bench: that records them.
+        preset: recipe of identification.
+        color: in the picture.
+        changes: of the recipe.
+        armature: the engine knows each rotor's inertia; the torque is that on joint and rotor together.
+        damping: the engine knows each servo's velocity gain kd and integrates it implicitly.
+    """
+
+    bench: BenchPreset
+    preset: str
+    color: str
+    changes: dict[str, Any] = field(default_factory=dict)
+    armature: bool = False
+    damping: bool = False
+
+
+RED, BLUE = MODEL_COLORS["paper_wide"], MODEL_COLORS["rollout"]
 VARIANTS = {
-    "torque regression": ("paper_wide", {}),
-    "+ closed loop": ("latent_network", {"has_armature": False}),
-    "+ armature": ("latent_network", {}),
-    "+ physics": ("rollout", {}),
-}
-"""Each has the change in its name in addition to those above it; all on the same log."""
-COLORS = (MODEL_COLORS["paper_wide"], OTHER_COLOR, MODEL_COLORS["one_network"], MODEL_COLORS["rollout"])
+    PAPER: Variant(SINUSOIDS, "paper", MODEL_COLORS["paper"]),
+    "paper + 2 ms clock": Variant(
+        replace(SINUSOIDS, period=FAST), "paper", MODEL_COLORS["paper"], {"period": FAST}
+    ),
+    "paper + loads and impacts": Variant(
+        replace(WIDE, period=SLOW, segment_steps=200, hold_steps=1), "paper", MODEL_COLORS["paper"]
+    ),
+    TORQUE: Variant(WIDE, "paper_wide", RED),
+    "torque + armature": Variant(WIDE, "paper_wide", "#c2571a", armature=True),
+    "torque + implicit damping": Variant(WIDE, "paper_wide", "#d9a400", damping=True),
+    "torque + both": Variant(WIDE, "paper_wide", "#8c6d00", armature=True, damping=True),
+    "closed loop": Variant(WIDE, "latent_network", OTHER_COLOR, {"has_armature": False}),
+    "closed loop + armature": Variant(WIDE, "latent_network", MODEL_COLORS["one_network"]),
+    "closed loop + physics": Variant(WIDE, "rollout", BLUE),
+}  # fmt: skip
+"""The paper's recipe and single changes of it; both together are torque regression, and single changes of that; then
+what closed-loop training can have besides."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Train the four variants and look at their loops."""
+    """Train every variant and look at its loop."""
 
     out: Path
-    """Folder for why.json and why.png."""
+    """Folder for why.json, why.png and table.md."""
     fleet: str = "pupper_v2"
     """Population of motors."""
     seed: int = 0
@@ -61,22 +103,71 @@ class Settings:
     """Adam steps; the presets' own number if not given."""
 
 
-def train(settings: Settings) -> dict[str, tuple[LatentNetwork, np.ndarray]]:
-    """Every variant's network and the training motors' posterior means."""
+@dataclass(frozen=True)
+class Helped:
+    """Learned motors (`Actuator`) with an armature and a damping that the engine knows without having learned them."""
+
+    learned: LatentActuator
+    armature: np.ndarray
+    """(n,) [kg·m²]"""
+    damping: np.ndarray
+    """(n,) [N·m·s/rad]"""
+
+    @property
+    def num_motors(self) -> int:
+        """Number of motors."""
+        return self.learned.num_motors
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`."""
+        return self.learned.arrays(physics_dt)._replace(damping=self.damping.copy())
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A trained variant: the shared network, and of every training motor z, armature and damping in the engine."""
+
+    network: LatentNetwork
+    mean: np.ndarray
+    armature: np.ndarray
+    damping: np.ndarray
+
+    def motors(self, index: np.ndarray) -> LatentActuator | Helped:
+        """The training motors at ``index``."""
+        own = LatentActuator(self.network, self.mean[index])
+        return own if self.network.motor is not None else Helped(own, self.armature[index], self.damping[index])
+
+
+def relieved(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
+    """The log with the torque that is left to learn if the engine adds armature and damping (n,).
+
+    torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity a sample later; the last sample of a
+    segment, which has none, repeats the one before.
+    """
+    assert log.joint_torque is not None and log.joint_vel is not None
+    torque = log.joint_torque.copy()
+    for rows in log.segment_slices():
+        velocity, period = log.joint_vel[rows], float(np.median(np.diff(log.time[rows])))
+        after = velocity[1:]
+        torque[rows][:-1] += armature * (after - velocity[:-1]) / period + damping * after
+        torque[rows][-1] = torque[rows][-2]
+    return replace(log, joint_torque=torque)
+
+
+def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tuple[Learned, MotorLog]:
+    """A variant's motors, and the log they were learned from."""
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.train import identify
     from motorprior.identification.windows import training_data
 
-    fleet = load_fleet(settings.fleet)
-    motors = training_motors(fleet, MOTORS, settings.seed)
-    log, found = record(motors, bench_preset("rollout"), STEPS, settings.seed, fleet), {}
-    for name, (preset_name, changes) in VARIANTS.items():
-        preset = replace(identification_preset(preset_name), **changes)
-        preset = replace(preset, steps=settings.adam_steps or preset.steps)
-        identified = identify(training_data(log, preset, "bench"), preset, settings.seed)
-        found[name] = (identified.network, identified.mean)
-        print(f"trained: {name}", flush=True)
-    return found
+    preset = replace(identification_preset(variant.preset), **variant.changes)
+    preset = replace(preset, steps=settings.adam_steps or preset.steps)
+    log = record(motors, variant.bench, STEPS, settings.seed, load_fleet(settings.fleet))
+    armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
+    found = identify(training_data(relieved(log, armature, damping), preset, "bench"), preset, settings.seed)
+    if preset.has_armature:
+        armature = found.network.armature(found.mean)
+    return Learned(found.network, found.mean, armature, damping), log
 
 
 def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -98,15 +189,16 @@ def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) 
     return slopes
 
 
-def growth(network: LatentNetwork, slopes: np.ndarray, armature: np.ndarray, load: float) -> tuple[float, float]:
-    """Median over motors and states of the largest eigenvalue's size, and its median frequency [Hz].
+def growth(learned: Learned, slopes: np.ndarray, load: float) -> tuple[float, float]:
+    """Median over motors and states of the largest eigenvalue's size per FAST, and its median frequency [Hz].
 
-    State: errors and velocities of the last taps[-1] + 1 steps. dq' = dq + period·torque/(load + armature),
-    error' = error - period·dq'.
+    State: errors and velocities of the last taps[-1] + 1 steps. With inertia J = load + armature,
+    dq' = (dq + period·torque/J) / (1 + period·damping/J),  error' = error - period·dq'.
     """
+    network, inertia = learned.network, load + learned.armature
     length, period, taps = network.taps[-1] + 1, network.period, np.array(network.taps)
     count = slopes.shape[0] * slopes.shape[1]
-    gain = period * slopes / (load + armature)[:, None, None]
+    gain = period * slopes / inertia[:, None, None]
     matrix = np.zeros((count, 2 * length, 2 * length))
     shift = np.eye(length, k=-1)
     matrix[:, :length, :length], matrix[:, length:, length:] = shift, shift
@@ -114,18 +206,21 @@ def growth(network: LatentNetwork, slopes: np.ndarray, armature: np.ndarray, loa
     matrix[:, length, taps] += flat[:, :half]
     matrix[:, length, length + taps] += flat[:, half:]
     matrix[:, length, length] += 1.0
+    matrix[:, length, :] /= np.repeat(1.0 + period * learned.damping / inertia, slopes.shape[1])[:, None]
     matrix[:, 0, :] = -period * matrix[:, length, :]
     matrix[:, 0, 0] += 1.0
     values = np.linalg.eigvals(matrix)
     largest = np.take_along_axis(values, np.argmax(np.abs(values), axis=1)[:, None], axis=1)[:, 0]
-    return float(np.median(np.abs(largest))), float(np.median(np.abs(np.angle(largest))) / (2 * np.pi * period))
+    size = float(np.median(np.abs(largest))) ** (FAST / period)
+    return size, float(np.median(np.abs(np.angle(largest))) / (2 * np.pi * period))
 
 
-def recorded_inputs(network: LatentNetwork, log, count: int = 24) -> np.ndarray:
+def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> np.ndarray:
     """(M, count, 2T) scaled histories out of a log."""
     first, rows = log.segment_slices()[0], np.array(network.taps)
     picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
     error = (log.position_target - log.joint_pos) / network.error_scale
+    assert log.joint_vel is not None
     velocity = log.joint_vel / network.velocity_scale
     parts = [np.stack([channel[picked - age] for age in rows], axis=2) for channel in (error, velocity)]
     return np.concatenate(parts, axis=2).transpose(1, 0, 2)
@@ -142,77 +237,109 @@ def chatter(actuator, load: float, seed: int) -> float:
     return float(np.median(high_frequency_rms(response.joint_torque, 0.002, CUTOFF)))
 
 
-def measure(settings: Settings) -> dict:
+def measure(settings: Settings) -> dict[str, Any]:
     """Loops, chatter against load, and torque above 20 Hz in the robot."""
-    fleet = load_fleet(settings.fleet)
-    motors = training_motors(fleet, MOTORS, settings.seed)
-    log = record(motors, bench_preset("rollout"), STEPS, settings.seed, fleet)
-    found = train(settings)
-    results: dict = {"loads": LOADS.tolist(), "variants": {}}
-    for name, (network, mean) in found.items():
-        own = LatentActuator(network, mean)
-        results["variants"][name] = {
-            "armature_in_engine": float(own.armature.mean()),
-            "chatter": [chatter(own, load, settings.seed) for load in LOADS],
-        }
-        if network.motor is None:  # a grey box is no function of its recorded inputs alone
-            slopes = sensitivities(network, mean, recorded_inputs(network, log))
-            loops = [growth(network, slopes, own.armature, load) for load in LOADS]
-            results["variants"][name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
-    results["physical"] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
-    models = {name: lambda index, n=n, z=z: LatentActuator(n, z[index]) for name, (n, z) in found.items()}
+    motors, every = training_motors(load_fleet(settings.fleet), MOTORS, settings.seed), np.arange(MOTORS)
+    found: dict[str, Learned] = {}
+    variants: dict[str, dict[str, Any]] = {}
+    for name, variant in VARIANTS.items():
+        learned, log = train(settings, variant, motors)
+        own = learned.motors(every)
+        found[name], variants[name] = (
+            learned,
+            {
+                "armature_in_engine": float(own.armature.mean()),
+                "chatter": [chatter(own, load, settings.seed) for load in LOADS],
+            },
+        )
+        if learned.network.motor is None:  # a grey box is no function of its recorded inputs alone
+            slopes = sensitivities(learned.network, learned.mean, recorded_inputs(learned.network, log))
+            loops = [growth(learned, slopes, load) for load in LOADS]
+            variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
+        print(f"trained: {name}", flush=True)
+    physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
+    models = {name: learned.motors for name, learned in found.items()}
     for place, hung in (("standing", False), ("hung", True)):
         fidelity = robot_fidelity(motors, models, hung, settings.seed)
         for name in models:
-            results["variants"][name][f"{place}_rmse"] = float(np.median(fidelity.rmse[name]))
-            results["variants"][name][f"{place}_torque_hf"] = float(np.median(fidelity.torque_hf[name]))
-        results["physical"][f"{place}_torque_hf"] = float(np.median(fidelity.torque_hf["physical"]))
-    return results
+            variants[name][f"{place}_rmse"] = float(np.median(fidelity.rmse[name]))
+            variants[name][f"{place}_torque_hf"] = float(min(np.median(fidelity.torque_hf[name]), 1e9))
+        physical[f"{place}_torque_hf"] = float(np.median(fidelity.torque_hf["physical"]))
+    return {"loads": LOADS.tolist(), "variants": variants, "physical": physical}
 
 
-def picture(results: dict) -> bytes:
+def picture(results: dict[str, Any]) -> bytes:
     """Growth of a disturbance per step; chatter against load; torque above 20 Hz in the robot."""
-    shown = Figure(figsize=(12.0, 3.9), layout="constrained")
-    left, middle, right = shown.subplots(1, 3)
-    names, variants = list(results["variants"]), results["variants"]
-    for name, color in zip(names, COLORS, strict=True):
-        if "growth" in variants[name]:
-            left.semilogx(LOADS, variants[name]["growth"], "o-", color=color, label=name, ms=3)
+    shown = Figure(figsize=(13.5, 4.3), layout="constrained")
+    left, middle, right = shown.subplots(1, 3, width_ratios=(1.0, 1.0, 1.25))
+    _against_load(left, results, "growth")
+    left.set_xscale("log")
     left.axhline(1.0, color="k", lw=1)
+    left.set_ylabel("growth of a disturbance in 2 ms,\nlargest eigenvalue, median")
+    _against_load(middle, results, "chatter")
+    middle.loglog(LOADS, results["physical"]["chatter"], "k--", label="physical")
+    middle.set_ylabel("torque above 20 Hz [N·m], one joint")
     for axes in (left, middle):
         axes.axvspan(*LEG, color="0.9", zorder=0)
-    left.set_xlabel("load inertia [kg·m²]\n(grey: a Pupper's leg joints)")
-    left.set_ylabel("growth of a disturbance in 2 ms,\nlargest eigenvalue, median")
-    left.legend(frameon=False, fontsize=8)
-    for name, color in zip(names, COLORS, strict=True):
-        middle.loglog(LOADS, variants[name]["chatter"], "o-", color=color, label=name, ms=3)
-    middle.loglog(LOADS, results["physical"]["chatter"], "k--", label="physical")
-    middle.set_xlabel("load inertia [kg·m²]")
-    middle.set_ylabel("torque above 20 Hz [N·m], one joint")
-    middle.legend(frameon=False, fontsize=8)
-    place = np.arange(len(names))
-    for offset, where, alpha in ((-0.2, "standing", 1.0), (0.2, "hung", 0.5)):
-        values = [variants[n][f"{where}_torque_hf"] / results["physical"][f"{where}_torque_hf"] for n in names]
-        right.bar(place + offset, values, 0.38, color=COLORS, alpha=alpha, label=where)
-    right.axhline(1.0, color="k", lw=1)
-    right.set_yscale("log")
-    right.set_xticks(place, [name.replace(" ", "\n") for name in names], fontsize=8)
-    right.set_ylabel("torque above 20 Hz in the robot,\nratio to the physical motors'")
-    right.legend(frameon=False, fontsize=8)
+        axes.set_xlabel("load inertia [kg·m²]\n(grey: a Pupper's leg joints)")
+        axes.legend(frameon=False, fontsize=7)
+    _bars(right, results)
     return png_bytes(shown)
 
 
+def _against_load(axes: Axes, results: dict[str, Any], key: str) -> None:
+    """The paper's own recipe is left out: on a bare leg it diverges, whatever the clock."""
+    for name, variant in VARIANTS.items():
+        if variant.preset != "paper" and key in results["variants"][name]:
+            axes.plot(LOADS, results["variants"][name][key], "o-", color=variant.color, label=name, ms=3)
+
+
+def _bars(axes: Axes, results: dict[str, Any]) -> None:
+    """Ratios of all variants, first on top."""
+    place, variants = np.arange(len(VARIANTS)), results["variants"]
+    for offset, where, alpha in ((-0.2, "standing", 1.0), (0.2, "hung", 0.5)):
+        own = results["physical"][f"{where}_torque_hf"]
+        values = [variants[name][f"{where}_torque_hf"] / own for name in VARIANTS]
+        colors = [variant.color for variant in VARIANTS.values()]
+        axes.barh(place + offset, values, 0.38, color=colors, alpha=alpha, label=where)
+    labels = [f"{name}  ({1e3 * variants[name]['standing_rmse']:.0f} mrad)" for name in VARIANTS]
+    axes.set_yticks(place, labels, fontsize=8)
+    axes.invert_yaxis()
+    axes.axvline(1.0, color="k", lw=1)
+    axes.set_xscale("log")
+    axes.set_xlabel(
+        "torque above 20 Hz in the robot, ratio to the physical\nmotors' (in brackets: joint RMSE, standing)"
+    )
+    axes.legend(frameon=False, fontsize=8)
+
+
+def table(results: dict[str, Any]) -> str:
+    """Markdown: one row per variant."""
+    own = [results["physical"][f"{where}_torque_hf"] for where in ("standing", "hung")]
+    lines = [
+        f"| variant | growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m² | standing: RMSE [mrad] | torque > 20 Hz "
+        "| hung: RMSE [mrad] | torque > 20 Hz |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, found in results["variants"].items():
+        loop = f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz" if "growth" in found else ""
+        cells = [
+            f"{1e3 * found[f'{where}_rmse']:.1f} | {found[f'{where}_torque_hf'] / high:.2f} ×"
+            for where, high in zip(("standing", "hung"), own, strict=True)
+        ]
+        lines.append(f"| {name} | {loop} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
-    """Measure, write why.json and why.png, print what the page quotes."""
+    """Measure; write why.json, why.png and table.md; print the table."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     results = measure(settings)
-    settings.out.mkdir(parents=True, exist_ok=True)
     write_json(settings.out / "why.json", results)
+    write_text(settings.out / "table.md", table(results) + "\n")
     (settings.out / "why.png").write_bytes(picture(results))
-    for name, found in results["variants"].items():
-        print(name, {key: value for key, value in found.items() if not isinstance(value, list)})
-    print("physical", {key: value for key, value in results["physical"].items() if not isinstance(value, list)})
+    print(table(results))
 
 
 if __name__ == "__main__":

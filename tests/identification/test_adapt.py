@@ -91,9 +91,10 @@ def test_motors_of_the_fleet_are_no_surprise_and_other_machines_are(prior: Ident
     data = training_data(fleet_log, RECIPE, "log")
     metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, fleet_log)
     own = window_losses(prior.network, data, RECIPE, prior.mean).mean(axis=1)
-    chances = surprise(metrics, own)
+    whole = metrics["loss_pieces"]
+    chances = surprise(metrics, own, whole)
     assert np.mean(chances < 0.01) < 0.1 and 0.2 < np.median(chances) < 0.8
-    assert np.all(surprise(metrics, 20 * own) < 0.01)
+    assert np.all(surprise(metrics, 20 * own, whole) < 0.01)
 
 
 def test_residuals_have_the_percentiles_of_their_speed_they_were_recorded_with(prior: Identified, fleet_log: MotorLog):
@@ -120,6 +121,6 @@ def test_a_log_without_torques_is_judged_by_a_loss_without_torques(prior: Identi
     losses = window_losses(prior.network, blind, RECIPE, prior.mean).mean(axis=1)
     assert metrics["loss_mean_without_torque"] == pytest.approx(losses.mean(), rel=1e-5)
     assert metrics["loss_mean_without_torque"] < metrics["loss_mean"]  # torques are one more thing to err in
-    assert 0.2 < np.median(surprise(metrics, losses, ending(False))) < 0.8
+    assert 0.2 < np.median(surprise(metrics, losses, metrics["loss_pieces"], ending(False))) < 0.8
     alone = reference_metrics(prior.network, blind, RECIPE, prior.mean, replace(fleet_log, joint_torque=None))
     assert alone["loss_mean"] == pytest.approx(losses.mean(), rel=1e-5) and "loss_mean_without_torque" not in alone

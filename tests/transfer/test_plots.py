@@ -1,6 +1,7 @@
 """Plots say their units, stay finite, and one model has one colour everywhere."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -13,7 +14,12 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import Skeleton, skeleton
 from motorprior.transfer import plots
 from motorprior.transfer.gait_picture import gait_animation, gait_strip
-from motorprior.transfer.plots_latent import plane
+from motorprior.transfer.plots_directions import (
+    Directions,
+    behaviour_directions,
+    principal_directions,
+    told_best,
+)
 from motorprior.transfer.plots_style import png_bytes
 
 TIME = np.arange(0.0, 1.0, 0.01)
@@ -21,10 +27,11 @@ ANGLE = np.sin(6.0 * TIME)
 MODELS = {"paper": ANGLE + 0.1, "rollout": ANGLE * 0.99}
 
 
-def latents(count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def latents(count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], Directions | None]:
     random = np.random.default_rng(count)
     mean = random.normal(size=(12, count))
-    return mean, np.full((12, count), -2.0), {"kp": random.uniform(8, 10, 12), "delay": np.full(12, 0.005)}
+    plane = Directions(np.eye(count)[:, :2], np.array([0.5, 0.2])) if count > 1 else None
+    return mean, np.full((12, count), -2.0), {"kp": random.uniform(8, 10, 12), "delay": np.full(12, 0.005)}, plane
 
 
 def trot(frames: int = 60) -> Skeleton:
@@ -129,13 +136,31 @@ def test_the_median_curve_covers_what_all_seeds_share():
     assert y[-1] == pytest.approx((36 / 45 + 2.0) / 2)
 
 
-def test_the_plane_holds_the_largest_spread():
+def test_the_directions_are_those_that_change_the_features_most():
     random = np.random.default_rng(3)
     turn = np.linalg.qr(random.normal(size=(4, 4)))[0]
-    mean = random.normal(size=(4000, 4)) * [3.0, 2.0, 0.1, 0.1] @ turn
-    directions = plane(mean)
-    np.testing.assert_allclose(directions.T @ directions, np.eye(2), atol=1e-12)
-    np.testing.assert_allclose(np.abs(turn[:2] @ directions), np.eye(2), atol=0.05)
+    # five features along one direction, three along another, one that nothing moves; of very different units
+    slopes = np.concatenate([np.repeat(turn[:1], 5, axis=0), np.repeat(turn[1:2], 3, axis=0), np.zeros((1, 4))])
+    found = principal_directions(slopes * np.geomspace(1e-4, 1e3, 9)[:, None])
+    np.testing.assert_allclose(found.axes.T @ found.axes, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(np.abs(turn[:2] @ found.axes), np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(found.share, [5 / 8, 3 / 8])
+    assert np.all(np.isfinite(principal_directions(np.zeros((3, 2))).axes))
+
+
+def test_the_latent_that_makes_motors_differ_is_the_first_direction(grey_network):
+    network = grey_network(latents=3)
+    motor = replace(network.motor, slope=network.motor.slope * np.array([[0.05], [1.0], [0.05]]))
+    found = behaviour_directions(replace(network, motor=motor))
+    assert abs(found.axes[1, 0]) > 0.95 and found.share[0] > 0.8
+
+
+def test_constants_are_shown_in_the_order_in_which_the_map_tells_them():
+    random = np.random.default_rng(5)
+    points, noise = random.normal(size=(40, 2)), random.normal(size=(3, 40))
+    values = {"same": np.ones(40), "noise": noise[0], "plain": points @ [1.0, -2.0], "vague": points[:, 0] + noise[1]}
+    assert list(told_best(points, values, 6)) == ["plain", "vague", "noise"]
+    assert list(told_best(points, values, 1)) == ["plain"]
 
 
 def test_the_animation_is_small_repeats_exactly_and_runs_in_real_time():

@@ -82,10 +82,10 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
     from motorprior.identification.adapt import adapt
-    from motorprior.identification.reference import ending, surprise
+    from motorprior.identification.reference import ending, knows_its_errors, pieces, surprise
     from motorprior.identification.windows import training_data
 
-    if prior.network.num_latents == 0 or not prior.metrics.get("loss_mean", 0.0) > 0.0:
+    if prior.network.num_latents == 0 or not knows_its_errors(prior.metrics):
         raise ArtifactError(
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
         )
@@ -96,7 +96,7 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
     data = replace(data, has_torque=data.has_torque and knows_torque)
     which = ending(data.has_torque) if knows_torque else ""
     found = adapt(prior.network, data, preset, prior.metrics[f"loss_mean{which}"])
-    return found, surprise(prior.metrics, found.loss, which)
+    return found, surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
 
 
 def run_adapt(config: Adapt) -> None:

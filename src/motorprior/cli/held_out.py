@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from motorprior.bench.behaviour import behaviours
 from motorprior.bench.record import bench_preset, preset_of_period, record
 from motorprior.cli.adapt import FALSE_ALARMS, adapt_to
 from motorprior.cli.bench import BenchFacts
+from motorprior.identification.adapt import Posterior
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.logs.motor_log import MotorLog
 
@@ -22,6 +24,8 @@ HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
 """Tags of random streams."""
 ADAPTED_SECONDS = 10.0
 """Log from which held-out motors are known in the fidelity table [s]."""
+UNLIKELY = 0.1
+"""Chance of fitting its log as badly that one motor of the fleet in ten should fall below."""
 POPULATION = 256
 
 
@@ -37,16 +41,42 @@ def held_out_log(prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, 
     return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
 
 
-def adapted_models(
+@dataclass(frozen=True)
+class Adapted:
+    """What some seconds of log say about held-out motors.
+
+    Attributes:
+        posterior: of their latents.
+        surprise: (M,) probability that a motor of the prior's fleet fits its log as badly.
+    """
+
+    posterior: Posterior
+    surprise: np.ndarray
+
+
+def adapted(
+    prior: MotorPrior, path: Path, motors: MotorParameters, facts: BenchFacts, seconds: float = ADAPTED_SECONDS
+) -> Adapted:
+    """The prior adapted to ``seconds`` of log of these motors."""
+    return Adapted(*adapt_to(prior, path, held_out_log(prior, motors, facts, seconds), "held-out log"))
+
+
+def adapt_all(
     priors: dict[str, MotorPrior], paths: dict[str, Path], motors: MotorParameters, facts: BenchFacts
+) -> dict[str, Adapted]:
+    """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
+    return {
+        name: adapted(prior, paths[name], motors, facts) for name, prior in priors.items() if prior.network.num_latents
+    }
+
+
+def adapted_models(
+    priors: dict[str, MotorPrior], known: dict[str, Adapted], num_motors: int
 ) -> dict[str, ModelOfMotors]:
-    """Every prior as a model of held-out motors: at the mean of the posterior after ADAPTED_SECONDS."""
+    """Every prior as a model of held-out motors: at the mean of what is ``known`` of them, if it has latents."""
     models: dict[str, ModelOfMotors] = {}
     for name, prior in priors.items():
-        z = np.zeros((len(motors), prior.network.num_latents))
-        if prior.network.num_latents:
-            log = held_out_log(prior, motors, facts, ADAPTED_SECONDS)
-            z = adapt_to(prior, paths[name], log, "held-out log")[0].mean
+        z = known[name].posterior.mean if name in known else np.zeros((num_motors, 0))
         models[name] = lambda index, prior=prior, z=z: LatentActuator(prior.network, z[index])
     return models
 
@@ -56,29 +86,41 @@ def adaptation_figures(
     path: Path,
     facts: BenchFacts,
     seconds: tuple[float, ...],
+    known: Adapted,
     seed: int,
     progress: Callable[[], None],
 ) -> dict[str, float]:
     """How close held-out motors come to the training motors' error, and what the bands promise.
 
+    Args:
+        prior: of preset rollout.
+        path: its file.
+        facts: of its bench.
+        seconds: lengths of log.
+        known: the prior adapted to ADAPTED_SECONDS of log.
+        seed: of the held-out excitation.
+        progress: called after every length.
+
     Returns:
         ``adapt_rmse_ratio/S``: median closed-loop RMSE on gait + impacts after S seconds of log, over the training
-        motors' own; ``adapt_false_alarms/S``: share of held-out motors called unlike the fleet; and, for the longest
-        S up to ADAPTED_SECONDS, ``coverage50`` and ``coverage90``.
+        motors' own; ``adapt_false_alarms/S``: share of held-out motors called unlike the fleet, FALSE_ALARMS being
+        stated, and ``adapt_unlikely/S``, share of those below UNLIKELY, which so few motors tell better; and, for the
+        longest S up to ADAPTED_SECONDS, ``coverage50`` and ``coverage90``.
     """
     from motorprior.identification.coverage import coverage
 
     train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed)["impacts"]["prior"]
     motors, figures = held_out_motors(facts), {}
+    covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
-        log = held_out_log(prior, motors, facts, length)
-        found, surprising = adapt_to(prior, path, log, "held-out log")
-        model: ModelOfMotors = lambda index, z=found.mean: LatentActuator(prior.network, z[index])  # noqa: E731
+        found = known if length == ADAPTED_SECONDS else adapted(prior, path, motors, facts, length)
+        model: ModelOfMotors = lambda index, z=found.posterior.mean: LatentActuator(prior.network, z[index])  # noqa: E731
         error = bench_errors(motors, {"prior": model}, seed)["impacts"]["prior"]
         figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
-        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(surprising < FALSE_ALARMS))
-        if length <= ADAPTED_SECONDS:
-            figures |= coverage(prior.network, prior.metrics, found, motors, seed)
+        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(found.surprise < FALSE_ALARMS))
+        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(found.surprise < UNLIKELY))
+        if length == covered:
+            figures |= coverage(prior.network, prior.metrics, found.posterior, motors, seed)
         progress()
     return figures
 

@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_tensors, write_tensors, write_text
+from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors, write_text
 from motorprior.cli.bench import FACTS, LOG, read_bench
 from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE, bar
@@ -22,6 +22,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log
 
 PRIOR, CHECKPOINT, SECONDS = "prior.safetensors", "checkpoint.safetensors", "seconds.txt"
+SPENT = "seconds_so_far.json"
 
 
 @dataclass(frozen=True)
@@ -74,14 +75,17 @@ def run_identify(config: Identify) -> None:
             f"reproduces these motors, but its draws are a guess (record {wanted_motors} or more)"
         )
     begin(config.out)
-    started = time.monotonic()
+    stopwatch = _Stopwatch(config.out / SPENT, wanted)
     with bar(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as progress:
 
         def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
+            stopwatch.note()
             progress.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
 
-        found = identify(data, preset, config.seed, report, _Checkpoint(config.out / CHECKPOINT, wanted))
-    seconds = time.monotonic() - started
+        try:
+            found = identify(data, preset, config.seed, report, _Checkpoint(config.out / CHECKPOINT, wanted))
+        finally:
+            seconds = stopwatch.note()
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
     metrics |= reference_metrics(found.network, data, preset, found.mean, log)
@@ -91,7 +95,8 @@ def run_identify(config: Identify) -> None:
     )  # fmt: skip
     prior.save(config.out / PRIOR)
     write_text(config.out / SECONDS, f"{seconds:.1f}\n")
-    (config.out / CHECKPOINT).unlink(missing_ok=True)
+    for leftover in (CHECKPOINT, SPENT):
+        (config.out / leftover).unlink(missing_ok=True)
     finish(config.out, wanted)
 
 
@@ -134,3 +139,29 @@ class _Checkpoint:
 
     def save(self, state: dict[str, np.ndarray]) -> None:
         write_tensors(self.path, state, self.stage)
+
+
+class _Stopwatch:
+    """Seconds of a training over all interruptions; a kill loses those since the last `note`."""
+
+    def __init__(self, path: Path, stage: dict[str, Any]):
+        """Go on from what an interrupted training of this very stage wrote to ``path``; begin at 0 otherwise."""
+        self._path, self._stage, self._started = path, stage, time.monotonic()
+        self._before = _seconds_before(path, stage)
+
+    def note(self) -> float:
+        """Write down and return the seconds so far."""
+        seconds = self._before + time.monotonic() - self._started
+        write_json(self._path, {"stage": self._stage, "seconds": seconds})
+        return seconds
+
+
+def _seconds_before(path: Path, stage: dict[str, Any]) -> float:
+    try:
+        noted = read_json(path)
+    except ArtifactError:  # none there, or damaged: the memory of past seconds is lost, and nothing else
+        return 0.0
+    if not isinstance(noted, dict) or noted.get("stage") != stage:
+        return 0.0
+    seconds = noted.get("seconds")
+    return seconds if type(seconds) is float and 0.0 <= seconds < 1e12 else 0.0

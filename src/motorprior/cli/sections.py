@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import skeleton
 from motorprior.transfer import plots
 from motorprior.transfer.gait_picture import gait_animation, gait_strip
+from motorprior.transfer.plots_directions import behaviour_directions, told_best
 from motorprior.transfer.report import Picture, Section, Table, picture
 
-_LATENT_COLOURS = ("kp", "coulomb", "load_friction", "armature", "delay", "encoder_zero")
+_LATENT_PANELS = 6
 
 
 def _by_model(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
@@ -59,11 +61,15 @@ def identify(run: Path) -> list[Section]:
     """The latent map of the training motors."""
     prior = MotorPrior.load(run / "priors" / "rollout" / "prior.safetensors")
     motors = read_bench(run / "bench" / "rollout")[1].physical_motors()
-    known = {name: getattr(motors, name) for name in _LATENT_COLOURS if np.ptp(getattr(motors, name)) > 0}
-    figure = plots.latent_map(prior.mean, prior.log_var, known)
+    directions = behaviour_directions(prior.network) if prior.network.num_latents > 1 else None
+    points = prior.mean if directions is None else prior.mean @ directions.axes
+    known = told_best(points, {field.name: getattr(motors, field.name) for field in fields(motors)}, _LATENT_PANELS)
+    figure = plots.latent_map(prior.mean, prior.log_var, known, directions)
     body = (
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
-        "training never saw the physical parameters that colour the dots.",
+        "training never saw the physical parameters that colour the dots. Of all directions of z the map shows the two "
+        "along which motors behave most differently on the standard bench (gain, lag, friction, stall, speed), and of "
+        "all constants those that the two tell best, the clearest first.",
     )
     shown = picture(figure, f"The {len(prior.mean)} training motors in the latent space.", "latent map")
     return [

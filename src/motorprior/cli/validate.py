@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from motorprior.cli.stage import begin, description, finish, is_finished, read_f
 from motorprior.exceptions import ConfigError
 from motorprior.identification.validate import (
     ModelOfMotors,
+    Prediction,
     bench_errors,
 )
 from motorprior.robots.pupper_v2 import spec
@@ -47,7 +49,7 @@ COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "
 
 MODELS = (
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
-    "per_motor", "rollout", "physical",
+    "per_motor", "per_motor_play", "rollout", "physical",
 )  # fmt: skip
 """Actuator models in the order of every table."""
 
@@ -148,11 +150,12 @@ def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts)
     tuned = _tune_baselines(config.out, motors, facts)
     models = _models(facts.fleet, priors, tuned)
     with bar("validate: bench, standing robot, hung robot", 4) as progress:
-        figures = _figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
+        figures = fidelity_figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
         write_traces(config.out / TRACES, motors, models, priors, config.seed)
         progress.advance()
     if config.held_out:
         figures |= _held_out_figures(config, priors, facts, tuned, figures)
+    figures |= _residual_figures(priors)
     figures |= _identify_seconds(dict(zip(priors, config.priors, strict=True)))
     write_json(config.out / FIGURES, figures)
 
@@ -177,14 +180,15 @@ def _held_out_figures(
     figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
     with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
         motors = held_out.held_out_motors(facts)
-        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, paths, motors, facts)
+        known = held_out.adapt_all(priors, paths, motors, facts)
+        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
         progress.advance()
-        found = _figures(motors, models, config.seed, progress)
+        found = fidelity_figures(motors, models, config.seed, progress)
         figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
-        if "rollout" in priors:
-            prior, path = priors["rollout"], paths["rollout"]
+        if "rollout" in known:
+            prior, path, rollout = priors["rollout"], paths["rollout"], known["rollout"]
             figures |= held_out.adaptation_figures(
-                prior, path, facts, config.adapt_seconds, config.seed, progress.advance
+                prior, path, facts, config.adapt_seconds, rollout, config.seed, progress.advance
             )
             figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
     return figures
@@ -204,7 +208,10 @@ def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts) -> Id
     return tuned
 
 
-def _figures(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int, progress: Bar) -> dict[str, float]:
+def fidelity_figures(
+    motors: MotorParameters, models: Mapping[str, Prediction], seed: int, progress: Bar
+) -> dict[str, float]:
+    """METRIC/MODEL on the bench, in the standing and in the hung robot; three advances of ``progress``."""
     figures: dict[str, float] = {}
     errors = bench_errors(motors, models, seed)
     for metric, kind in BENCH_METRICS.items():
@@ -236,6 +243,19 @@ def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) ->
     return figures
 
 
+def _residual_figures(priors: dict[str, MotorPrior]) -> dict[str, float]:
+    """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
+    from motorprior.identification.passivity import residual_bound, residual_work
+
+    figures: dict[str, float] = {}
+    for name, prior in priors.items():
+        if prior.network.motor is not None:
+            motors = prior.training_motors(np.arange(len(prior.mean)))
+            figures[f"residual_work/{name}"] = residual_work(motors)
+            figures[f"residual_bound/{name}"] = residual_bound(prior.network)
+    return figures
+
+
 def _finite(value: Any) -> float:
     """Infinity (the simulation broke down) as the largest number JSON can hold."""
     return float(min(value, np.finfo(np.float64).max))
@@ -248,7 +268,15 @@ def show_fidelity(figures: dict[str, float]) -> None:
     if "two_sample_auc" not in figures:
         return
     _show_table("The same on held-out motors, known from 10 s of log each", figures, "/held_out")
-    names = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample", "energy_distance")
+    names = (
+        "adapt_rmse_ratio",
+        "adapt_false_alarms",
+        "adapt_unlikely",
+        "coverage50",
+        "coverage90",
+        "two_sample",
+        "energy_distance",
+    )
     rows = [[name, f"{value:.3f}"] for name, value in figures.items() if name.startswith(names)]
     table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
 

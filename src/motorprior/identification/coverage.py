@@ -12,6 +12,9 @@ from motorprior.identification.reference import draw_residuals
 from motorprior.identification.validate import HELD_OUT, held_out_trials
 
 DRAWS = 40
+REPEATS = 2
+"""Held-out trials per excitation: one held at 100 Hz, one not."""
+LEVELS = (50, 90)
 COVERAGE_STREAM = 23
 
 
@@ -29,6 +32,16 @@ def predictive_draws(
     return np.stack(draws)
 
 
+def band(draws: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper edge (...,) of the central ``level`` % of draws (D, ...).
+
+    Between the ordered draws so that one more draw of the same distribution falls inside with that probability on
+    average (Weibull's positions, p·(D + 1)); the usual ones, p·(D - 1) + 1, promise 90 % and hold 86 % with D = 40.
+    """
+    low, high = np.percentile(draws, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
+    return low, high
+
+
 def coverage(
     network: LatentNetwork, metrics: dict[str, float], posterior: Posterior, motors: MotorParameters, seed: int
 ) -> dict[str, float]:
@@ -38,14 +51,17 @@ def coverage(
         ``coverage50`` and ``coverage90`` over all motors, times and excitations, and per excitation.
     """
     rng, truth = np.random.default_rng([seed, COVERAGE_STREAM]), PhysicalActuator(motors)
-    inside: dict[str, list[float]] = {}
+    found: dict[str, float] = {}
     for kind in HELD_OUT.kinds:
-        case = held_out_trials(kind, len(motors), seed)[0]
-        answer = run(truth, case).joint_pos
-        draws = predictive_draws(network, metrics, posterior, case, rng)
-        for level in (50, 90):
-            low, high = np.percentile(draws, [50 - level / 2, 50 + level / 2], axis=0)
-            share = float(np.mean((answer >= low) & (answer <= high)))
-            inside.setdefault(f"coverage{level}", []).append(share)
-            inside[f"coverage{level}/{kind}"] = [share]
-    return {name: float(np.mean(values)) for name, values in inside.items()}
+        shares = np.zeros(len(LEVELS))
+        for case in held_out_trials(kind, len(motors), seed)[:REPEATS]:
+            answer = run(truth, case).joint_pos
+            draws = predictive_draws(network, metrics, posterior, case, rng)
+            bands = [band(draws, level) for level in LEVELS]
+            shares += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]
+        found |= {f"coverage{level}/{kind}": float(share) for level, share in zip(LEVELS, shares, strict=True)}
+    whole = {
+        f"coverage{level}": float(np.mean([found[f"coverage{level}/{kind}"] for kind in HELD_OUT.kinds]))
+        for level in LEVELS
+    }
+    return whole | found

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import run
@@ -19,6 +20,8 @@ LEVELS = tuple(range(5, 100, 5))
 """Percentiles of the closed-loop residual that are kept."""
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 """Upper bounds of the joint's speed [rad/s] in each pool of residuals: a model errs more where a motor moves."""
+PIECE = 1.0
+"""Logs are taken as pieces of so many seconds [s], each with a mean loss of its own."""
 _SEGMENTS = 20
 
 
@@ -28,17 +31,19 @@ def reference_metrics(
     """Errors of the training motors at their posterior means.
 
     Returns:
-        ``loss_log_mean`` and ``loss_log_std``: of the logarithm of a motor's mean window loss, over motors;
-        ``loss_mean``: mean window loss of all; the same with the ending ``_without_torque`` if the log has torques,
+        ``loss_log_mean`` and ``loss_log_std``: of the logarithm of a motor's mean window loss, over the
+        ``loss_motors`` motors; ``loss_mean``: mean window loss of all; ``loss_pieces``: pieces of PIECE per motor, and
+        ``loss_piece_variance``: variance of their mean losses within a motor, over its mean squared; the same with the
+        ending ``_without_torque`` if the log has torques,
         for new motors whose log has none. For a prior trained in closed loop also ``residual_p05_SPEED`` …
         ``residual_p95_SPEED``: percentiles of joint_pos - simulated joint_pos [rad] when the log's commands and loads
         are replayed from rest, for every pool of SPEEDS of the simulated joint.
     """
-    metrics = _loss_metrics(window_losses(network, data, preset, mean).mean(axis=1), "")
+    metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":
         if data.has_torque:
             blind = replace(data, has_torque=False)
-            metrics |= _loss_metrics(window_losses(network, blind, preset, mean).mean(axis=1), ending(False))
+            metrics |= loss_metrics(window_losses(network, blind, preset, mean), preset, ending(False))
         metrics |= _residual_metrics(LatentActuator(network, mean), log)
     return metrics
 
@@ -48,11 +53,28 @@ def ending(has_torque: bool) -> str:
     return "" if has_torque else "_without_torque"
 
 
-def _loss_metrics(losses: np.ndarray, name_ending: str) -> dict[str, float]:
+def pieces(windows: int, preset: Preset) -> float:
+    """How many pieces of PIECE the ``windows`` of a log are."""
+    return windows / _windows_per_piece(preset)
+
+
+def _windows_per_piece(preset: Preset) -> int:
+    return max(1, round(PIECE / (preset.window * preset.period)))
+
+
+def loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[str, float]:
+    """The ``loss_…`` of `reference_metrics`, from window losses (M, N) in the order of the log."""
+    motor, length = losses.mean(axis=1), _windows_per_piece(preset)
+    count = losses.shape[1] // length
+    cut = losses[:, : count * length].reshape(len(losses), count, length).mean(axis=2)
+    within = np.mean(cut.var(axis=1, ddof=1) / cut.mean(axis=1) ** 2) if count > 1 else 0.0
     return {
-        f"loss_mean{name_ending}": float(losses.mean()),
-        f"loss_log_mean{name_ending}": float(np.log(losses).mean()),
-        f"loss_log_std{name_ending}": float(np.log(losses).std(ddof=1)) if len(losses) > 1 else 0.0,
+        f"loss_mean{name_ending}": float(motor.mean()),
+        f"loss_log_mean{name_ending}": float(np.log(motor).mean()),
+        f"loss_log_std{name_ending}": float(np.log(motor).std(ddof=1)) if len(motor) > 1 else 0.0,
+        f"loss_motors{name_ending}": float(len(motor)),
+        f"loss_pieces{name_ending}": pieces(losses.shape[1], preset),
+        f"loss_piece_variance{name_ending}": float(within),
     }
 
 
@@ -75,19 +97,43 @@ def _pool(joint_vel: np.ndarray) -> np.ndarray:
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
 
 
-def surprise(metrics: dict[str, float], losses: np.ndarray, which: str = "") -> np.ndarray:
+def knows_its_errors(metrics: dict[str, float]) -> bool:
+    """Whether these metrics of a prior, with either `ending`, are such that `surprise` can compute with them."""
+    if "loss_mean" not in metrics:
+        return False
+    endings = [which for which in (ending(True), ending(False)) if f"loss_mean{which}" in metrics]
+    positive = (f"loss_{name}{which}" for which in endings for name in ("mean", "motors", "pieces"))
+    at_least_0 = (f"loss_{name}{which}" for which in endings for name in ("log_std", "piece_variance"))
+    return (
+        all(f"loss_log_mean{which}" in metrics for which in endings)
+        and all(metrics.get(name, 0.0) > 0.0 for name in positive)
+        and all(metrics.get(name, -1.0) >= 0.0 for name in at_least_0)
+    )
+
+
+def surprise(metrics: dict[str, float], losses: np.ndarray, count: float, which: str = "") -> np.ndarray:
     """(M,) probability that a motor of the prior's fleet fits its log as badly: small means unlike anything known.
 
-    One-sided, for log-normal mean window losses; refusing below α has a false-alarm rate of about α.
+    One-sided; refusing below α has a false-alarm rate of about α. Mean losses are log-normal over motors, and so is
+    the mean of n pieces of a motor's log about its own, with the moments of a sum (Fenton & Wilkinson):
+
+        log loss ~ N(m - v/2, s² + v),   v = log(1 + V/n) - log(1 + V/N) or 0 if that is less
+
+    with m, s from logs of N pieces and V the variance of a piece. s is known from as many motors as were
+    trained on: Student's t with a degree of freedom less than them, s² (1 + 1/motors).
 
     Args:
         metrics: of the prior.
         losses: (M,) mean window loss of the new motors at their own posterior means.
+        count: n, pieces in a new log; see `pieces`.
         which: `ending` of the metrics to compare with.
     """
-    spread = max(metrics[f"loss_log_std{which}"], 1e-6)
-    scores = (np.log(losses) - metrics[f"loss_log_mean{which}"]) / spread
-    return np.array([0.5 * math.erfc(score / math.sqrt(2.0)) for score in scores])
+    m, s, motors, whole, variance = (
+        metrics[f"loss_{name}{which}"] for name in ("log_mean", "log_std", "motors", "pieces", "piece_variance")
+    )
+    added = max(0.0, math.log1p(variance / count) - math.log1p(variance / whole))
+    spread = math.sqrt(max(s**2 * (1 + 1 / motors) + added, 1e-12))
+    return student_t.sf((np.log(losses) - m + added / 2) / spread, max(motors - 1, 1))
 
 
 def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:

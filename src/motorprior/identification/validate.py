@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -14,8 +15,21 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.record import BenchPreset, trial
 from motorprior.signals import rmse
 
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Several models of the same motors; it predicts the mean of the trajectories they simulate, each in its own loop.
+
+    A prediction, not an actuator: a simulated robot cannot be in several states at once.
+    """
+
+    members: tuple[Actuator, ...]
+
+
 ModelOfMotors = Callable[[np.ndarray], Actuator]
 """Gives a model of the motors at these indices."""
+Prediction = Callable[[np.ndarray], Actuator | Ensemble]
+"""The same, for models that only predict, too."""
 
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts"), 5)
 """1 s each; loads inside the training range; seeds never used for training."""
@@ -24,6 +38,7 @@ HELD_OUT_SEED, BENCH_STREAM = 7_000_000, 17
 FLOOR_OFFSET = 0.004
 """The floor: the physical motors again, started so far off [rad]."""
 _REPEATS = 4
+RESPONSE = tuple(field.name for field in fields(Response))
 
 
 def held_out_trials(kind: str, motors: int, seed: int) -> list[Trial]:
@@ -43,7 +58,7 @@ def held_out_trials(kind: str, motors: int, seed: int) -> list[Trial]:
 
 
 def bench_errors(
-    motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int
+    motors: MotorParameters, models: Mapping[str, Prediction], seed: int
 ) -> dict[str, dict[str, np.ndarray]]:
     """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
 
@@ -57,9 +72,17 @@ def bench_errors(
         floor = [run(truth, case, FLOOR_OFFSET) for case in cases]
         errors[kind] = {"physical": _mean_rmse(floor, answers)}
         for name, model in models.items():
-            responses = [run(model(index), case) for case in cases]
+            responses = [respond(model(index), case) for case in cases]
             errors[kind][name] = _mean_rmse(responses, answers)
     return errors
+
+
+def respond(model: Actuator | Ensemble, case: Trial) -> Response:
+    """What the model says of a trial."""
+    if not isinstance(model, Ensemble):
+        return run(model, case)
+    answers = [run(member, case) for member in model.members]
+    return Response(*(np.mean([getattr(one, name) for one in answers], axis=0) for name in RESPONSE))
 
 
 def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray:

@@ -10,6 +10,7 @@ from matplotlib.collections import EllipseCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from motorprior.transfer.plots_directions import Directions
 from motorprior.transfer.plots_style import INK, MUTED, TEXT, describe, new_figure, panels, style
 
 PARAMETER_LABELS = {
@@ -34,17 +35,20 @@ PARAMETER_LABELS = {
 _COLUMNS = 2
 
 
-def latent_map(mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, np.ndarray]) -> Figure:
+def latent_map(
+    mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, np.ndarray], directions: Directions | None
+) -> Figure:
     """The training motors in the latent space, coloured by what they physically are.
 
-    Two latents or more: the two directions along which the means vary most, seen from the prior's origin, so
-    that the prior N(0, I) stays a round unit normal; ellipses are one posterior σ, circles one and two σ of
-    the prior. One latent: each parameter over it. None: a note.
+    Two latents or more: the plane of the two directions, seen from the prior's origin, so that the prior N(0, I)
+    stays a round unit normal; ellipses are one posterior σ, circles one and two σ of the prior. One latent: each
+    parameter over it. None: a note.
 
     Args:
         mean: (M, Z) posterior means.
         log_var: (M, Z) their log variances.
         parameters: (M,) of each physical parameter, by its name in `MotorParameters`.
+        directions: those that matter most (`behaviour_directions`); not needed below two latents.
     """
     if mean.shape[1] == 0:
         return _note("No latents: one and the same network stands for every motor.")
@@ -55,41 +59,39 @@ def latent_map(mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, n
     grid = panels(figure, rows, _COLUMNS if len(parameters) > 1 else 1)
     for axes, (name, values) in zip(grid.flat, parameters.items(), strict=False):
         label = PARAMETER_LABELS.get(name, name.replace("_", " "))
-        if mean.shape[1] == 1:
+        if directions is None:
             _along_one_latent(axes, mean[:, 0], log_var[:, 0], values, label)
         else:
-            _on_the_plane(figure, axes, mean, log_var, values, label)
+            _on_the_plane(figure, axes, mean, log_var, values, label, directions)
     for axes in grid.flat[len(parameters) :]:
         axes.remove()
     return figure
 
 
-def plane(mean: np.ndarray) -> np.ndarray:
-    """Orthonormal directions (Z, 2) along which means (M, Z) vary most; the largest entries are positive."""
-    _, _, rows = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=True)
-    directions = rows[:2].T
-    largest = directions[np.argmax(np.abs(directions), axis=0), np.arange(2)]
-    return directions * np.where(largest < 0.0, -1.0, 1.0)
-
-
 def _on_the_plane(
-    figure: Figure, axes: Axes, mean: np.ndarray, log_var: np.ndarray, values: np.ndarray, label: str
+    figure: Figure,
+    axes: Axes,
+    mean: np.ndarray,
+    log_var: np.ndarray,
+    values: np.ndarray,
+    label: str,
+    directions: Directions,
 ) -> None:
     """One panel: prior, posterior ellipses, means coloured by ``values``."""
-    directions = plane(mean)
-    points = mean @ directions
+    points = mean @ directions.axes
     for radius in (1.0, 2.0):
         dashed = {"edgecolor": MUTED, "linewidth": 0.8, "linestyle": (0, (3, 2))}
         axes.add_patch(Circle((0, 0), radius, fill=False, **dashed))
         _sigma_label(axes, radius)
-    _ellipses(axes, points, log_var, directions)
+    _ellipses(axes, points, log_var, directions.axes)
     look = {"cmap": "viridis", "s": 26, "edgecolors": "white", "linewidths": 0.5, "zorder": 3}
     dots = axes.scatter(*points.T, c=values, **look)
     reach = max(2.35, 1.12 * float(np.abs(points).max()))
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     if label:
         _colorbar(figure, axes, dots)
-    describe(axes, x="latent, 1st direction [-]", y="latent, 2nd direction [-]")
+    first, second = (f"{100 * share:.0f} % of behaviour [-]" for share in directions.share)
+    describe(axes, x=f"latent, 1st direction: {first}", y=f"2nd direction: {second}")
     axes.set_title(label, loc="left", fontsize=TEXT + 0.5, color=INK)
     axes.locator_params(nbins=6)
 

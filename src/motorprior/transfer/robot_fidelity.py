@@ -6,14 +6,15 @@ the twin's 1 kHz; the floor is the truth again, started 4 mrad off.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.exceptions import SimulationFault
-from motorprior.identification.validate import FLOOR_OFFSET, HELD_OUT_SEED, ModelOfMotors
+from motorprior.identification.validate import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
 from motorprior.locomotion.trajectory_generator import open_loop_trot
 from motorprior.robots.pupper_v2 import spec
 from motorprior.signals import high_frequency_rms, rmse
@@ -54,7 +55,7 @@ def trot_targets(rng: np.random.Generator, steps: int) -> np.ndarray:
     return open_loop_trot(steps, frequency, intensity, height, ratio, spec.CONTROL_DT)
 
 
-def robot_fidelity(motors: MotorParameters, models: dict[str, ModelOfMotors], hung: bool, seed: int) -> RobotFidelity:
+def robot_fidelity(motors: MotorParameters, models: Mapping[str, Prediction], hung: bool, seed: int) -> RobotFidelity:
     """Compare every model, and the floor, over DRAWS draws of 12 of the motors."""
     fast = World(WorldConfig(physics_dt=spec.PHYSICS_DT, hung=hung))
     fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
@@ -72,9 +73,12 @@ def robot_fidelity(motors: MotorParameters, models: dict[str, ModelOfMotors], hu
     return RobotFidelity(*({name: column[i] for name, column in columns.items()} for i in range(3)))
 
 
-def _try(world: World, actuator: Actuator, targets: np.ndarray, truth: Replay) -> tuple[float, float, float]:
+def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: Replay) -> tuple[float, float, float]:
+    members = model.members if isinstance(model, Ensemble) else (model,)
     try:
-        return _compare(replay(world, actuator, targets), truth)
+        found = [replay(world, member, targets) for member in members]
+        mean = Replay(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Replay)))
+        return _compare(mean, truth)
     except SimulationFault:
         return FAULT_RMSE, float("inf"), float("inf")
 

@@ -1,0 +1,48 @@
+"""The per-motor baseline with play: every motor fitted by itself, nothing shared, no network.
+
+In the manner of PACE (Bjelonic et al., 2025), whose motors have no play.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from motorprior.actuator.geared_motor import PARAMETERS
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.adapt import adapt
+from motorprior.identification.network import PER_MOTOR_SPREAD, export, initial_parameters
+from motorprior.identification.presets import Preset
+from motorprior.identification.standardise import standardised
+from motorprior.identification.windows import TrainingData
+
+_WEAK = 1e-3
+"""Temperature of the fit: a motor's own windows leave the search's N(0, I) no say."""
+
+
+def fit_motors(data: TrainingData, preset: Preset) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
+    """Servo, delay, friction, rotor, gear and play of every motor, fitted to its own log in closed loop.
+
+    The loss is that of rollout over all windows of the log; a global search, Adam and Gauss-Newton steps over
+    the logarithms of the 14 constants find the minimum (`adapt`).
+
+    Args:
+        data: logs of the motors.
+        preset: ``per_motor``.
+
+    Returns:
+        A network, and means and log-variances (M, Z) of the motors, standardised as any prior's: what the fitted
+        motors are together is where a new motor's fit starts from.
+    """
+    found = adapt(_servo(preset, data.scales), data, preset, _WEAK)
+    log_var = np.log(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2), 1e-12))
+    return standardised(_servo(preset, data.scales), found.mean, log_var)
+
+
+def _servo(preset: Preset, scales: dict[str, float]) -> LatentNetwork:
+    """One latent per constant, about the small servo that every training starts from; its network is silent."""
+    start = initial_parameters(np.random.default_rng(0), replace(preset, per_motor=False))
+    start["motor_slope"] = jnp.asarray(PER_MOTOR_SPREAD * np.eye(len(PARAMETERS)), jnp.float32)
+    return export(start, preset, scales)

@@ -1,0 +1,106 @@
+"""`motorprior identify` stopped by Ctrl-C or killed goes on to the same bytes, and its seconds add up."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motorprior.artifacts import read_json, read_tensors, write_json
+from motorprior.cli.console import Bar
+from motorprior.cli.identify import CHECKPOINT, PRIOR, SECONDS, SPENT
+
+Command = Callable[..., Any]
+STEPS = 1200
+"""Checkpoints at 500 and 1000."""
+
+
+def words(bench: Path, out: Path, seed: int = 0) -> list[str]:
+    return [*map(str, ("identify", bench, "--preset", "paper_wide", "--steps", STEPS, "--seed", seed, "--out", out))]
+
+
+@pytest.fixture(scope="module")
+def whole(bench: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Identified by one process that nobody interrupted."""
+    out = tmp_path_factory.mktemp("whole") / "prior"
+    subprocess.run([sys.executable, "-m", "motorprior.cli.main", *words(bench, out)], check=True, capture_output=True)
+    return out
+
+
+def interrupt(monkeypatch: pytest.MonkeyPatch, advance_number: int) -> None:
+    """Send this process SIGINT at that advance of a progress bar."""
+    calls = 0
+
+    def advance(self: Bar, count: int = 1, note: str = "") -> None:
+        nonlocal calls
+        calls += 1
+        if calls == advance_number:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Bar, "advance", advance)
+
+
+def assert_finished_like(out: Path, whole: Path) -> None:
+    for name in (PRIOR, "stage.json"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes()
+    assert sorted(path.name for path in out.iterdir()) == sorted((PRIOR, SECONDS, "stage.json"))
+
+
+@pytest.mark.parametrize("stops", [(7,), (6, 6)], ids=str)  # after one checkpoint, and after two
+def test_ctrl_c_and_the_same_command_again_end_at_the_same_bytes(
+    motorprior: Command, monkeypatch: pytest.MonkeyPatch, interruptible: None, bench: Path, whole: Path, tmp_path: Path,
+    stops: tuple[int, ...],
+):  # fmt: skip
+    out = tmp_path / "prior"
+    for stop in stops:
+        with monkeypatch.context() as context:
+            interrupt(context, stop)
+            outcome = motorprior(*words(bench, out))
+        assert outcome.code == 130 and "run the same command again to continue" in outcome.err
+        assert not (out / PRIOR).exists()
+    assert len(read_tensors(out / CHECKPOINT)[0]["losses"]) == sum(stop // 5 * 5 for stop in stops)
+    assert motorprior(*words(bench, out)).code == 0
+    assert_finished_like(out, whole)
+
+
+def test_a_killed_process_is_continued_from_its_checkpoint(
+    motorprior: Command, bench: Path, whole: Path, tmp_path: Path
+):
+    out = tmp_path / "prior"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "motorprior.cli.main", *words(bench, out)], stderr=subprocess.DEVNULL
+    )
+    while not (out / CHECKPOINT).exists() and process.poll() is None:
+        time.sleep(0.01)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL, "it finished before it could be killed"
+    assert read_json(out / SPENT)["seconds"] > 0.0
+    assert motorprior(*words(bench, out)).code == 0
+    assert_finished_like(out, whole)
+
+
+def test_the_seconds_of_an_interrupted_identification_add_up(
+    motorprior: Command, monkeypatch: pytest.MonkeyPatch, interruptible: None, bench: Path, tmp_path: Path
+):
+    out = tmp_path / "prior"
+    for expected in (0.0, 1000.0):
+        with monkeypatch.context() as context:
+            interrupt(context, 2)
+            assert motorprior(*words(bench, out)).code == 130
+        noted = read_json(out / SPENT)
+        assert expected < noted["seconds"] < expected + 500.0
+        write_json(out / SPENT, noted | {"seconds": expected + 1000.0})  # as if it had worked for so long
+    assert motorprior(*words(bench, out)).code == 0
+    assert 2000.0 < float((out / SECONDS).read_text()) < 2500.0
+
+
+def test_the_seconds_of_another_training_do_not_count(motorprior: Command, bench: Path, tmp_path: Path):
+    out = tmp_path / "prior"
+    write_json(out / SPENT, {"stage": {"stage": "identify"}, "seconds": 5000.0})
+    line = [word if word != str(STEPS) else "100" for word in words(bench, out)]
+    assert motorprior(*line).code == 0
+    assert float((out / SECONDS).read_text()) < 500.0

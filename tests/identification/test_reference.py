@@ -1,0 +1,107 @@
+"""A log is called unlike the prior's fleet as often as is stated, however long it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.record import PRESETS, record
+from motorprior.identification.adapt import adapt, window_losses
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.reference import (
+    ending,
+    knows_its_errors,
+    loss_metrics,
+    pieces,
+    reference_metrics,
+    surprise,
+)
+from motorprior.identification.train import identify
+from motorprior.identification.windows import training_data
+
+FLEET, NEW = load_fleet("mixed"), 48
+RECIPE = replace(
+    identification_preset("rollout"), num_latents=4, num_neurons=4, taps=(0, 1), warm_up=20, window=32, batch=96,
+    steps=300, learning_rate=3e-2, noisy_share=0.0,
+)  # fmt: skip
+
+
+METRICS = {
+    "loss_mean": 0.16, "loss_log_mean": -2.0, "loss_log_std": 0.4, "loss_motors": 24.0, "loss_pieces": 18.0,
+    "loss_piece_variance": 2.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def chances():
+    """{seconds: (NEW,) chances of motors nobody trained on}, at the posteriors after so long a log, or after 5 s."""
+    rng = np.random.default_rng(5)
+    log = record(FLEET.sample(rng, 24), PRESETS["rollout"], 5000, 0, FLEET)
+    data = training_data(log, RECIPE, "log")
+    prior = identify(data, RECIPE, 0)
+    metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, log)
+    new, found, z = FLEET.sample(rng, NEW), {}, np.zeros((NEW, 0))
+    for seconds in (2, 5, 10, 30):
+        log = record(new, PRESETS["adapt"], round(seconds / RECIPE.period), 70 + seconds, FLEET)
+        data = training_data(log, RECIPE, "log")
+        if seconds <= 5:
+            z = adapt(prior.network, data, RECIPE, metrics["loss_mean"], steps=40).mean
+        losses = window_losses(prior.network, data, RECIPE, z)
+        found[seconds] = surprise(metrics, losses.mean(axis=1), pieces(losses.shape[1], RECIPE))
+    return found
+
+
+@pytest.mark.parametrize("seconds", [2, 5, 10, 30])
+def test_new_motors_of_the_fleet_are_rarely_called_strange_whatever_the_length_of_the_log(chances, seconds):
+    own = chances[seconds]
+    for level in (0.01, 0.05, 0.1):  # three standard errors of NEW motors
+        assert np.mean(own < level) <= level + 3 * np.sqrt(level * (1 - level) / NEW), level
+    assert 0.2 < np.median(own) < 0.8
+
+
+def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray:
+    """(motors, windows): a spread of 0.5 between motors' logarithms, pieces with a variance of 2 over mean squared."""
+    length = round(1 / pieces(1, RECIPE))
+    level = np.exp(-2.0 + 0.5 * rng.standard_normal((motors, 1)))
+    of_pieces = np.exp(rng.normal(-0.5 * np.log(3.0), np.sqrt(np.log(3.0)), (motors, seconds)))
+    return np.repeat(level * of_pieces, length, axis=1)
+
+
+def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
+    rng, counts = np.random.default_rng(1), (2, 5, 10, 20, 30)
+    alarms = {(count, level): [] for count in counts for level in (0.01, 0.05)}
+    as_if_long = []
+    for _ in range(100):  # priors, each trained on motors of its own
+        metrics = loss_metrics(losses_of(rng, 32, 20), RECIPE, "")
+        assert metrics["loss_pieces"] == 20.0
+        for count in counts:
+            losses = losses_of(rng, 300, count).mean(axis=1)
+            found = surprise(metrics, losses, float(count))
+            for level in (0.01, 0.05):
+                alarms[count, level].append(np.mean(found < level))
+            if count == 2:
+                as_if_long.append(np.mean(surprise(metrics, losses, 20.0) < 0.01))
+    for (count, level), shares in alarms.items():
+        assert 0.3 * level < np.mean(shares) < 2.0 * level, (count, level, np.mean(shares))
+    assert np.mean(as_if_long) > 0.025  # what the spread of long logs says of short ones
+
+
+def test_a_worse_log_is_never_less_surprising_and_a_longer_one_never_less_telling():
+    losses = np.exp(np.linspace(-4.0, 2.0, 50))
+    assert np.all(np.diff(surprise(METRICS, losses, 5.0)) <= 0.0)
+    bad = np.exp(np.array([-0.5]))
+    by_count = [surprise(METRICS, bad, count)[0] for count in (1.5, 4.0, 9.0, 18.0, 30.0)]
+    assert np.all(np.diff(by_count) <= 0.0) and by_count[-1] == by_count[-2]
+    few = surprise(METRICS | {"loss_motors": 4.0}, bad, 18.0)[0]
+    assert few > by_count[-1]  # a spread known from four motors is known badly
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str):
+    assert knows_its_errors(METRICS)
+    assert not knows_its_errors({key: value for key, value in METRICS.items() if key != name})
+    assert knows_its_errors(METRICS | {"loss_log_mean": -9.0})
+    if name != "loss_log_mean":
+        assert not knows_its_errors(METRICS | {name: -1.0})
+    assert not knows_its_errors(METRICS | {f"loss_mean{ending(False)}": 0.2})  # half of what it would be judged by
