@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor import (
-    CONTACT,
     DAMPING,
+    EXTRA_DAMPING,
     FILTERED_VEL,
-    IMPLICITNESS,
     JOINT_VEL,
+    RESOLVED,
     ROTOR_POS,
     ROTOR_VEL,
     STRIBECK_VELOCITY,
@@ -32,26 +32,29 @@ from motorprior.identification.presets import PRESETS
 
 MOTORS, STEPS, DT = 24, 100, 0.002
 SEED = 4
-SUBSTEPS = 2
 
 
 def rotor_velocity(p, target, r, v, filtered, twist, dq, h):
-    """The root v' of armature·(v' - v)/h = law - viscous·v' - gear - friction·sign(v'); gear, contact and filter."""
-    half = 0.5 * p["backlash"]
-    coming = twist + h * (v - dq)
+    """The root v' of armature·(v' - v)/h = law - viscous·v̄ - gear - friction·sign(v'); gear, contact and filter."""
+    half, stiffness = 0.5 * p["backlash"], np.minimum(p["gear_stiffness"], RESOLVED * p["armature"] / h**2)
+    coming = twist + 0.5 * h * (v - dq)
     contact = np.abs(coming) > half
-    spring = np.where(contact, p["gear_stiffness"] * (twist - np.sign(coming) * half), 0.0)
-    damper = np.where(contact, p["gear_damping"] + IMPLICITNESS * h * p["gear_stiffness"], 0.0)
+    spring = np.where(contact, stiffness * (twist - np.sign(coming) * half), 0.0)
+    damper = np.where(contact, p["gear_damping"] + EXTRA_DAMPING * h * stiffness, 0.0)
     friction = p["coulomb"] + p["stribeck_torque"] / (1 + (v / STRIBECK_VELOCITY) ** 2)
     friction += p["load_friction"] * np.abs(spring + damper * (v - dq))
-    smoothing = 1 - np.exp(-h / p["velocity_filter"])
+    decay = np.exp(-h / p["velocity_filter"])
+    smoothing = 1 - (1 - decay) * p["velocity_filter"] / h
+
+    def gear(mean):
+        return spring + np.where(contact, 0.5 * h * stiffness, 0.0) * (mean - v) + damper * (mean - dq)
 
     def surplus(u):
-        speed = filtered + smoothing * (u - filtered)
-        law = p["kp"] * (target - (r + 0.5 * h * u) - p["encoder_zero"]) - p["kp"] * p["kd_over_kp"] * speed
-        law = np.clip(law, -p["torque_limit"], p["torque_limit"])
-        gear = spring + damper * (u - dq)
-        return p["armature"] * (u - v) / h - law + p["viscous_damping"] * u + gear + friction * np.sign(u)
+        mean = 0.5 * (v + u)
+        speed = filtered + smoothing * (mean - filtered)
+        law = p["kp"] * (target - (r + 0.5 * h * (mean - v)) - p["encoder_zero"])
+        law = np.clip(law - p["kp"] * p["kd_over_kp"] * speed, -p["torque_limit"], p["torque_limit"])
+        return p["armature"] * (u - v) / h - law + p["viscous_damping"] * mean + gear(mean) + friction * np.sign(u)
 
     low, high = np.full_like(v, -300.0), np.full_like(v, 300.0)
     for _ in range(64):
@@ -59,7 +62,8 @@ def rotor_velocity(p, target, r, v, filtered, twist, dq, h):
         beyond = surplus(middle) > 0
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
     u = 0.5 * (low + high)
-    return u, spring + damper * (u - dq), contact, filtered + smoothing * (u - filtered)
+    mean = 0.5 * (v + u)
+    return u, gear(mean), contact, mean + decay * (filtered - mean)
 
 
 class NumpyMotor:
@@ -69,27 +73,24 @@ class NumpyMotor:
         self.p, n = values, len(joint_pos)
         self.rotor_pos, self.rotor_vel, self.filtered = joint_pos.copy(), np.zeros(n), np.zeros(n)
         self.joint_vel, self.damping = np.zeros(n), np.zeros(n)
-        self.commands = [target] * 22
+        self.commands = [target] * 24
 
     def step(self, target, q, dq):
         self.commands.insert(0, target)
-        ages, past = self.p["delay"] / DT, np.array(self.commands[:22])
-        wanted = np.array([np.interp(age, np.arange(22), past[:, i]) for i, age in enumerate(ages)])
+        ages, past = self.p["delay"] / DT + 0.5, np.array(self.commands[:24])
+        wanted = np.array([np.interp(age, np.arange(24), past[:, i]) for i, age in enumerate(ages)])
         return self.advance(wanted, q, dq)
 
     def advance(self, wanted, q, dq):
         """(torque, damping) for a step towards delayed targets."""
-        h, force, share = DT / SUBSTEPS, 0.0, 0.0
         self.rotor_vel = self.rotor_vel + DT * self.damping * (dq - self.joint_vel) / self.p["armature"]
-        self.joint_vel = dq
-        for k in range(SUBSTEPS):
-            twist = self.rotor_pos - (q + k * h * dq)
-            found = rotor_velocity(self.p, wanted, self.rotor_pos, self.rotor_vel, self.filtered, twist, dq, h)
-            self.rotor_vel, gear, contact, self.filtered = found
-            self.rotor_pos = self.rotor_pos + h * self.rotor_vel
-            force, share = force + gear / SUBSTEPS, share + contact / SUBSTEPS
-        self.damping = share * (self.p["gear_damping"] + DT * self.p["gear_stiffness"]) / 2
-        return force + self.damping * dq, self.damping
+        self.joint_vel, twist = dq, self.rotor_pos - q
+        found = rotor_velocity(self.p, wanted, self.rotor_pos, self.rotor_vel, self.filtered, twist, dq, DT)
+        self.rotor_vel, gear, contact, self.filtered = found
+        self.rotor_pos = self.rotor_pos + DT * self.rotor_vel
+        stiffness = np.minimum(self.p["gear_stiffness"], RESOLVED * self.p["armature"] / DT**2)
+        self.damping = contact * (self.p["gear_damping"] + DT * stiffness) / 2
+        return gear + self.damping * dq, self.damping
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +140,7 @@ def test_one_step_is_one_in_all_three(motors):
         arrays.memory[1 + row] = s[name]
     step_actuator(arrays, DT, s["target"].copy(), s["q"].copy(), s["dq"].copy(), torque)
     np.testing.assert_allclose(arrays.memory[1 + TARGET], s["target"])  # no command has changed
-    contact = arrays.memory[1 + CONTACT]
-    assert set(contact) == {0.0, 1.0, 2.0}  # apart, touching, and from one to the other
+    assert 0 < np.count_nonzero(arrays.damping) < MOTORS  # apart and touching
 
     constants = {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in s.items()}

@@ -3,26 +3,26 @@
     log θ = center + zᵀ·slope            θ: the 14 PARAMETERS, kept within e^±LOG_REACH of the centre;
                                          encoder_zero = ZERO_SCALE·(center + zᵀ·slope), which may be negative
 
-All quantities at the output shaft. The motor is advanced in substeps h of at most SUBSTEP, linearly implicit in the
-rotor's velocity v', while the joint moves on at its present velocity dq:
+All quantities at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to t + h/2, as
+the engines' own semi-implicit Euler does with the joint's: every force is meant at t, and a motion is right to second
+order in h. Linearly implicit in the rotor's new velocity v'; v̄ = (v + v')/2 is its velocity at t:
 
-    gear      s = twist ∓ backlash/2,  twist = rotor_pos - joint_pos;  in contact where twist + h·(v - dq) is beyond
-              the play;  D = gear_damping + IMPLICITNESS·h·gear_stiffness;  τ_gear = gear_stiffness·s + D·(v' - dq)
-    friction  F = coulomb + load_friction·|τ_gear| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    law       τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v_filtered', ±torque_limit),
-              θ = rotor_pos + h·v'/2 + encoder_zero
-    rotor     armature·(v' - v)/h = τ_law - viscous_damping·v' - τ_gear - F·sign(v'),  stuck where F is enough
+    gear      s = twist ∓ backlash/2,  twist = rotor_pos - joint_pos, in contact where twist + h/2·(v - dq) is beyond
+              the play;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
+              τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
+    friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
+    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos + h/2·(v̄ - v) +
+              encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to t + h/2
+    rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  stuck where F is enough
 
-The joint gets torque = mean τ_gear + d·dq and damping d = share of the step in contact · (gear_damping +
-step·gear_stiffness)/2 for the engine to integrate implicitly (the mean over the step, to second order in it): a stiff
-gear on a light shank then stays stable. What that takes from the joint is given back to the rotor one step later, so
-that momentum is kept.
+The joint gets torque = τ_gear + d·dq and damping d = (gear_damping + h·gear_stiffness)/2 while the gear touches, for
+the engine to integrate implicitly: a stiff gear on a light shank then stays stable. What that takes from the joint is
+given back to the rotor one step later, so that momentum is kept.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -41,10 +41,10 @@ PARAMETERS = (
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
 )  # fmt: skip
 """Units as in `physical.MotorParameters`; kd_over_kp [s]."""
-SUBSTEP = 0.001
-"""Longest substep [s]."""
-IMPLICITNESS = 0.65
-"""Share of the end of a substep in the gear's spring: 0.5 is exact to second order, 1 damps most."""
+EXTRA_DAMPING = 0.1
+"""Of the gear, so that a bare shank does not chatter [steps of its stiffness]."""
+RESOLVED = 1.5
+"""Largest gear_stiffness·h²/armature: a stiffer gear is simulated as if it were only so stiff, or it would explode."""
 LONGEST_DELAY = 0.04
 """[s]; a motor keeps its commands for so long."""
 LOG_REACH = 2.5
@@ -56,9 +56,9 @@ STRIBECK_VELOCITY = 0.3
 
 (
     _KP, _KD, _FILTER, _DELAY, _LIMIT, _ARMATURE, _COULOMB, _STRIBECK, _VISCOUS, _LOAD_FRICTION,
-    _STIFFNESS, _HALF_PLAY, _GEAR_DAMPING, _ZERO,
-) = range(len(PARAMETERS))  # fmt: skip
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, TARGET, CONTACT, _RING = range(8)
+    _STIFFNESS, _HALF_PLAY, _GEAR_DAMPING, _ZERO, _MEAN_FILTER,
+) = range(len(PARAMETERS) + 1)  # fmt: skip
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, TARGET, _RING = range(7)
 """Rows of the memory; the delay line follows."""
 
 
@@ -82,23 +82,24 @@ class GearedMotor:
 
 
 def motor_table(values: dict[str, np.ndarray], physics_dt: float) -> np.ndarray:
-    """(P, n) constants as the compiled step wants them: kd, half the play, delay in steps, filter gain per substep."""
+    """(P + 1, n) constants as the compiled step wants them: kd, half the play, delay in steps, gains of the filter.
+
+    Of a filter with time constant T, the velocity after a step moves by 1 - exp(-h/T) towards the input, its mean over
+    the step by 1 - (1 - exp(-h/T))·T/h.
+    """
     table = np.stack([values[name] for name in PARAMETERS])
+    steps = physics_dt / values["velocity_filter"]
     table[_KD] = values["kp"] * values["kd_over_kp"]
     table[_DELAY] = values["delay"] / physics_dt
-    table[_FILTER] = 1.0 - np.exp(-physics_dt / _substeps(physics_dt) / values["velocity_filter"])
+    table[_FILTER] = -np.expm1(-steps)
+    table[_STIFFNESS] = np.minimum(values["gear_stiffness"], RESOLVED * values["armature"] / physics_dt**2)
     table[_HALF_PLAY] = 0.5 * values["backlash"]
-    return table
+    return np.concatenate([table, [1.0 - table[_FILTER] / steps]])
 
 
 def memory_rows(physics_dt: float) -> int:
     """Rows of the memory at this physics step [s]."""
-    return _RING + math.ceil(LONGEST_DELAY / physics_dt - 1e-9) + 2
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _substeps(physics_dt: float) -> int:
-    return max(1, math.ceil(physics_dt / SUBSTEP - 1e-9))
+    return _RING + math.ceil(LONGEST_DELAY / physics_dt - 1e-9) + 3
 
 
 @njit(cache=True, nogil=True)
@@ -112,21 +113,19 @@ def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_po
 
 @njit(cache=True, nogil=True)
 def _listen(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
-    """Delayed targets, linear between steps."""
+    """Delayed targets, linear between steps: their means from half a step before to half a step after now."""
     newest = now % (memory.shape[0] - _RING)
     for motor in range(position_target.shape[0]):
         memory[_RING + newest, motor] = position_target[motor]
-        memory[TARGET, motor] = delayed_target(memory, _RING, newest, p[_DELAY, motor], motor)
+        memory[TARGET, motor] = delayed_target(memory, _RING, newest, p[_DELAY, motor] + 0.5, motor)
 
 
 class Rotor(NamedTuple):
-    """What changes in a substep, of as many motors as there are lanes; force and contact are sums over the step."""
+    """What a step changes, of as many motors as there are lanes."""
 
     pos: Vector
     vel: Vector
     filtered: Vector
-    force: Vector
-    contact: Vector
 
 
 def _rub(impulse: Vector, friction: Vector) -> Vector:
@@ -135,34 +134,41 @@ def _rub(impulse: Vector, friction: Vector) -> Vector:
     return where(rest > 0.0, rest, 0.0 * rest).with_sign_of(impulse)
 
 
-def _substep(p: list[Vector], rotor: Rotor, target: Vector, q: Vector, dq: Vector, h: Vector, ahead: Vector) -> Rotor:
-    """Advance rotors by ``h``; the joints are where they will be after ``ahead`` [s] of their present velocity."""
-    r, v, filtered, none = rotor.pos, rotor.vel, rotor.filtered, 0.0 * h
-    twist, half = r - q - ahead * dq, p[_HALF_PLAY]
-    coming = twist + h * (v - dq)
-    above, below = coming > half, coming < -half
-    pressed = where(above, twist - half, where(below, twist + half, none))
+def _step(
+    p: list[Vector], rotor: Rotor, target: Vector, q: Vector, dq: Vector, h: Vector
+) -> tuple[Rotor, Vector, Vector]:
+    """Rotors after ``h``, the gears' torque and the damping for the engine."""
+    r, v, filtered, half_h, none = rotor.pos, rotor.vel, rotor.filtered, 0.5 * h, 0.0 * h
+    twist, half_play = r - q, p[_HALF_PLAY]
+    coming = twist + half_h * (v - dq)
+    above, below = coming > half_play, coming < -half_play
+    pressed = where(above, twist - half_play, where(below, twist + half_play, none))
     contact = where(above, none + 1.0, where(below, none + 1.0, none))
-    spring = contact * p[_STIFFNESS] * pressed
-    damping = contact * (p[_GEAR_DAMPING] + IMPLICITNESS * h * p[_STIFFNESS])
+    stiffness, damper = contact * p[_STIFFNESS], contact * p[_GEAR_DAMPING]
+    damping = 0.5 * (damper + h * stiffness)
+    damper = damper + EXTRA_DAMPING * h * stiffness
+    gear, lead = stiffness * pressed + damper * (v - dq), damper + half_h * stiffness
+
     ratio = v / STRIBECK_VELOCITY
     friction = p[_COULOMB] + p[_STRIBECK] / (1.0 + ratio * ratio)
-    friction = h * (friction + p[_LOAD_FRICTION] * abs(spring + damping * (v - dq)))
-    gain = p[_FILTER]
-    braking = p[_KD] * gain + 0.5 * h * p[_KP]
-    push = p[_KP] * (target - r - p[_ZERO]) - p[_KD] * (1.0 - gain) * filtered
-    carried = p[_ARMATURE] * v + h * (damping * dq - spring)
-    inertia = p[_ARMATURE] + h * (p[_VISCOUS] + damping)
-    free = _rub(carried + h * push, friction) / (inertia + h * braking)
-    law = push - braking * free
+    friction = h * (friction + p[_LOAD_FRICTION] * abs(gear))
+    # forces are those at v, plus their slopes times v̄ - v = (v' - v)/2
+    push = p[_KP] * (target - r - p[_ZERO]) - p[_KD] * (filtered + p[_MEAN_FILTER] * (v - filtered))
+    braking = p[_KD] * p[_MEAN_FILTER] + half_h * p[_KP]
+    inertia = p[_ARMATURE] + half_h * (lead + p[_VISCOUS])
+    carried = inertia * v - h * (gear + p[_VISCOUS] * v)
+    free = _rub(carried + h * push + half_h * braking * v, friction) / (inertia + half_h * braking)
+    law = push - 0.5 * braking * (free - v)
     held = _rub(carried + h * law.clipped(p[_LIMIT]), friction) / inertia
-    v = where(abs(law) > p[_LIMIT], held, free)
-    force = rotor.force + (spring + damping * (v - dq))
-    return Rotor(r + h * v, v, filtered + gain * (v - filtered), force, rotor.contact + contact)
+    after = where(abs(law) > p[_LIMIT], held, free)
+
+    mean = 0.5 * (v + after)
+    moved = Rotor(r + h * after, after, filtered + p[_FILTER] * (mean - filtered))
+    return moved, gear + lead * (mean - v), damping
 
 
-def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, substeps: Any) -> None:
-    """All substeps of one physics step, for ``width`` neighbouring motors.
+def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any) -> None:
+    """One physics step for ``width`` neighbouring motors.
 
     Args:
         builder: of the code (llvmlite).
@@ -170,31 +176,22 @@ def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, su
         columns: of table, memory, joint_pos, joint_vel, torque and damping: (address of the first motor's element in
             the first row, bytes from row to row).
         physics_dt: [s].
-        substeps: their number.
     """
     table, memory, *vectors = columns
 
     def read(column: Any, row: int = 0) -> Vector:
         return Vector.load(builder, _row(builder, column, row), width)
 
-    p = [read(table, row) for row in range(len(PARAMETERS))]
+    p = [read(table, row) for row in range(len(PARAMETERS) + 1)]
     q, dq = (read(column) for column in vectors[:2])
-    dt = Vector.broadcast(builder, physics_dt, width)
-    count = Vector.broadcast(builder, builder.sitofp(substeps, physics_dt.type), width)
-    h, target, none = dt / count, read(memory, TARGET), 0.0 * dt
+    h = Vector.broadcast(builder, physics_dt, width)
     # the momentum that the engine's implicit damping took from the joint
-    vel = read(memory, ROTOR_VEL) + dt * read(memory, DAMPING) * (dq - read(memory, JOINT_VEL)) / p[_ARMATURE]
-    rotor = _repeated(
-        builder, substeps, Rotor(read(memory, ROTOR_POS), vel, read(memory, FILTERED_VEL), none, none),
-        lambda now, k: _substep(p, now, target, q, dq, h, Vector.broadcast(builder, k, width) * h),
-    )  # fmt: skip
-    damping = 0.5 * (rotor.contact / count) * (p[_GEAR_DAMPING] + dt * p[_STIFFNESS])
-    (rotor.force / count + damping * dq).store(_row(builder, vectors[2], 0))
+    vel = read(memory, ROTOR_VEL) + h * read(memory, DAMPING) * (dq - read(memory, JOINT_VEL)) / p[_ARMATURE]
+    before = Rotor(read(memory, ROTOR_POS), vel, read(memory, FILTERED_VEL))
+    rotor, gear, damping = _step(p, before, read(memory, TARGET), q, dq, h)
+    (gear + damping * dq).store(_row(builder, vectors[2], 0))
     damping.store(_row(builder, vectors[3], 0))
-    left = {
-        ROTOR_POS: rotor.pos, ROTOR_VEL: rotor.vel, FILTERED_VEL: rotor.filtered, JOINT_VEL: dq, DAMPING: damping,
-        CONTACT: rotor.contact,
-    }  # fmt: skip
+    left = {ROTOR_POS: rotor.pos, ROTOR_VEL: rotor.vel, FILTERED_VEL: rotor.filtered, JOINT_VEL: dq, DAMPING: damping}
     for row, value in left.items():
         value.store(_row(builder, memory, row))
 
@@ -205,34 +202,23 @@ def _row(builder: Any, column: Any, row: int) -> Any:
     return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
 
 
-def _repeated(builder: Any, count: Any, start: Rotor, advance: Callable[[Rotor, Any], Rotor]) -> Rotor:
-    """``advance`` of the state and the number of the substep (a float64 of the code), ``count`` times."""
-    slots = [cgutils.alloca_once_value(builder, part.value) for part in start]
-    with cgutils.for_range(builder, count) as loop:
-        now = Rotor(*(Vector(builder, builder.load(slot)) for slot in slots))
-        after = advance(now, builder.sitofp(loop.index, ir.DoubleType()))
-        for slot, part in zip(slots, after, strict=True):
-            builder.store(part.value, slot)
-    return Rotor(*(Vector(builder, builder.load(slot)) for slot in slots))
-
-
 def _stepper(width: int) -> Any:
     """An intrinsic that steps ``width`` motors."""
 
-    def step(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps):
+    def step(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
         """From motor number ``first`` on; the arrays are those of `step_geared_motor`."""
         arrays = (table, memory, joint_pos, joint_vel, torque, damping)
         if any(array.layout != "C" or array.dtype != types.float64 for array in arrays):
             raise TypingError("the motors' arrays must be contiguous float64")
-        signature = types.void(types.intp, *arrays, types.float64, types.intp)
+        signature = types.void(types.intp, *arrays, types.float64)
 
         def codegen(context, builder, signature, arguments):
-            first, *values, physics_dt, substeps = arguments
+            first, *values, physics_dt = arguments
             columns = [
                 _column(context, builder, kind, value, first)
                 for kind, value in zip(signature.args[1:], values, strict=False)
             ]
-            _emit_step(builder, width, columns, physics_dt, substeps)
+            _emit_step(builder, width, columns, physics_dt)
             return context.get_dummy_value()
 
         return signature, codegen
@@ -266,7 +252,7 @@ def step_geared_motor(
     """Write (n,) torque [N·m] and damping [N·m·s/rad] for the physics step that begins now.
 
     Args:
-        p: (P, n) of `motor_table` for this step. All arrays are contiguous.
+        p: (P + 1, n) of `motor_table` for this step. All arrays are contiguous.
         memory: (rows, n) state.
         now: steps since the reset.
         physics_dt: [s].
@@ -277,16 +263,16 @@ def step_geared_motor(
         damping: (n,) overwritten.
     """
     _listen(p, memory, now, position_target)
-    n, substeps, first = torque.shape[0], _substeps(physics_dt), 0
+    n, first = torque.shape[0], 0
     while first < n:
         if n - first >= 8:
-            _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps)
+            _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
             first += 8
         elif n - first >= 4:
-            _step_four(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps)
+            _step_four(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
             first += 4
         else:
-            _step_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt, substeps)
+            _step_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
             first += 1
 
 

@@ -53,7 +53,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool) -> Roll
     """
     taps, dt = np.asarray(preset.taps), preset.period
     limit = scales["torque_limit"] / scales["torque_scale"]
-    kept = max(preset.taps[-1], round(LONGEST_DELAY / dt)) + 1
+    kept = max(preset.taps[-1], round(LONGEST_DELAY / dt) + 1) + 1
 
     def start(first: jnp.ndarray) -> _Memory:
         error = _fill((first[:, TARGET] - first[:, POS]) / scales["error_scale"], kept)
@@ -70,7 +70,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool) -> Roll
         torque = scales["torque_scale"] * jnp.clip(scaled_torque(parameters, inputs, bias), -limit, limit)
         damping = jnp.zeros_like(q)
         if preset.grey_box:
-            state, gear, damping = advance(motor, state, delayed(commands, motor["delay"], dt), q, dq, dt)
+            wanted = delayed(commands, motor["delay"] + 0.5 * dt, dt)
+            state, gear, damping = advance(motor, state, wanted, q, dq, dt)
             torque = torque + gear
         return _Memory(errors, velocities, commands, state), torque, damping
 

@@ -5,19 +5,18 @@ A parity test (1e-5) ties the two. Shapes: B motors side by side; constants and 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from motorprior.actuator.geared_motor import (
-    IMPLICITNESS,
+    EXTRA_DAMPING,
     LOG_REACH,
     LONGEST_DELAY,
     PARAMETERS,
+    RESOLVED,
     STRIBECK_VELOCITY,
-    SUBSTEP,
     ZERO_SCALE,
 )
 from motorprior.identification.network import Parameters
@@ -93,33 +92,6 @@ def _rub(impulse: jnp.ndarray, friction: jnp.ndarray) -> jnp.ndarray:
     return jnp.sign(impulse) * jnp.maximum(jnp.abs(impulse) - friction, 0.0)
 
 
-def _substep(
-    motor: Constants, state: MotorState, target: jnp.ndarray, joint_pos: jnp.ndarray, h: float
-) -> tuple[MotorState, jnp.ndarray, jnp.ndarray]:
-    """The state after h, the gear's torque and whether it touched."""
-    r, v, filtered, dq, _ = state
-    twist, half = r - joint_pos, 0.5 * motor["backlash"]
-    coming = twist + h * (v - dq)
-    above, below = coming > half, coming < -half
-    pressed = jnp.where(above, twist - half, jnp.where(below, twist + half, 0.0))
-    contact = (above | below).astype(r.dtype)
-    spring = contact * motor["gear_stiffness"] * pressed
-    damping = contact * (motor["gear_damping"] + IMPLICITNESS * h * motor["gear_stiffness"])
-    dry = motor["coulomb"] + motor["stribeck_torque"] / (1.0 + (v / STRIBECK_VELOCITY) ** 2)
-    friction = h * (dry + motor["load_friction"] * jnp.abs(spring + damping * (v - dq)))
-    gain, kd = 1.0 - jnp.exp(-h / motor["velocity_filter"]), motor["kp"] * motor["kd_over_kp"]
-    braking = kd * gain + 0.5 * h * motor["kp"]
-    push = motor["kp"] * (target - r - motor["encoder_zero"]) - kd * (1.0 - gain) * filtered
-    carried = motor["armature"] * v + h * (damping * dq - spring)
-    inertia = motor["armature"] + h * (motor["viscous_damping"] + damping)
-    free = _rub(carried + h * push, friction) / (inertia + h * braking)
-    law, limit = push - braking * free, motor["torque_limit"]
-    held = _rub(carried + h * jnp.clip(law, -limit, limit), friction) / inertia
-    v = jnp.where(jnp.abs(law) > limit, held, free)
-    after = MotorState(r + h * v, v, filtered + gain * (v - filtered), dq, state.damping)
-    return after, spring + damping * (v - dq), contact
-
-
 def advance(
     motor: Constants,
     state: MotorState,
@@ -128,14 +100,37 @@ def advance(
     joint_vel: jnp.ndarray,
     dt: float,
 ) -> tuple[MotorState, jnp.ndarray, jnp.ndarray]:
-    """One step ``dt`` [s]: the new state, torque [N·m] and damping [N·m·s/rad] for the joint; see `geared_motor`."""
-    substeps = max(1, math.ceil(dt / SUBSTEP - 1e-9))
-    h = dt / substeps
-    given_back = dt * state.damping * (joint_vel - state.joint_vel) / motor["armature"]
-    state = state._replace(rotor_vel=state.rotor_vel + given_back, joint_vel=joint_vel)
-    force, touching = jnp.zeros_like(joint_pos), jnp.zeros_like(joint_pos)
-    for k in range(substeps):
-        state, gear, contact = _substep(motor, state, target, joint_pos + k * h * joint_vel, h)
-        force, touching = force + gear / substeps, touching + contact / substeps
-    damping = 0.5 * touching * (motor["gear_damping"] + dt * motor["gear_stiffness"])
-    return state._replace(damping=damping), force + damping * joint_vel, damping
+    """One step ``dt`` [s]: the new state, torque [N·m] and damping [N·m·s/rad] for the joint; see `geared_motor`.
+
+    ``target`` is the delayed command's mean over the step.
+    """
+    h, r, filtered, dq = dt, state.rotor_pos, state.filtered_vel, joint_vel
+    v = state.rotor_vel + h * state.damping * (dq - state.joint_vel) / motor["armature"]
+
+    twist, half_play = r - joint_pos, 0.5 * motor["backlash"]
+    coming = twist + 0.5 * h * (v - dq)
+    above, below = coming > half_play, coming < -half_play
+    pressed = jnp.where(above, twist - half_play, jnp.where(below, twist + half_play, 0.0))
+    contact = (above | below).astype(r.dtype)
+    stiffness = contact * jnp.minimum(motor["gear_stiffness"], RESOLVED * motor["armature"] / h**2)
+    damping = 0.5 * (contact * motor["gear_damping"] + h * stiffness)
+    damper = contact * motor["gear_damping"] + EXTRA_DAMPING * h * stiffness
+    gear, lead = stiffness * pressed + damper * (v - dq), damper + 0.5 * h * stiffness
+
+    dry = motor["coulomb"] + motor["stribeck_torque"] / (1.0 + (v / STRIBECK_VELOCITY) ** 2)
+    friction = h * (dry + motor["load_friction"] * jnp.abs(gear))
+    steps, kd = h / motor["velocity_filter"], motor["kp"] * motor["kd_over_kp"]
+    gain = -jnp.expm1(-steps)
+    smoothing = 1.0 - gain / steps
+    push = motor["kp"] * (target - r - motor["encoder_zero"]) - kd * (filtered + smoothing * (v - filtered))
+    braking = kd * smoothing + 0.5 * h * motor["kp"]
+    inertia = motor["armature"] + 0.5 * h * (lead + motor["viscous_damping"])
+    carried = inertia * v - h * (gear + motor["viscous_damping"] * v)
+    free = _rub(carried + h * push + 0.5 * h * braking * v, friction) / (inertia + 0.5 * h * braking)
+    law, limit = push - 0.5 * braking * (free - v), motor["torque_limit"]
+    held = _rub(carried + h * jnp.clip(law, -limit, limit), friction) / inertia
+    after = jnp.where(jnp.abs(law) > limit, held, free)
+
+    mean = 0.5 * (v + after)
+    torque = gear + lead * (mean - v) + damping * dq
+    return MotorState(r + h * after, after, filtered + gain * (mean - filtered), dq, damping), torque, damping

@@ -17,7 +17,8 @@ class TrainingData:
 
     Attributes:
         series: (M, R, 6) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
-            has none), external_torque, load_inertia.
+            has none), external_torque, load_inertia. For a rollout the velocities are those of half a period before
+            and the torques means about the sample, as a semi-implicit step takes them.
         starts: (S,) first rows of the windows that lie inside one segment.
         has_torque: whether the log has joint_torque.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
@@ -30,6 +31,7 @@ class TrainingData:
 
 
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)
+MEANS = (VEL, TORQUE, EXTERNAL)
 
 
 def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
@@ -49,12 +51,26 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.load_inertia,
     )
     series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
+    if preset.objective == "rollout":
+        series = _centred(series, log)
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=_window_starts(log, preset, where),
         scales=_scales(log, where),
         has_torque=log.joint_torque is not None,
     )
+
+
+def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
+    """(R, M, 6) with velocities and torques as means of their row and the one before in the segment.
+
+    A log's velocity at t becomes that at t - dt/2, its torques, means from t to t + dt, those about t.
+    """
+    before = series.copy()
+    for part in log.segment_slices():
+        before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
+    series[..., MEANS] = 0.5 * (series + before)[..., MEANS]
+    return series
 
 
 def _require(log: MotorLog, preset: Preset, where: str) -> None:

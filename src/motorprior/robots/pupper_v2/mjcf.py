@@ -43,16 +43,24 @@ def _leg(leg: str) -> str:
       </body>"""
 
 
-def _foot_pair(leg: str, friction: float) -> str:
+CONTACT_TIME, CONTACT_DT = 0.02, 0.001
+"""Time constant of a foot's contact, MuJoCo's default, and longest step at which it is damped critically [s]."""
+
+
+def _foot_pair(leg: str, friction: float, physics_dt: float) -> str:
     sliding = f"{friction:.9g} {friction:.9g} 0.005 0.0001 0.0001"
-    return f'<pair geom1="floor" geom2="{leg}_foot" condim="3" friction="{sliding}"/>'
+    damping = max(1.0, physics_dt / CONTACT_DT)
+    contact = f"{CONTACT_TIME:.9g} {damping:.9g}"
+    return f'<pair geom1="floor" geom2="{leg}_foot" condim="3" friction="{sliding}" solref="{contact}"/>'
 
 
 def mjcf(*, physics_dt: float = spec.PHYSICS_DT, foot_friction: float = spec.FOOT_FRICTION, hung: bool = False) -> str:
     """MJCF of the robot on a flat floor.
 
     Four explicit foot-floor pairs are the only contacts: knees and chassis of a robot that goes down pass
-    through the floor until the episode ends (tilt 0.4 rad, height 0.05 m). Constraint islands are off, the
+    through the floor until the episode ends (tilt 0.4 rad, height 0.05 m). A longer step leaves more bounce in a
+    contact: its damping ratio grows with the step, so that the same motors trot alike at 1 and 2 ms
+    (``benchmarks/contact.py``). Constraint islands are off, the
     Jacobian dense and the integrator Euler with implicit joint damping, which is fastest for a robot of this
     size.
 
@@ -64,7 +72,7 @@ def mjcf(*, physics_dt: float = spec.PHYSICS_DT, foot_friction: float = spec.FOO
     base = "" if hung else '<freejoint name="base"/>'
     height = 0.4 if hung else spec.standing_height()
     legs = "".join(_leg(leg) for leg in spec.LEGS)
-    pairs = "".join(_foot_pair(leg, foot_friction) for leg in spec.LEGS)
+    pairs = "".join(_foot_pair(leg, foot_friction, physics_dt) for leg in spec.LEGS)
     box = tuple(size / 2 for size in spec.CHASSIS_BOX_SIZE)
     return f"""<mujoco model="{spec.ROBOT_NAME}">
   <compiler angle="radian" autolimits="true"/>
