@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import GREY_BOX, LATENT, ActuatorArrays, require_step
+from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
 from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
 from motorprior.exceptions import ConfigError
@@ -65,6 +66,8 @@ class LatentNetwork:
     has_armature: bool
     motor: GearedMotor | None = None
     """the physical half of a grey box"""
+    copula: Copula | None = None
+    """from z ~ N(0, I) to the latents that all the above is a function of; None: z itself"""
 
     @property
     def num_latents(self) -> int:
@@ -76,17 +79,30 @@ class LatentNetwork:
         """H."""
         return self.w2.shape[0]
 
+    def decoder_latents(self, z: np.ndarray) -> np.ndarray:
+        """(n, Z) what weights and constants are functions of, for motors with latents z (n, Z)."""
+        return z if self.copula is None else self.copula.decoder_latents(z)
+
+    def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
+        """(n,) physical constants by name, of a grey box."""
+        assert self.motor is not None
+        return self.motor.decode(self.decoder_latents(z))
+
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z); that of a grey box is inside its motor."""
         if self.motor is not None:
-            return self.motor.decode(z)["armature"]
+            return self.constants(z)["armature"]
         if not self.has_armature:
             return np.zeros(len(z))
-        return np.exp(float(self.log_armature) + z @ self.armature_slope)
+        return np.exp(float(self.log_armature) + self.decoder_latents(z) @ self.armature_slope)
+
+    def bias(self, z: np.ndarray) -> np.ndarray:
+        """(n, H) first-layer bias b1 + V1ᵀ·latents of motors with latents z (n, Z)."""
+        return self.b1 + self.decoder_latents(z) @ self.v1
 
     def torque(self, inputs: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Reference in numpy: inputs (n, 2T) already scaled, z (n, Z) -> (n,) torque [N·m]."""
-        first = inputs @ self.w1 + z @ self.v1 + self.b1
+        first = inputs @ self.w1 + self.bias(z)
         second = (first / (1 + np.abs(first))) @ self.w2 + self.b2
         raw = self.torque_scale * ((second / (1 + np.abs(second))) @ self.w3 + self.b3)
         return np.clip(raw, -self.torque_limit, self.torque_limit)
@@ -133,7 +149,7 @@ class LatentActuator:
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
-            parameters = np.concatenate([parameters, motor_table(net.motor.decode(self.z), physics_dt)])
+            parameters = np.concatenate([parameters, motor_table(net.constants(self.z), physics_dt)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(
             kind=LATENT if net.motor is None else GREY_BOX,
@@ -167,7 +183,7 @@ def _folded_biases(net: LatentNetwork, z: np.ndarray, blocks: int) -> np.ndarray
     """(blocks, 2H + 1, 16): b1 + V1ᵀz, b2 and b3 of every motor."""
     padded = np.zeros((blocks * LANES, net.num_latents))
     padded[: len(z)] = z
-    first = padded @ net.v1 + net.b1
+    first = net.bias(padded)
     second = np.broadcast_to(net.b2, first.shape)
     last = np.broadcast_to(float(net.b3), (len(padded), 1))
     every = np.concatenate([first, second, last], axis=1).astype(np.float32)

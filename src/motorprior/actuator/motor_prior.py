@@ -8,26 +8,30 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _WEIGHTS = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
 _MOTOR = ("motor_center", "motor_slope")
 """Of a grey box only."""
+_COPULA = ("mixing", "quantiles")
+"""Of a prior with standardised latents only."""
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _HEADER = (
-    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", "grey_box",
+    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", "grey_box", "standardised",
     "motor_parameters", *_SCALES, "preset", "robot", "motor", "provenance", "metrics",
 )  # fmt: skip
 _KINDS = {
     "has_armature": bool,
     "grey_box": bool,
+    "standardised": bool,
     "preset": str,
     "robot": str,
     "motor": str,
@@ -94,10 +98,13 @@ class MotorPrior:
         tensors = {name: np.asarray(getattr(net, name), np.float64) for name in _WEIGHTS}
         if net.motor is not None:
             tensors |= {"motor_center": net.motor.center, "motor_slope": net.motor.slope}
+        if net.copula is not None:
+            tensors |= {"mixing": net.copula.mixing, "quantiles": net.copula.quantiles}
         header = {
             "schema_version": SCHEMA_VERSION, "kind": "motor prior", "units": UNITS, "sign": SIGN,
             "input_order": INPUT_ORDER, "taps": list(net.taps), "period": net.period,
             "has_armature": net.has_armature, "grey_box": net.motor is not None,
+            "standardised": net.copula is not None,
             "motor_parameters": list(PARAMETERS), **{name: getattr(net, name) for name in _SCALES},
             "preset": self.preset, "robot": self.robot, "motor": self.motor,
             "provenance": self.provenance, "metrics": self.metrics,
@@ -123,15 +130,23 @@ class MotorPrior:
             )
         require_keys(header, _HEADER, path)
         _check_meaning(header, path)
-        require_keys(tensors, (*_WEIGHTS, *(_MOTOR if header["grey_box"] else ()), "mean", "log_var"), path)
+        require_keys(tensors, (*_WEIGHTS, *_optional(header), "mean", "log_var"), path)
         _check_shapes(tensors, header, path)
         numbers: dict[str, Any] = {name: float(header[name]) for name in ("period", *_SCALES)}
         arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
         motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"]) if header["grey_box"] else None
-        taps = tuple(header["taps"])
-        network = LatentNetwork(**arrays, **numbers, taps=taps, has_armature=header["has_armature"], motor=motor)
+        copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
+        network = LatentNetwork(
+            **arrays, **numbers, taps=tuple(header["taps"]), has_armature=header["has_armature"], motor=motor,
+            copula=copula,
+        )  # fmt: skip
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         return cls(network, tensors["mean"], tensors["log_var"], **texts)
+
+
+def _optional(header: dict[str, Any]) -> tuple[str, ...]:
+    """Names of the tensors that only some priors have, of this one."""
+    return (*(_MOTOR if header["grey_box"] else ()), *(_COPULA if header["standardised"] else ()))
 
 
 def _check_meaning(header: dict[str, Any], path: Path) -> None:
@@ -177,9 +192,10 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
         "b2": (neurons,), "w3": (neurons,), "b3": (), "log_armature": (), "armature_slope": (latents,),
         "mean": (motors, latents), "log_var": (motors, latents),
         "motor_center": (len(PARAMETERS),), "motor_slope": (latents, len(PARAMETERS)),
+        "mixing": (latents, latents), "quantiles": (len(SCORES), latents),
     }  # fmt: skip
     for name, shape in wanted.items():
-        if name in _MOTOR and not header["grey_box"]:
+        if name in (*_MOTOR, *_COPULA) and name not in _optional(header):
             continue
         value = tensors[name]
         if value.shape != shape or value.dtype != np.float64:
@@ -190,6 +206,10 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
                 f"{name} holds {np.abs(value).max():.3g}, beyond {largest:g}", where=path,
                 remedy="the training diverged: identify it anew",
             )  # fmt: skip
+    if header["standardised"]:
+        mixing, rises = tensors["mixing"], np.diff(tensors["quantiles"], axis=0)
+        if np.any(rises <= 0) or np.linalg.matrix_rank(mixing) < latents:
+            raise ArtifactError("quantiles that do not rise, or a singular mixing", where=path, remedy=_ANEW)
     if motors == 0:
         raise ArtifactError("it has 0 training motors", where=path, remedy=_ANEW)
     if neurons == 0 or neurons % 4:

@@ -97,8 +97,8 @@ def fleet_constants(prior: MotorPrior) -> dict[str, tuple[float, float]]:
     if prior.network.motor is None:
         return {}
     latents = prior.network.num_latents
-    drawn = prior.network.motor.decode(np.random.default_rng(0).standard_normal((_FLEET_DRAWS, latents)))
-    central = prior.network.motor.decode(np.zeros((1, latents)))
+    drawn = prior.network.constants(np.random.default_rng(0).standard_normal((_FLEET_DRAWS, latents)))
+    central = prior.network.constants(np.zeros((1, latents)))
     low_high = {name: np.percentile(drawn[name], [16, 84]) for name in PARAMETERS}
     return {name: (float(central[name][0]), float(0.5 * np.ptp(low_high[name]))) for name in PARAMETERS}
 

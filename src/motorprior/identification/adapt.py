@@ -74,26 +74,40 @@ def adapt(
     """
     windows = jnp.asarray(tiled_windows(data, preset))
     count, loss = windows.shape[1], motor_loss(network, preset, data.has_torque)
-    parameters, scales = import_parameters(network), scales_of(network)
-    objective = OBJECTIVES[preset.objective](preset, scales, data.has_torque, bounded=False)
+    curvatures = _curvatures(network, preset, data.has_torque, windows)
 
     def energy(z: jnp.ndarray, motor_windows: jnp.ndarray) -> jnp.ndarray:
         """U(z) / N."""
         return loss(z, motor_windows) / temperature + 0.5 * jnp.sum(z**2) / count
 
-    @jax.jit
-    def curvatures(z: jnp.ndarray) -> jnp.ndarray:
-        """(M, Z, Z) of the loss."""
-        return jax.lax.map(lambda one: objective.gauss_newton(parameters, one[1], one[0]), (z, windows))
-
     start = _best_starts(loss, windows, network.num_latents)
     modes = _polish(
         energy, lambda z: curvatures(z) / temperature, windows, start, _descend(energy, windows, start, steps)
     )
-    curvature = curvatures(modes)
     losses = jax.jit(jax.vmap(loss))(modes, windows)
-    covariance = _laplace(np.asarray(curvature, np.float64) * count / temperature)
+    covariance = _laplace(np.asarray(curvatures(modes), np.float64) * count / temperature)
     return Posterior(np.asarray(modes, np.float64), covariance, np.asarray(losses, np.float64), count)
+
+
+def laplace_covariance(
+    network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray, temperature: float
+) -> np.ndarray:
+    """(M, Z, Z) covariance of motors whose modes z (M, Z) are known; see the module."""
+    windows = jnp.asarray(tiled_windows(data, preset))
+    curvature = _curvatures(network, preset, data.has_torque, windows)(jnp.asarray(z, jnp.float32))
+    return _laplace(np.asarray(curvature, np.float64) * windows.shape[1] / temperature)
+
+
+def _curvatures(network: LatentNetwork, preset: Preset, has_torque: bool, windows: jnp.ndarray):
+    """A function from z (M, Z) to the (M, Z, Z) Gauss-Newton matrices of the loss on (M, N, length, channels)."""
+    parameters = import_parameters(network)
+    objective = OBJECTIVES[preset.objective](preset, scales_of(network), has_torque, bounded=False)
+
+    @jax.jit
+    def curvatures(z: jnp.ndarray) -> jnp.ndarray:
+        return jax.lax.map(lambda one: objective.gauss_newton(parameters, one[1], one[0]), (z, windows))
+
+    return curvatures
 
 
 def motor_loss(network: LatentNetwork, preset: Preset, has_torque: bool):

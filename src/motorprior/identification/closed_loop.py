@@ -20,7 +20,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor import LONGEST_DELAY
 from motorprior.identification.motor_dynamics import Constants, MotorState, advance, at_rest, decode, delayed
-from motorprior.identification.network import Parameters, armature, motor_bias, scaled_torque
+from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias, scaled_torque
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, TORQUE, VEL
 
@@ -78,6 +78,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool) -> Roll
     def rollout(
         parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray
     ) -> tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]:
+        z = decoder_latents(parameters, z)
         bias, motor = motor_bias(parameters, z), decode(parameters, z, bounded) if preset.grey_box else {}
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]

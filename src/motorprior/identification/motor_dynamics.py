@@ -67,8 +67,8 @@ def decode(parameters: Parameters, z: jnp.ndarray, bounded: bool) -> Constants:
         z: latents.
         bounded: limit what each row adds to a gradient; reverse mode only.
     """
-    reach = jnp.clip(z @ parameters["motor_slope"], -LOG_REACH, LOG_REACH)
-    raw = parameters["motor_center"] + reach
+    slope = parameters["motor_slope"]  # (P,) in a training with a latent for each constant
+    raw = parameters["motor_center"] + jnp.clip(z @ slope if slope.ndim == 2 else z * slope, -LOG_REACH, LOG_REACH)
     raw = _bounded_gradient(raw) if bounded else raw
     values = {name: jnp.exp(raw[..., row]) for row, name in enumerate(PARAMETERS)}
     values["delay"] = jnp.minimum(values["delay"], LONGEST_DELAY)

@@ -10,6 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from motorprior.actuator import copula
 from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.presets import Preset
@@ -23,10 +24,8 @@ INITIAL_MOTOR = {
     "backlash": 0.015, "gear_damping": 0.03,
 }  # fmt: skip
 """Start of a grey box's central motor, in SI units: a small geared servo."""
-INITIAL_SPREAD = 0.1
-"""Standard deviation of the logarithms per latent."""
-PER_MOTOR_SPREAD = 0.5
-"""The same where every motor has constants of its own, and the step of their descent."""
+MIXED_SPREAD, OWN_SPREAD = 0.1, 0.5
+"""Start of the logarithms' change per latent: every latent's on every constant, or each on its own."""
 NO_PLAY = 1e-5
 """[rad]"""
 _RIGID = ("backlash", "gear_stiffness", "gear_damping")
@@ -53,10 +52,12 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
     }
     if preset.grey_box:  # the network starts silent: the physics explain what they can
         center = np.array([np.log(INITIAL_MOTOR[name]) if name in INITIAL_MOTOR else 0.0 for name in PARAMETERS])
-        slope = INITIAL_SPREAD * rng.standard_normal((latents, len(PARAMETERS)))
+        slope = MIXED_SPREAD * rng.standard_normal((latents, len(PARAMETERS)))
+        if preset.own_latents:
+            slope = np.full(len(PARAMETERS), OWN_SPREAD)
         if preset.per_motor:
             center[PARAMETERS.index("backlash")] = np.log(NO_PLAY)
-            slope = np.diag([PER_MOTOR_SPREAD * (name not in _RIGID) for name in PARAMETERS])
+            slope = OWN_SPREAD * np.array([name not in _RIGID for name in PARAMETERS])
         parameters |= {"w3": jnp.zeros(neurons), "motor_center": jnp.asarray(center, jnp.float32)}
         parameters |= {"motor_slope": jnp.asarray(slope, jnp.float32)}
     return parameters
@@ -64,6 +65,11 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
 
 def _softsign(x: jnp.ndarray) -> jnp.ndarray:
     return x / (1.0 + jnp.abs(x))
+
+
+def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
+    """(B, Z) latents of the decoder for z (B, Z): z itself before a prior is standardised."""
+    return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
 
 
 def motor_bias(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
@@ -89,13 +95,18 @@ def import_parameters(network: LatentNetwork) -> Parameters:
     values = {name: getattr(network, name) for name in names}
     if network.motor is not None:
         values |= {"motor_center": network.motor.center, "motor_slope": network.motor.slope}
+    if network.copula is not None:
+        values |= {"mixing": network.copula.mixing, "quantiles": network.copula.quantiles}
     return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
 
 
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network for simulation."""
     values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
-    motor = GearedMotor(values.pop("motor_center"), values.pop("motor_slope")) if preset.grey_box else None
+    motor = None
+    if preset.grey_box:
+        slope = values.pop("motor_slope")
+        motor = GearedMotor(values.pop("motor_center"), np.diag(slope) if preset.own_latents else slope)
     values |= scales
     return LatentNetwork(
         **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, motor=motor

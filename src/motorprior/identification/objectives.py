@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.identification.closed_loop import closed_loop
-from motorprior.identification.network import Parameters, motor_bias, scaled_torque
+from motorprior.identification.network import Parameters, decoder_latents, motor_bias, scaled_torque
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, TARGET, TORQUE, VEL
 
@@ -78,7 +78,7 @@ def torque_objective(preset: Preset, scales: dict[str, float], has_torque: bool,
         error = (newest[..., TARGET] - newest[..., POS]) / scales["error_scale"]
         velocity = newest[..., VEL] / scales["velocity_scale"]
         inputs = jnp.concatenate([error[:, taps], velocity[:, taps]], axis=1)
-        predicted = scaled_torque(parameters, inputs, motor_bias(parameters, z))
+        predicted = scaled_torque(parameters, inputs, motor_bias(parameters, decoder_latents(parameters, z)))
         return (predicted - newest[:, 0, TORQUE] / scales["torque_scale"])[None]
 
     return Objective(residuals, jnp.square, lambda r: jnp.full_like(r, 2.0), 1.0)

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.geared_motor import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.adapt import adapt
-from motorprior.identification.network import PER_MOTOR_SPREAD, export, initial_parameters
+from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.presets import Preset
-from motorprior.identification.standardise import standardised
+from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.windows import TrainingData
 
 _WEAK = 1e-3
@@ -36,13 +34,11 @@ def fit_motors(data: TrainingData, preset: Preset) -> tuple[LatentNetwork, np.nd
         A network, and means and log-variances (M, Z) of the motors, standardised as any prior's: what the fitted
         motors are together is where a new motor's fit starts from.
     """
-    found = adapt(_servo(preset, data.scales), data, preset, _WEAK)
-    log_var = np.log(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2), 1e-12))
-    return standardised(_servo(preset, data.scales), found.mean, log_var)
+    servo = _servo(preset, data.scales)
+    return standard_posterior(servo, data, preset, adapt(servo, data, preset, _WEAK).mean)
 
 
 def _servo(preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """One latent per constant, about the small servo that every training starts from; its network is silent."""
     start = initial_parameters(np.random.default_rng(0), replace(preset, per_motor=False))
-    start["motor_slope"] = jnp.asarray(PER_MOTOR_SPREAD * np.eye(len(PARAMETERS)), jnp.float32)
     return export(start, preset, scales)

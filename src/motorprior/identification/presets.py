@@ -24,10 +24,14 @@ class Preset:
             a short one teaches too little friction, with which a wrong state is forgotten sooner.
         window: steps of a rollout (1 for torque regression).
         noisy_share: share of the training in which z is drawn from the motors' posteriors; after it z is their mean.
+            Noise hides what the logs say only faintly, such as dry friction beside viscous.
         batch: windows per Adam step.
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
-        per_motor: every motor has constants of its own: z scales them one by one, without gear play or network.
+        own_latents: each latent scales one of the 14 constants; otherwise the decoder mixes them.
+        per_motor: every motor has constants of its own, one latent each, without gear play or network.
+        standardise: after the training the latents become those in which the training motors are N(0, I), and their
+            posteriors a Laplace approximation (`posterior`).
     """
 
     objective: str
@@ -44,7 +48,9 @@ class Preset:
     batch: int = 256
     steps: int = 3000
     learning_rate: float = 3e-3
+    own_latents: bool = False
     per_motor: bool = False
+    standardise: bool = False
 
     @property
     def history(self) -> int:
@@ -62,8 +68,8 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": Preset(
-        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=12, num_neurons=8, kl_weight=3e-4,
-        warm_up=90, noisy_share=0.5, learning_rate=1e-2,
+        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=1e-4,
+        warm_up=120, noisy_share=0.0, steps=4000, learning_rate=1e-2, own_latents=True, standardise=True,
     ),
     "one_motor": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
@@ -71,9 +77,9 @@ PRESETS = {
     ),
     "per_motor": Preset(
         "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=4, kl_weight=0.0,
-        warm_up=90, noisy_share=0.0, learning_rate=1e-2, per_motor=True,
+        warm_up=90, noisy_share=0.0, learning_rate=1e-2, own_latents=True, per_motor=True, standardise=True,
     ),
-    "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True),
+    "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
     "actuator_net": Preset(
         "torque", 0.002, (0, 5, 10), has_armature=False, num_latents=0, num_neurons=32, window=1, batch=1024, steps=4000

@@ -1,12 +1,12 @@
 """Latents in which the training motors together are N(0, I), so that a draw of N(0, I) is a motor like them.
 
-The KL term pulls the motors' posteriors towards N(0, I), not their sum onto it: directions that the logs say little
-about stay narrower, and draws would be wider than the motors. z acts through linear maps only, so z = m + L·z' with
+A training leaves the motors anywhere: on other scales, skew, in a box. A Gaussian copula (`actuator.copula`) is put
+before the decoder: each latent keeps the distribution that it has among the training motors, from their quantiles, and
+the correlations R of its normal scores are shrunk, since few motors always look correlated,
 
-    m = mean_i μ_i,   L·Lᵀ = cov_i μ_i + mean_i diag(σ_i²)
+    (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
 
-is absorbed into the decoder: motors stay what they are, but for constants that the decoder clips (LOG_REACH), about the
-new centre from then on.
+(Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005). The motors stay what they are.
 """
 
 from __future__ import annotations
@@ -15,51 +15,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.distribution import aggregate_posterior_summary
 
-MOTORS_PER_LATENT = 2
-"""With fewer motors the covariance would be mostly chance, and the latents stay as they are."""
+MOTORS_AT_LEAST = 8
+"""With fewer motors quantiles would be mostly chance, and the latents stay as they are."""
+_RISE = 1e-6
+"""Smallest slope of a latent over its score."""
 
 
-def standardised(
-    network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray
-) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """The same motors in latents whose aggregate posterior has mean 0 and covariance I.
+def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwork, np.ndarray]:
+    """The same motors in latents in which they are together N(0, I).
 
     Args:
-        network: trained.
-        mean: (M, Z) posterior means.
-        log_var: (M, Z) logarithms of their variances.
+        network: trained, without a copula.
+        mean: (M, Z) latents of the training motors.
 
     Returns:
-        The network, means and log-variances in the new latents; as given if there are none, or too few motors. The
-        posteriors stay diagonal: only their variances along the new latents are kept.
+        The network and the new latents; as given if there are none, or too few motors.
     """
     motors, latents = mean.shape
-    if latents == 0 or motors < MOTORS_PER_LATENT * latents:
-        return network, mean, log_var
-    together = aggregate_posterior_summary(mean, log_var)
-    factor = np.linalg.cholesky(together.covariance)
-    inverse = np.linalg.inv(factor)
-    return (
-        _absorb(network, together.mean, factor),
-        (mean - together.mean) @ inverse.T,
-        np.log(np.exp(log_var) @ (inverse**2).T),
-    )
+    if latents == 0 or motors < MOTORS_AT_LEAST:
+        return network, mean
+    quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen") + _RISE * SCORES[:, None]
+    normal = scores(quantiles, mean)
+    mixing = np.linalg.cholesky(shrunk_correlation(normal)).T
+    return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
 
-def _absorb(network: LatentNetwork, center: np.ndarray, factor: np.ndarray) -> LatentNetwork:
-    """The network as a function of z' where z = center + factor·z'."""
-    motor = network.motor
-    if motor is not None:
-        motor = GearedMotor(motor.center + center @ motor.slope, factor.T @ motor.slope)
-    return replace(
-        network,
-        b1=network.b1 + center @ network.v1,
-        v1=factor.T @ network.v1,
-        log_armature=np.asarray(network.log_armature + center @ network.armature_slope),
-        armature_slope=factor.T @ network.armature_slope,
-        motor=motor,
-    )
+def shrunk_correlation(x: np.ndarray) -> np.ndarray:
+    """(Z, Z) correlation matrix of (M, Z) samples, shrunk towards independence; positive definite."""
+    count, size = x.shape
+    spread = x.std(axis=0)
+    standard = (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    products = standard[:, :, None] * standard[:, None, :]
+    apart = ~np.eye(size, dtype=bool)
+    variance = count / (count - 1) ** 3 * np.sum((products - products.mean(axis=0)) ** 2, axis=0)
+    correlation = products.mean(axis=0)
+    total = np.sum(correlation[apart] ** 2)
+    shrinkage = min(1.0, float(np.sum(variance[apart]) / total)) if total > 0 else 1.0
+    return np.where(apart, (1.0 - shrinkage) * correlation, 1.0)

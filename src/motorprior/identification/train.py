@@ -20,8 +20,8 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.identification.distribution import aggregate_posterior_summary
 from motorprior.identification.network import Parameters, export, initial_parameters
 from motorprior.identification.objectives import OBJECTIVES, kl_to_standard_normal
+from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import Preset
-from motorprior.identification.standardise import standardised
 from motorprior.identification.windows import TrainingData, draw
 
 CHUNK = 100
@@ -35,8 +35,7 @@ Progress = Callable[[int, int, float], None]
 class Identified:
     """A trained network with every training motor's posterior, (M, Z) each.
 
-    ``losses``: every CHUNK steps; ``aggregate_kl``: of all posteriors together to N(0, I) as trained [nat], before the
-    latents were standardised.
+    ``losses``: every CHUNK steps; ``aggregate_kl``: of all posteriors together to N(0, I) [nat].
     """
 
     network: LatentNetwork
@@ -89,8 +88,10 @@ def identify(
     trained = state[0]
     network = export(trained["network"], preset, data.scales)
     mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+    if preset.standardise:
+        network, mean, log_var = standard_posterior(network, data, preset, mean)
     divergence = aggregate_posterior_summary(mean, log_var).kl if mean.size else 0.0
-    return Identified(*standardised(network, mean, log_var), np.asarray(losses), float(divergence))
+    return Identified(network, mean, log_var, np.asarray(losses), float(divergence))
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:

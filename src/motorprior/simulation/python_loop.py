@@ -111,7 +111,7 @@ def torchscript_torque(actuator: LatentActuator) -> Torque | None:
         torch.nn.Linear(*net.w2.shape),
         torch.nn.Linear(len(net.w3), 1),
     )
-    folded = torch.from_numpy(actuator.z @ net.v1 + net.b1).float()
+    folded = torch.from_numpy(net.bias(actuator.z)).float()
     values = ((first, net.w1.T, 0.0 * net.b1), (second, net.w2.T, net.b2), (last, net.w3[None], np.atleast_1d(net.b3)))
     for layer, weight, bias in values:
         layer.weight.data, layer.bias.data = torch.from_numpy(weight.copy()).float(), torch.tensor(bias).float()

@@ -1,0 +1,33 @@
+"""The posterior of the training motors: standardised latents, and how well each motor's log knows them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.adapt import laplace_covariance, window_losses
+from motorprior.identification.presets import Preset
+from motorprior.identification.standardise import standardised
+from motorprior.identification.windows import TrainingData
+
+
+def standard_posterior(
+    network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray
+) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
+    """Network, means and log-variances (M, Z) in latents in which the motors together are N(0, I).
+
+    The variances are the diagonal of the Laplace approximation that `adapt` makes of a new motor's posterior, with the
+    motors' own mean loss as temperature.
+
+    Args:
+        network: trained.
+        data: the motors' logs.
+        preset: of the training.
+        mean: (M, Z) latents found for the motors.
+    """
+    network, mean = standardised(network, mean)
+    if mean.size == 0:
+        return network, mean, np.zeros_like(mean)
+    temperature = float(window_losses(network, data, preset, mean).mean())
+    covariance = laplace_covariance(network, data, preset, mean, temperature)
+    return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
