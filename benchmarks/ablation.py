@@ -128,7 +128,13 @@ def measure(point: Point) -> dict[str, float]:
     from motorprior.identification.train import identify
     from motorprior.identification.windows import training_data
 
-    preset = replace(RECIPE, steps=point.adam_steps, num_latents=point.latents, kl_weight=point.kl_weight)
+    preset = replace(
+        RECIPE,
+        steps=point.adam_steps,
+        num_latents=point.latents,
+        own_latents=point.latents == RECIPE.num_latents,
+        kl_weight=point.kl_weight,
+    )
     fleet = load_fleet(point.fleet)
     motors, rng = training_motors(fleet, point.motors, point.seed), np.random.default_rng([point.seed, TAG])
     log = record(motors, BENCH, round(point.seconds / BENCH.period), point.seed, fleet)

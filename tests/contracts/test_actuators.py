@@ -183,7 +183,7 @@ def static_band(actuator):
         motors, left_over = actuator.motors, 0.0
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
     elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
-        values, left_over = actuator.network.motor.decode(actuator.z), LEFT_OVER
+        values, left_over = actuator.network.constants(actuator.z), LEFT_OVER
         dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]
     else:
         return LIMIT, LIMIT

@@ -18,7 +18,14 @@ from motorprior.logs.motor_log import MotorLog
 
 BENCH = PRESETS["rollout"]
 RECIPE = replace(
-    identification_preset("rollout"), num_latents=2, num_neurons=16, warm_up=30, steps=500, batch=128, window=32
+    identification_preset("rollout"),
+    own_latents=False,
+    num_latents=2,
+    num_neurons=16,
+    warm_up=30,
+    steps=500,
+    batch=128,
+    window=32,
 )
 
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import (
     DAMPING,
     EXTRA_DAMPING,
@@ -96,7 +97,8 @@ class NumpyMotor:
 @pytest.fixture(scope="module")
 def motors(grey_network) -> LatentActuator:
     network: LatentNetwork = grey_network(spread=0.3, network=0.7, seed=1)
-    return LatentActuator(network, np.random.default_rng(2).standard_normal((MOTORS, 3)))
+    copula = Copula(np.linalg.cholesky(0.7 * np.eye(3) + 0.3).T, (SCORES + 0.1 * SCORES**2)[:, None] * np.ones(3))
+    return LatentActuator(replace(network, copula=copula), np.random.default_rng(2).standard_normal((MOTORS, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +112,8 @@ def trial() -> Trial:
 
 def states(motors: LatentActuator):
     """Random rotors, joints and delayed targets: in and out of contact, at rest and moving."""
-    rng, assert_motor = np.random.default_rng(3), motors.network.motor
-    assert assert_motor is not None
-    values, n = assert_motor.decode(motors.z), MOTORS
+    rng = np.random.default_rng(3)
+    values, n = motors.network.constants(motors.z), MOTORS
     moving = rng.integers(0, 2, n)
     names = ("q", "dq", "rotor_pos", "rotor_vel", "filtered", "joint_vel", "damping", "target")
     scales = np.array([0.3, 4.0, 0.3, 4.0, 4.0, 4.0, 0.1, 0.3])
@@ -162,9 +163,8 @@ def test_one_step_is_one_in_all_three(motors):
 def in_numpy(motors: LatentActuator, trial: Trial):
     """(steps, n) joint_pos, joint_vel and joint_torque of the dynamometer."""
     net, targets = motors.network, trial.position_target
-    assert net.motor is not None
     q, dq = targets[0].copy(), np.zeros(MOTORS)
-    motor, out = NumpyMotor(net.motor.decode(motors.z), q, targets[0]), []
+    motor, out = NumpyMotor(net.constants(motors.z), q, targets[0]), []
     errors, speeds = [0 * q] * (net.taps[-1] + 1), [0 * q] * (net.taps[-1] + 1)
     for target, push in zip(targets, trial.external_torque, strict=True):
         errors, speeds = [(target - q) / net.error_scale, *errors], [dq / net.velocity_scale, *speeds]
@@ -188,7 +188,9 @@ def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_numpy(motors, t
 
 def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_jax(motors, trial):
     response, net = run(motors, trial), motors.network
-    preset = replace(PRESETS["rollout"], taps=net.taps, num_latents=3, num_neurons=8, warm_up=30, window=STEPS + 1)
+    preset = replace(
+        PRESETS["rollout"], own_latents=False, taps=net.taps, num_latents=3, num_neurons=8, warm_up=30, window=STEPS + 1
+    )
     assert preset.history + preset.window == len(trial.position_target)
     load = np.broadcast_to(trial.load_inertia, trial.position_target.shape)
     channels = (

@@ -22,7 +22,7 @@ from motorprior.identification.presets import PRESETS
 
 TAPS = (0, 1, 3)
 NETWORK = replace(PRESETS["latent_network"], taps=TAPS, num_neurons=8, num_latents=2, window=40)
-GREY_BOX = replace(PRESETS["rollout"], taps=TAPS, num_neurons=8, num_latents=2, warm_up=9, window=40)
+GREY_BOX = replace(PRESETS["rollout"], own_latents=False, taps=TAPS, num_neurons=8, num_latents=2, warm_up=9, window=40)
 ROLLOUTS = pytest.mark.parametrize("preset", [NETWORK, GREY_BOX], ids=["network", "grey box"])
 TORQUE = replace(PRESETS["paper"], taps=TAPS, num_neurons=8, num_latents=2)
 SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 0.7, "torque_limit": 0.08}

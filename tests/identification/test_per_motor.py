@@ -24,7 +24,7 @@ def test_motors_are_fitted_one_by_one_with_their_play():
     data = training_data(record(motors, bench_preset("adapt"), 2500, 0, fleet), RECIPE, "log")
     network, mean, log_var = fit_motors(data, RECIPE)
     assert network.motor is not None and mean.shape == log_var.shape == (3, 14)
-    found = network.motor.decode(mean)
+    found = network.constants(mean)
     np.testing.assert_allclose(found["backlash"], motors.backlash, rtol=0.3, atol=0.002)
     case = held_out_trials("gait", 3, 0)[0]
     truth = run(PhysicalActuator(motors), case).joint_pos

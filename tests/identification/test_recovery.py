@@ -27,7 +27,7 @@ TRAINED, NEW = 10, 5
 """Motors per constant."""
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(
-    identification_preset("rollout"), taps=(0, 1), num_latents=4, num_neurons=4, warm_up=20, window=32, batch=96,
+    identification_preset("rollout"), own_latents=False, taps=(0, 1), num_latents=4, num_neurons=4, warm_up=20, window=32, batch=96,
     steps=300, learning_rate=3e-2, noisy_share=0.0, kl_weight=1e-3,
 )  # fmt: skip
 
@@ -67,7 +67,7 @@ def posterior(log: MotorLog, prior: Identified) -> Posterior:
 def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:
     """Spearman's of decoded against true constant, over the motors where it varies."""
     assert prior.network.motor is not None
-    decoded, count = prior.network.motor.decode(z), len(motors) // len(RANGES)
+    decoded, count = prior.network.constants(z), len(motors) // len(RANGES)
     found = {}
     for group, name in enumerate(RANGES):
         rows = slice(group * count, (group + 1) * count)
@@ -88,7 +88,7 @@ def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, p
 def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: Posterior):
     """Root mean square of log(decoded / true), after 5 s of log and a training of seconds: 0.2 is 20 %."""
     assert prior.network.motor is not None
-    truth, decoded, found = fleets(NEW, 2), prior.network.motor.decode(posterior.mean), {}
+    truth, decoded, found = fleets(NEW, 2), prior.network.constants(posterior.mean), {}
     for group, name in enumerate(RANGES):
         own = slice(group * NEW, (group + 1) * NEW)
         found[name] = float(np.sqrt(np.mean(np.log(decoded[name][own] / getattr(truth, name)[own]) ** 2)))

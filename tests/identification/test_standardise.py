@@ -1,42 +1,65 @@
-"""New latents, the same motors: what they are together becomes N(0, I)."""
+"""New latents, the same motors: what they are together becomes N(0, I), and draws are like them."""
 
 import numpy as np
 import pytest
+from scipy.stats import ks_2samp
 
-from motorprior.identification.standardise import MOTORS_PER_LATENT, standardised
+from motorprior.identification.standardise import MOTORS_AT_LEAST, shrunk_correlation, standardised
 
 
-def posteriors(motors: int, latents: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def boxed(motors: int, seed: int = 0) -> np.ndarray:
+    """(motors, 3) latents of an awkward fleet: a box, a long tail, and a narrow bell far off."""
     rng = np.random.default_rng(seed)
-    mixing = np.diag([0.2, 1.0, 1.5])[:latents, :latents] + 0.3
-    return 0.5 + rng.standard_normal((motors, latents)) @ mixing, rng.uniform(-6.0, -1.0, (motors, latents))
+    parts = rng.uniform(-1, 3, motors), np.exp(rng.standard_normal(motors)), 5 + 0.1 * rng.standard_normal(motors)
+    return np.stack(parts, axis=1)
 
 
-def test_the_aggregate_posterior_becomes_standard_normal(grey_network):
-    mean, log_var = posteriors(24, 3)
-    _, new_mean, new_log_var = standardised(grey_network(), mean, log_var)
-    np.testing.assert_allclose(new_mean.mean(axis=0), 0.0, atol=1e-12)
-    together = np.cov(new_mean.T, bias=True) + np.diag(np.exp(new_log_var).mean(axis=0))
-    np.testing.assert_allclose(np.diag(together), 1.0)
-    # What the diagonal of the posteriors cannot say is left out.
-    assert np.abs(together - np.eye(3)).max() < 0.2
+def test_the_training_motors_become_standard_normal(grey_network):
+    _, mean = standardised(grey_network(), boxed(64))
+    np.testing.assert_allclose(mean.mean(axis=0), 0.0, atol=0.15)
+    np.testing.assert_allclose(np.cov(mean.T), np.eye(3), atol=0.35)
+
+
+def test_draws_are_like_the_motors(grey_network):
+    network, _ = standardised(grey_network(), boxed(200))
+    drawn = network.decoder_latents(np.random.default_rng(1).standard_normal((4000, 3)))
+    for found, wanted in zip(drawn.T, boxed(4000, seed=2).T, strict=True):
+        assert ks_2samp(found, wanted).statistic < 0.12  # pyright: ignore[reportAttributeAccessIssue]
+    moments = np.random.default_rng(1).standard_normal((4000, 3)) * boxed(200).std(axis=0) + boxed(200).mean(axis=0)
+    assert ks_2samp(moments[:, 1], boxed(4000, seed=2)[:, 1]).statistic > 0.12  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_every_motor_stays_what_it_is(grey_network):
-    network = grey_network(network=0.3)
-    mean, log_var = posteriors(24, 3)
-    new_network, new_mean, _ = standardised(network, mean, log_var)
-    assert network.motor is not None and new_network.motor is not None
-    before, after = network.motor.decode(mean), new_network.motor.decode(new_mean)
+    network, mean = grey_network(network=0.3), boxed(24) / 5
+    new_network, new_mean = standardised(network, mean)
+    assert network.motor is not None
+    before, after = network.constants(mean), new_network.constants(new_mean)
     for name, values in before.items():
         np.testing.assert_allclose(after[name], values, rtol=1e-9, atol=1e-12)
     inputs = np.random.default_rng(1).standard_normal((24, 2 * len(network.taps)))
-    np.testing.assert_allclose(new_network.torque(inputs, new_mean), network.torque(inputs, mean), atol=1e-12)
-    np.testing.assert_allclose(new_network.armature(new_mean), network.armature(mean), rtol=1e-9)
+    np.testing.assert_allclose(new_network.torque(inputs, new_mean), network.torque(inputs, mean), atol=1e-9)
 
 
-@pytest.mark.parametrize("motors", [1, 3 * MOTORS_PER_LATENT - 1])
+def test_a_latent_that_is_the_same_for_all_motors_does_no_harm(grey_network):
+    mean = boxed(16)
+    mean[:, 1] = 0.25
+    network, new_mean = standardised(grey_network(), mean)
+    assert np.all(np.isfinite(new_mean))
+    np.testing.assert_allclose(network.decoder_latents(new_mean), mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("motors", [1, MOTORS_AT_LEAST - 1])
 def test_too_few_motors_leave_the_latents_alone(grey_network, motors):
-    network = grey_network()
-    mean, log_var = posteriors(motors, 3)
-    assert standardised(network, mean, log_var) == (network, mean, log_var)
+    network, mean = grey_network(), boxed(motors)
+    assert standardised(network, mean) == (network, mean)
+
+
+def test_correlation_is_kept_where_the_motors_show_it_and_not_where_it_is_chance():
+    rng = np.random.default_rng(3)
+    factor = np.linalg.cholesky(np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    many = shrunk_correlation(rng.standard_normal((500, 3)) @ factor.T)
+    assert many[0, 1] > 0.85 and abs(many[0, 2]) < 0.15
+    few = rng.standard_normal((24, 14))
+    apart = ~np.eye(14, dtype=bool)
+    assert np.abs(shrunk_correlation(few)[apart]).max() < 0.35 * np.abs(np.corrcoef(few.T)[apart]).max()
+    assert np.linalg.eigvalsh(shrunk_correlation(few)).min() > 0

@@ -25,8 +25,8 @@ _COPULA = ("mixing", "quantiles")
 """Of a prior with standardised latents only."""
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _HEADER = (
-    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", "grey_box", "standardised",
-    "motor_parameters", *_SCALES, "preset", "robot", "motor", "provenance", "metrics",
+    "schema_version", "kind", "units", "sign", "input_order", "taps", "period", "has_armature", "grey_box",
+    "standardised", "motor_parameters", *_SCALES, "preset", "robot", "motor", "provenance", "metrics",
 )  # fmt: skip
 _KINDS = {
     "has_armature": bool,

@@ -70,8 +70,8 @@ def run_identify(config: Identify) -> None:
     data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(inputs[0]))
     if preset.num_latents and log.num_joints < MOTORS_AT_LEAST:
         CONSOLE.print(
-            f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but its "
-            f"draws are a guess (record {MOTORS_AT_LEAST} or more)"
+            f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
+            f"its draws are a guess (record {MOTORS_AT_LEAST} or more)"
         )
     begin(config.out)
     stopwatch = _Stopwatch(config.out / SPENT, wanted)

@@ -12,8 +12,8 @@ import numpy as np
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.adapt import adapt
 from motorprior.identification.network import export, initial_parameters
-from motorprior.identification.presets import Preset
 from motorprior.identification.posterior import standard_posterior
+from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 
 _WEAK = 1e-3
