@@ -137,12 +137,13 @@ def _rub(impulse: Vector, friction: Vector) -> Vector:
 
 def _substep(p: list[Vector], rotor: Rotor, target: Vector, q: Vector, dq: Vector, h: Vector, ahead: Vector) -> Rotor:
     """Advance rotors by ``h``; the joints are where they will be after ``ahead`` [s] of their present velocity."""
-    r, v, filtered, none = rotor.pos, rotor.vel, rotor.filtered, 0.0 * h
+    r, v, filtered = rotor.pos, rotor.vel, rotor.filtered
+    zero, one = 0.0 * h, 0.0 * h + 1.0  # in every lane
     twist, half = r - q - ahead * dq, p[_HALF_PLAY]
     coming = twist + h * (v - dq)
     above, below = coming > half, coming < -half
-    pressed = where(above, twist - half, where(below, twist + half, none))
-    contact = where(above, none + 1.0, where(below, none + 1.0, none))
+    pressed = where(above, twist - half, where(below, twist + half, zero))
+    contact = where(above, one, where(below, one, zero))
     spring = contact * p[_STIFFNESS] * pressed
     damping = contact * (p[_GEAR_DAMPING] + IMPLICITNESS * h * p[_STIFFNESS])
     ratio = v / STRIBECK_VELOCITY
@@ -181,11 +182,11 @@ def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, su
     q, dq = (read(column) for column in vectors[:2])
     dt = Vector.broadcast(builder, physics_dt, width)
     count = Vector.broadcast(builder, builder.sitofp(substeps, physics_dt.type), width)
-    h, target, none = dt / count, read(memory, TARGET), 0.0 * dt
+    h, target, zero = dt / count, read(memory, TARGET), 0.0 * dt
     # the momentum that the engine's implicit damping took from the joint
     vel = read(memory, ROTOR_VEL) + dt * read(memory, DAMPING) * (dq - read(memory, JOINT_VEL)) / p[_ARMATURE]
     rotor = _repeated(
-        builder, substeps, Rotor(read(memory, ROTOR_POS), vel, read(memory, FILTERED_VEL), none, none),
+        builder, substeps, Rotor(read(memory, ROTOR_POS), vel, read(memory, FILTERED_VEL), zero, zero),
         lambda now, k: _substep(p, now, target, q, dq, h, Vector.broadcast(builder, k, width) * h),
     )  # fmt: skip
     damping = 0.5 * (rotor.contact / count) * (p[_GEAR_DAMPING] + dt * p[_STIFFNESS])
