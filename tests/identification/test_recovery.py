@@ -27,7 +27,8 @@ TRAINED, NEW = 10, 5
 """Motors per constant."""
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(
-    identification_preset("rollout"), own_latents=False, taps=(0, 1), num_latents=4, num_neurons=4, warm_up=20, window=32, batch=96,
+    identification_preset("rollout"), own_latents=False, taps=(0, 1), num_latents=4, num_neurons=4, warm_up=20, window=32,
+    batch=96,
     steps=300, learning_rate=3e-2, noisy_share=0.0, kl_weight=1e-3,
 )  # fmt: skip
 

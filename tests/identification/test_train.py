@@ -17,8 +17,9 @@ from motorprior.logs.motor_log import MotorLog
 
 PERIOD, FINE = 0.002, 8
 SMALL = replace(
-    PRESETS["rollout"], own_latents=False, taps=(0, 1, 2), num_neurons=8, num_latents=2, batch=16, window=10, steps=40
-)
+    PRESETS["rollout"], own_latents=False, taps=(0, 1, 2), num_neurons=8, num_latents=2, warm_up=20, batch=16,
+    window=10, steps=40,
+)  # fmt: skip
 
 
 def bench_log(armature, segments=10, rows=400, seed=0):

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.presets import PRESETS, identification_preset
-from motorprior.identification.windows import draw, training_data
+from motorprior.identification.windows import INERTIA, MEANS, POS, TARGET, draw, training_data
 from motorprior.logs.motor_log import MotorLog
 
 PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)  # 10 rows per window
@@ -48,13 +48,25 @@ def test_drawn_rows_are_windows_of_all_motors():
 
 def test_series_are_the_channels_in_order():
     log = a_log()
-    data = training_data(log, PRESET, "log")
+    data = training_data(log, replace(PRESET, objective="torque"), "log")
     columns = (
         log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
     )  # fmt: skip
     for index, column in enumerate(columns):
         assert column is not None
         np.testing.assert_array_equal(data.series[..., index], column.T.astype(np.float32))
+
+
+def test_a_rollout_gets_velocities_and_torques_of_the_middle_of_its_steps():
+    log = a_log()
+    data, raw = (training_data(log, replace(PRESET, objective=name), "log").series for name in ("rollout", "torque"))
+    assert log.segment is not None and set(range(6)) - set(MEANS) == {TARGET, POS, INERTIA}
+    starts = np.flatnonzero(np.diff(log.segment, prepend=-1))
+    inside = np.setdiff1d(np.arange(84), starts)
+    np.testing.assert_array_equal(data[..., [TARGET, POS, INERTIA]], raw[..., [TARGET, POS, INERTIA]])
+    np.testing.assert_array_equal(data[:, starts], raw[:, starts])  # nothing is known before a segment
+    middle = 0.5 * (raw[:, inside] + raw[:, inside - 1])
+    np.testing.assert_allclose(data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6)
 
 
 def test_scales_are_the_spread_of_the_log():

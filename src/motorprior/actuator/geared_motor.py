@@ -138,12 +138,13 @@ def _step(
     p: list[Vector], rotor: Rotor, target: Vector, q: Vector, dq: Vector, h: Vector
 ) -> tuple[Rotor, Vector, Vector]:
     """Rotors after ``h``, the gears' torque and the damping for the engine."""
-    r, v, filtered, half_h, none = rotor.pos, rotor.vel, rotor.filtered, 0.5 * h, 0.0 * h
+    r, v, filtered = rotor.pos, rotor.vel, rotor.filtered
+    half_h, zero, one = 0.5 * h, 0.0 * h, 0.0 * h + 1.0  # in every lane
     twist, half_play = r - q, p[_HALF_PLAY]
     coming = twist + half_h * (v - dq)
     above, below = coming > half_play, coming < -half_play
-    pressed = where(above, twist - half_play, where(below, twist + half_play, none))
-    contact = where(above, none + 1.0, where(below, none + 1.0, none))
+    pressed = where(above, twist - half_play, where(below, twist + half_play, zero))
+    contact = where(above, one, where(below, one, zero))
     stiffness, damper = contact * p[_STIFFNESS], contact * p[_GEAR_DAMPING]
     damping = 0.5 * (damper + h * stiffness)
     damper = damper + EXTRA_DAMPING * h * stiffness
