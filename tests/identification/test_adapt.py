@@ -19,7 +19,7 @@ from motorprior.logs.motor_log import MotorLog
 BENCH = PRESETS["rollout"]
 RECIPE = replace(
     identification_preset("rollout"),
-    own_latents=False, num_latents=2, num_neurons=16, warm_up=30, steps=500, batch=128, window=32,
+    own_latents=False, num_latents=2, num_neurons=16, warm_up=60, steps=500, batch=128, window=32,
 )  # fmt: skip
 
 
@@ -87,9 +87,9 @@ def test_windows_do_not_overlap_and_never_cross_a_segment(fleet_log: MotorLog):
     data = training_data(fleet_log, RECIPE, "log")
     windows = tiled_windows(data, RECIPE)
     length = RECIPE.history + RECIPE.window
-    # 4 segments of 1000 rows: the first window ends at row 62, then one every 32 rows: 1 + (1000 - 62) // 32 = 30.
-    assert windows.shape == (12, 4 * 30, length, data.series.shape[-1])
-    np.testing.assert_array_equal(windows[2, 31], data.series[2, 1000 + 32 : 1000 + 32 + length])
+    # 4 segments of 1000 rows: the first window ends at row 92, then one every 32 rows: 1 + (1000 - 92) // 32 = 29.
+    assert windows.shape == (12, 4 * 29, length, data.series.shape[-1])
+    np.testing.assert_array_equal(windows[2, 30], data.series[2, 1000 + 32 : 1000 + 32 + length])
 
 
 def test_motors_of_the_fleet_are_no_surprise_and_other_machines_are(prior: Identified, fleet_log: MotorLog):

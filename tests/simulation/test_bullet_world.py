@@ -167,7 +167,7 @@ TOLERANCE = {
     "physical": (1e-9, 1e-6),
     "latent": (1e-4, 1e-3),
     "ideal_pd": (1e-4, 1e-3),
-    "grey_box": (0.002, 0.15),
+    "grey_box": (0.004, 0.15),
 }
 """Of hung joints [rad] and torques [N·m] over 1 s: rounding; the rotors' gear of 1000:1; a gear's damping that is
 explicit here, so that a blow through the play falls in another millisecond."""
