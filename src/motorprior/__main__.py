@@ -18,7 +18,7 @@ def main() -> None:
         if command not in ON_THE_ROBOT:
             print(
                 f"error: `motorprior {command}` needs {error.name}, which is not installed -> "
-                f"install motorprior with all its requirements; without them there are {', '.join(ON_THE_ROBOT)}",
+                f"pip install 'motorprior[full]'; without it there are {', '.join(ON_THE_ROBOT)}",
                 file=sys.stderr,
             )
             raise SystemExit(2) from None
