@@ -60,7 +60,7 @@ def mjcf(*, physics_dt: float = spec.PHYSICS_DT, foot_friction: float = spec.FOO
     Four explicit foot-floor pairs are the only contacts: knees and chassis of a robot that goes down pass
     through the floor until the episode ends (tilt 0.4 rad, height 0.05 m). A longer step leaves more bounce in a
     contact: its damping ratio grows with the step, so that the same motors trot alike at 1 and 2 ms
-    (``benchmarks/contact.py``). Constraint islands are off, the
+    (``benchmarks/floors.py``). Constraint islands are off, the
     Jacobian dense and the integrator Euler with implicit joint damping, which is fastest for a robot of this
     size.
 
