@@ -24,9 +24,9 @@ def test_draws_are_like_the_motors(grey_network):
     network, _ = standardised(grey_network(), boxed(200))
     drawn = network.decoder_latents(np.random.default_rng(1).standard_normal((4000, 3)))
     for found, wanted in zip(drawn.T, boxed(4000, seed=2).T, strict=True):
-        assert ks_2samp(found, wanted).statistic < 0.12  # pyright: ignore[reportAttributeAccessIssue]
+        assert ks_2samp(found, wanted).statistic < 0.12  # pyright: ignore
     moments = np.random.default_rng(1).standard_normal((4000, 3)) * boxed(200).std(axis=0) + boxed(200).mean(axis=0)
-    assert ks_2samp(moments[:, 1], boxed(4000, seed=2)[:, 1]).statistic > 0.12  # pyright: ignore[reportAttributeAccessIssue]
+    assert ks_2samp(moments[:, 1], boxed(4000, seed=2)[:, 1]).statistic > 0.12  # pyright: ignore
 
 
 def test_every_motor_stays_what_it_is(grey_network):
@@ -58,7 +58,7 @@ def test_correlation_is_kept_where_the_motors_show_it_and_not_where_it_is_chance
     rng = np.random.default_rng(3)
     factor = np.linalg.cholesky(np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     many = shrunk_correlation(rng.standard_normal((500, 3)) @ factor.T)
-    assert many[0, 1] > 0.85 and abs(many[0, 2]) < 0.15
+    np.testing.assert_allclose(many, factor @ factor.T, atol=0.12)
     few = rng.standard_normal((24, 14))
     apart = ~np.eye(14, dtype=bool)
     assert np.abs(shrunk_correlation(few)[apart]).max() < 0.35 * np.abs(np.corrcoef(few.T)[apart]).max()
