@@ -157,7 +157,7 @@ def _walks(config: Demo) -> list[Walk]:
         Walk(
             config.out / "walk" / f"{name}_{seed}",
             motors,
-            config.iterations,
+            iterations=config.iterations,
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
             workers=config.workers,
         )

@@ -16,14 +16,14 @@ from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.cli.bounds import require_at_least, require_at_most
 from motorprior.cli.console import CONSOLE, bar
 from motorprior.cli.motors import MotorChoice
-from motorprior.cli.stage import begin, description, finish, is_finished
+from motorprior.cli.stage import begin, description, digest, finish, is_finished
 from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor
-from motorprior.search.train import Champion, Iteration, new_search, train
+from motorprior.search.train import Champion, Iteration, contest, new_search, train
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.last_words import last_words
 from motorprior.simulation.mujoco_backend import DrawMotors
@@ -45,6 +45,8 @@ class Walk:
     """Folder for policy.safetensors, curve.json and the checkpoint."""
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
     """The motors of every episode."""
+    start: Path | None = None
+    """A policy to go on from, with other motors for example; without one it starts from a trot in place."""
     iterations: int = 200
     """ARS iterations."""
     episode_steps: int = 250
@@ -81,7 +83,8 @@ def run_walk(config: Walk, name: str = "walk") -> None:
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
         del settings[where]
-    wanted = description("walk", settings, config.motors.inputs())
+    inputs = config.motors.inputs() + ([] if config.start is None else [config.start])
+    wanted = description("walk", settings, inputs)
     if is_finished(config.out, wanted):
         return
     make_simulator = scene(config, draw).simulator
@@ -113,6 +116,8 @@ def scene(config: Walk, draw: DrawMotors) -> Scene:
 def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:
     """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
     search, champion, curve = _restore(config, wanted)
+    if config.start is not None and search.iteration == 0:  # what nothing improves on is kept
+        champion = contest(search, executor, champion)
     latest = _checkpoint(search, champion)
     saved = time.monotonic()
 
@@ -166,6 +171,7 @@ def _policy(config: Walk, champion: Champion) -> Policy:
             "motors": config.motors.as_json(config.out),
             "search": asdict(config.search),
             "task": asdict(config.task),
+            "start_sha256": None if config.start is None else digest(config.start),
             "iterations": config.iterations,
             "iteration": champion.iteration,
             "own_return": champion.score,
@@ -204,4 +210,5 @@ def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
         except (ArtifactError, KeyError) as error:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-    return new_search(config.search), Champion.nobody(), []
+    start = None if config.start is None else Policy.load(config.start)
+    return new_search(config.search, start), Champion.nobody(), []

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from motorprior.locomotion.policy import ACTION_SIZE, NUM_PARAMETERS, OBSERVATION_SIZE
+from motorprior.locomotion.policy import ACTION_SIZE, NUM_PARAMETERS, OBSERVATION_SIZE, Policy
 from motorprior.search.ars import Ars, ArsConfig, Candidate, Moments, perturbed
 from motorprior.search.executor import Executor
 
@@ -17,6 +17,8 @@ SHAPE = (ACTION_SIZE, OBSERVATION_SIZE + 1)
 CONTEST_EVERY, CONTEST_DRAWS = 10, 16
 CONTEST = 2**32 - 1
 """Stands where training seeds have the iteration."""
+REMEMBERED = 100_000
+"""Observations; a dozen iterations of the default search add as many."""
 
 
 class EpisodeLike(Protocol):
@@ -157,6 +159,15 @@ def train(
     return champion
 
 
-def new_search(config: ArsConfig) -> Ars:
-    """A search that starts from the zero policy, which trots in place."""
-    return Ars(config, NUM_PARAMETERS, OBSERVATION_SIZE)
+def new_search(config: ArsConfig, start: Policy | None = None) -> Ars:
+    """A search that starts from a policy, or from the zero policy, which trots in place.
+
+    The observations of a ``start`` count as REMEMBERED of its own mean and spread: the weights keep their meaning while
+    new observations come in.
+    """
+    search = Ars(config, NUM_PARAMETERS, OBSERVATION_SIZE)
+    if start is not None:
+        search.parameters = start.weights.ravel().copy()
+        deviation = REMEMBERED * np.square(start.observation_std)
+        search.observations = Moments(REMEMBERED, start.observation_mean, deviation)
+    return search
