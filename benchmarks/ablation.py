@@ -45,16 +45,18 @@ from motorprior.signals import rmse
 from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 
 BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
-CENTER = {"latents": float(RECIPE.num_latents), "kl_weight": RECIPE.kl_weight, "motors": 32.0, "seconds": 20.0}
-"""Preset rollout on its usual bench: in every sweep, measured once."""
+CENTER = {
+    "latents": float(RECIPE.num_latents), "mixed": 0.0, "kl_weight": RECIPE.kl_weight, "motors": 32.0, "seconds": 20.0,
+}  # fmt: skip
+"""Preset rollout on its usual bench, one latent per constant: measured once."""
 SWEEPS: dict[str, tuple[float, ...]] = {
-    "latents": (2, 4, 8, 16),
+    "latents": (2, 4, 8, 14, 20),
     "kl_weight": (1e-5, 1e-2),
     "motors": (4, 8, 16, 64, 128),
     "seconds": (5, 10, 60),
 }
 LABELS = {
-    "latents": "latents",
+    "latents": "latents that mix the constants (diamond: one latent for each)",
     "kl_weight": "KL weight",
     "motors": "motors",
     "seconds": "seconds of log per motor",
@@ -96,6 +98,7 @@ class Point:
     seed: int
     adam_steps: int
     latents: int
+    mixed: bool
     kl_weight: float
     motors: int
     seconds: float
@@ -109,15 +112,20 @@ class Point:
 def points(settings: Settings) -> Iterator[Point]:
     """The centre and every other value of every sweep, seed by seed."""
     for seed in range(settings.seeds):
-        others = (CENTER | {sweep: value} for sweep in settings.only for value in SWEEPS[sweep])
+        others = (_values_at(sweep, value) for sweep in settings.only for value in SWEEPS[sweep])
         for chosen in (CENTER, *(values for values in others if values != CENTER)):
             yield _point(settings, seed, chosen)
 
 
+def _values_at(sweep: str, value: float) -> dict[str, float]:
+    """Of a point of a sweep. Only a decoder that mixes can have another number of latents than constants."""
+    return CENTER | {sweep: value} | ({"mixed": 1.0} if sweep == "latents" else {})
+
+
 def _point(settings: Settings, seed: int, values: dict[str, float]) -> Point:
     return Point(
-        settings.fleet, seed, settings.adam_steps, int(values["latents"]), values["kl_weight"], int(values["motors"]),
-        values["seconds"],
+        settings.fleet, seed, settings.adam_steps, int(values["latents"]), bool(values["mixed"]), values["kl_weight"],
+        int(values["motors"]), values["seconds"],
     )  # fmt: skip
 
 
@@ -132,7 +140,7 @@ def measure(point: Point) -> dict[str, float]:
         RECIPE,
         steps=point.adam_steps,
         num_latents=point.latents,
-        own_latents=point.latents == RECIPE.num_latents,
+        own_latents=not point.mixed,
         kl_weight=point.kl_weight,
     )
     fleet = load_fleet(point.fleet)
@@ -221,8 +229,8 @@ def picture(settings: Settings, results: dict[str, dict[str, float]]) -> bytes:
 
 
 def _values(name: str) -> list[float]:
-    """Of a sweep, its centre included."""
-    return sorted({CENTER[name], *SWEEPS[name]})
+    """Of a sweep, its centre included if it is one of it."""
+    return sorted({*SWEEPS[name], *(() if name == "latents" else (CENTER[name],))})
 
 
 def _curve(
@@ -231,13 +239,22 @@ def _curve(
     """Mean over seeds as a line, every seed as a dot."""
     x, means = [], []
     for value in _values(name):
-        keys = [_point(settings, seed, CENTER | {name: value}).key for seed in range(settings.seeds)]
-        found = [results[key][figure] for key in keys if key in results]
+        found = _found(settings, results, _values_at(name, value), figure)
         if found:
             axes.plot([value] * len(found), found, ".", color=color, alpha=0.6)
             x.append(value)
             means.append(np.mean(found))
     axes.plot(x, means, "-", color=color, label=label)
+    if name == "latents" and (found := _found(settings, results, CENTER, figure)):
+        axes.plot(CENTER[name], np.mean(found), "D", color=color, markersize=5)
+
+
+def _found(
+    settings: Settings, results: dict[str, dict[str, float]], values: dict[str, float], figure: str
+) -> list[float]:
+    """A figure of a point, by seed."""
+    keys = [_point(settings, seed, values).key for seed in range(settings.seeds)]
+    return [results[key][figure] for key in keys if key in results]
 
 
 def main() -> None:

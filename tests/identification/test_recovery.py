@@ -28,7 +28,7 @@ TRAINED, NEW = 10, 5
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(
     identification_preset("rollout"), taps=(0, 1), num_neurons=4, warm_up=40, window=32, batch=96,
-    steps=300, learning_rate=3e-2, noisy_share=0.0, kl_weight=1e-3,
+    steps=300, learning_rate=3e-2, noisy=False, kl_weight=1e-3,
 )  # fmt: skip
 
 

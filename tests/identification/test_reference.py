@@ -24,7 +24,7 @@ FLEET, NEW = load_fleet("mixed"), 32
 RECIPE = replace(
     identification_preset("rollout"), own_latents=False, num_latents=4, num_neurons=4, taps=(0, 1), warm_up=20,
     window=32, batch=96,
-    steps=300, learning_rate=3e-2, noisy_share=0.0,
+    steps=300, learning_rate=3e-2, noisy=False,
 )  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def test_any_number_of_steps_can_be_trained(small_data, steps):
 
 def test_a_heavy_kl_weight_leaves_only_the_prior(small_data):
     # KL outweighs the data by far: every motor's posterior is N(0, I), from 0.1·N(0, I) and a log_var of -2
-    recipe = replace(SMALL, steps=300, kl_weight=100.0, learning_rate=3e-2, noisy_share=1.0, standardise=False)
+    recipe = replace(SMALL, steps=300, kl_weight=100.0, learning_rate=3e-2, noisy=True, standardise=False)
     bound = identify(small_data, recipe, 0)
     assert np.max(np.abs(bound.mean)) < 0.05 and np.max(np.abs(bound.log_var)) < 0.2
 

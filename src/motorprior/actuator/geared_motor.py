@@ -4,8 +4,9 @@
                                          encoder_zero = ZERO_SCALE·(center + zᵀ·slope), which may be negative
 
 All quantities at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to t + h/2, as
-the engines' own semi-implicit Euler does with the joint's: every force is meant at t, and a motion is right to second
-order in h. Linearly implicit in the rotor's new velocity v'; v̄ = (v + v')/2 is its velocity at t:
+the engines' own semi-implicit Euler does with the joint's: every force is meant at t, and but for
+EXTRA_DAMPING a motion is right to second order in h. Linearly implicit in the rotor's new velocity v'; its velocity at
+t is v̄ = (v + v')/2:
 
     gear      s = twist ∓ backlash/2,  twist = rotor_pos - joint_pos, in contact where twist + h/2·(v - dq) is beyond
               the play;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness

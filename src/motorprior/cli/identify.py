@@ -56,7 +56,7 @@ def run_identify(config: Identify) -> None:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.standardise import MOTORS_AT_LEAST
+    from motorprior.identification.standardise import MOTORS_TO_TRUST
     from motorprior.identification.train import CHUNK, identify
     from motorprior.identification.windows import training_data
 
@@ -68,10 +68,10 @@ def run_identify(config: Identify) -> None:
     if is_finished(config.out, wanted):
         return
     data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(inputs[0]))
-    if preset.num_latents and log.num_joints < MOTORS_AT_LEAST:
+    if preset.num_latents and log.num_joints < MOTORS_TO_TRUST:
         CONSOLE.print(
             f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
-            f"its draws are a guess (record {MOTORS_AT_LEAST} or more)"
+            f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
         )
     begin(config.out)
     stopwatch = _Stopwatch(config.out / SPENT, wanted)

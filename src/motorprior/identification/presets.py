@@ -19,19 +19,20 @@ class Preset:
         grey_box: decode the constants of a geared motor from z; the network adds what they leave over.
         num_latents: size of z; 0 gives one network for all motors.
         num_neurons: per hidden layer.
-        kl_weight: weight of KL(N(μ, σ²) ‖ N(0, I)) per latent, beside a loss of order 1.
+        kl_weight: of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, mean over motors, beside a loss of order 1; without
+            noise only its ½|μ|² is left.
         warm_up: steps before a window in which the motor follows the recorded joint, so that its hidden state settles;
             a short one teaches too little friction, with which a wrong state is forgotten sooner.
         window: steps of a rollout (1 for torque regression).
-        noisy_share: share of the training in which z is drawn from the motors' posteriors; after it z is their mean.
-            Noise hides what the logs say only faintly, such as dry friction beside viscous.
+        noisy: draw z from the motors' posteriors in training, as the paper does; otherwise it is their mean. Noise
+            hides what the logs say only faintly, such as dry friction beside viscous.
         batch: windows per Adam step.
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
         own_latents: each latent scales one of the 14 constants; otherwise the decoder mixes them.
         per_motor: every motor has constants of its own, one latent each, without gear play or network.
-        standardise: after the training the latents become those in which the training motors are N(0, I), and their
-            posteriors a Laplace approximation (`posterior`).
+        standardise: after the training each latent becomes N(0, 1) among the training motors, and their posteriors a
+            Laplace approximation (`posterior`).
     """
 
     objective: str
@@ -44,7 +45,7 @@ class Preset:
     kl_weight: float = 1e-3
     warm_up: int = 0
     window: int = 64
-    noisy_share: float = 1.0
+    noisy: bool = True
     batch: int = 256
     steps: int = 3000
     learning_rate: float = 3e-3
@@ -69,7 +70,7 @@ PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=1e-4,
-        warm_up=120, noisy_share=0.0, steps=4000, learning_rate=1e-2, own_latents=True, standardise=True,
+        warm_up=120, noisy=False, steps=4000, learning_rate=1e-2, own_latents=True, standardise=True,
     ),
     "one_motor": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
@@ -77,7 +78,7 @@ PRESETS = {
     ),
     "per_motor": Preset(
         "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=4, kl_weight=0.0,
-        warm_up=90, noisy_share=0.0, learning_rate=1e-2, own_latents=True, per_motor=True, standardise=True,
+        warm_up=90, noisy=False, learning_rate=1e-2, own_latents=True, per_motor=True, standardise=True,
     ),
     "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),

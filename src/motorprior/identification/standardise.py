@@ -2,11 +2,14 @@
 
 A training leaves the motors anywhere: on other scales, skew, in a box. A Gaussian copula (`actuator.copula`) is put
 before the decoder: each latent keeps the distribution that it has among the training motors, from their quantiles, and
-the correlations R of its normal scores are shrunk, since few motors always look correlated,
+the correlations R of the normal scores are shrunk, since few motors always look correlated,
 
     (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
+    w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
 
-(Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005). The motors stay what they are.
+for scores x standardised with the n - 1 deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005). So each
+latent alone is N(0, 1) among the training motors; what correlation the shrinkage takes away they keep. The motors stay
+what they are. With few motors there are no quantiles: a latent is scaled by mean and standard deviation alone.
 """
 
 from __future__ import annotations
@@ -19,7 +22,9 @@ from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.latent import LatentNetwork
 
 MOTORS_AT_LEAST = 8
-"""With fewer motors quantiles would be mostly chance, and the latents stay as they are."""
+"""With fewer motors quantiles and correlations would be mostly chance."""
+MOTORS_TO_TRUST = 24
+"""Of fewer motors the draws are a guess: the outer quantiles are extrapolated, independence is assumed."""
 _RISE = 1e-6
 """Smallest slope of a latent over its score."""
 
@@ -32,26 +37,30 @@ def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwor
         mean: (M, Z) latents of the training motors.
 
     Returns:
-        The network and the new latents; as given if there are none, or too few motors.
+        The network and the new latents; as given if there are none.
     """
     motors, latents = mean.shape
-    if latents == 0 or motors < MOTORS_AT_LEAST:
+    if latents == 0:
         return network, mean
-    quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen") + _RISE * SCORES[:, None]
+    if motors < MOTORS_AT_LEAST:
+        quantiles = mean.mean(axis=0) + SCORES[:, None] * mean.std(axis=0)
+    else:
+        quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
+    quantiles = quantiles + _RISE * SCORES[:, None]
     normal = scores(quantiles, mean)
-    mixing = np.linalg.cholesky(shrunk_correlation(normal)).T
+    mixing = np.eye(latents) if motors < MOTORS_AT_LEAST else np.linalg.cholesky(shrunk_correlation(normal)).T
     return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
 
 def shrunk_correlation(x: np.ndarray) -> np.ndarray:
     """(Z, Z) correlation matrix of (M, Z) samples, shrunk towards independence; positive definite."""
     count, size = x.shape
-    spread = x.std(axis=0)
+    spread = x.std(axis=0, ddof=1)
     standard = (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
     products = standard[:, :, None] * standard[:, None, :]
     apart = ~np.eye(size, dtype=bool)
     variance = count / (count - 1) ** 3 * np.sum((products - products.mean(axis=0)) ** 2, axis=0)
-    correlation = products.mean(axis=0)
+    correlation = count / (count - 1) * products.mean(axis=0)
     total = np.sum(correlation[apart] ** 2)
     shrinkage = min(1.0, float(np.sum(variance[apart]) / total)) if total > 0 else 1.0
     return np.where(apart, (1.0 - shrinkage) * correlation, 1.0)

@@ -1,7 +1,8 @@
 """Fit a motor prior: one network, and per motor a mean and a log-variance of z.
 
-z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I); ε = 0 in the last part of a training (``Preset.noisy_share``)
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
+z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I), the paper's; or, where a preset is not ``noisy``, z_i = μ_i, and the
+variances are found afterwards (`posterior`).
 """
 
 from __future__ import annotations
@@ -78,8 +79,7 @@ def identify(
         count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
         rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
-        noisy = jnp.full(count, float(first < preset.noisy_share * preset.steps))
-        state, loss = advance(state, (*rows, keys, noisy))
+        state, loss = advance(state, (*rows, keys))
         losses.append(_finite(float(loss), first + count))
         if checkpoints is not None and len(losses) % CHECKPOINT_EVERY == 0:
             checkpoints.save(_flat(state) | {"losses": np.asarray(losses)})
@@ -131,15 +131,13 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
     objective = OBJECTIVES[preset.objective](preset, data.scales, data.has_torque, bounded=True)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
-    def loss(
-        trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array, noisy: jnp.ndarray
-    ) -> jnp.ndarray:
-        mean, log_var = trainable["mean"], trainable["log_var"]
-        log_var = jnp.where(noisy > 0.0, log_var, jax.lax.stop_gradient(log_var))  # the data say nothing about it then
-        noise = noisy * jax.random.normal(key, (len(motors), preset.num_latents))
-        z = mean[motors] + jnp.exp(0.5 * log_var[motors]) * noise
+    def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
+        mean, log_var, z = trainable["mean"], trainable["log_var"], trainable["mean"][motors]
+        if preset.noisy:
+            z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
-        kl = jnp.mean(kl_to_standard_normal(mean, log_var))
+        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # the data would say nothing about it
+        kl = jnp.mean(kl_to_standard_normal(mean, spread))
         network = trainable["network"]
         if preset.per_motor:  # the constants are the motors' own; nothing is shared
             network = jax.lax.stop_gradient(network)

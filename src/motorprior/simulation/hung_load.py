@@ -47,6 +47,7 @@ def with_loads(log: MotorLog) -> MotorLog:
             inertia[row], external[row] = _load(model, data, log.joint_pos[row], log.joint_vel[row], joint_acc)
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
+        external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log's are means until the next row
         inertia[part] = mean
     loads = {"load_inertia": inertia, "external_torque": external, "joint_torque": None}
     return checked(replace(log, **loads), where=log.source)
