@@ -16,7 +16,7 @@ from motorprior.exceptions import ArtifactError
 
 PATH = Path("mine.safetensors")
 SERVO = {
-    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.1,
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.5,
     "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
     "backlash": 0.015, "gear_damping": 0.0001, "encoder_zero": 0.01,
 }  # fmt: skip
@@ -49,7 +49,7 @@ def test_a_constant_beyond_its_bounds_is_refused_by_name_and_value(name: str):
 
 def test_a_rotor_too_light_for_the_damping_of_its_gear_is_refused():
     check_central_motor(center_of(SERVO | {"armature": 1e-4, "gear_damping": 0.999e-4 * FASTEST_GEAR}), PATH)
-    with pytest.raises(ArtifactError, match="gear_damping/armature = 2e.03 1/s is above"):
+    with pytest.raises(ArtifactError, match="gear_damping/armature = 5.0?[01]* 1/s is above 500 1/s"):
         check_central_motor(center_of(SERVO | {"armature": 1e-4, "gear_damping": 1.001e-4 * FASTEST_GEAR}), PATH)
 
 
@@ -65,7 +65,7 @@ def test_a_central_motor_within_bounds_can_be_simulated(grey_network: Callable[.
     network, rng, simulated = grey_network(), np.random.default_rng(0), 0
     target = np.tile(0.3 * np.sign(np.sin(6 * np.arange(0, SECONDS, DT)))[:, None], (1, 3))
     trial = Trial(target, np.zeros_like(target), np.array([1e-4, 2e-3, 3e-2]), DT)
-    while simulated < 300:
+    while simulated < 150:
         center = corner(rng)
         try:
             check_central_motor(center, PATH)

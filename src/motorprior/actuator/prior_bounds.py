@@ -19,8 +19,8 @@ CENTRAL_MOTOR = {
     "backlash": (NOTHING, 1.0), "gear_damping": (NOTHING, 1e2), "encoder_zero": (-1.5, 1.5),
 }  # fmt: skip
 """(least, most) of a grey box's constants at z = 0, in the units of PARAMETERS."""
-FASTEST_GEAR = 2e3
-"""Of gear_damping/armature [1/s]: what a joint's damping gives back to a lighter rotor makes it swing up at 2 ms."""
+FASTEST_GEAR = 500.0
+"""Of gear_damping/armature [1/s]: at 2 ms, from 1000 on, a rotor so light swings up on what its joint gives back."""
 LARGEST_SLOPE = 10.0
 """Of the logarithm of a motor's constant over a latent of N(0, 1)."""
 LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
