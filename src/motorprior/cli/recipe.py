@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
 
 LONGEST_WINDOW = 100_000
-"""Rows, history included; a day's log at 2 ms has four hundred times as many."""
+"""Rows, history included."""
 _RANGES = {
     "period": (1e-6, 1.0), "num_latents": (0, 1000), "num_neurons": (1, 10_000), "kl_weight": (0.0, 1e6),
     "warm_up": (0, LONGEST_WINDOW), "window": (1, LONGEST_WINDOW), "noisy_share": (0.0, 1.0), "batch": (1, 10**6),
@@ -34,13 +34,13 @@ def recipe_of(prior: MotorPrior, where: Path) -> Preset:
     if not isinstance(recipe, dict):
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_ANEW)
     known = {field.name: str(field.type) for field in fields(Preset)}
-    if recipe.keys() != known.keys():
-        names = ", ".join(sorted(map(str, recipe.keys() ^ known.keys())))[:80]
-        raise ArtifactError(f"the recipe in its provenance lacks, or should not have: {names}", where=where, remedy=_ANEW)
-    for name, kind in known.items():
-        if wrong := _wrong(name, kind, recipe[name]):
-            problem = f"recipe: {name} = {str(recipe[name])[:40]} is not {wrong}"
-            raise ArtifactError(problem, where=where, remedy=_ANEW)
+    needed = {field.name for field in fields(Preset) if field.default is MISSING}
+    if odd := sorted((recipe.keys() - known.keys()) | (needed - recipe.keys())):
+        problem = f"the recipe in its provenance lacks, or should not have, {', '.join(odd)[:80]}"
+        raise ArtifactError(problem, where=where, remedy=_ANEW)
+    for name, value in recipe.items():
+        if wrong := _wrong(name, known[name], value):
+            raise ArtifactError(f"recipe: {name} = {str(value)[:40]} is not {wrong}", where=where, remedy=_ANEW)
     preset = Preset(**{**recipe, "taps": tuple(recipe["taps"])})
     _require_fit(preset, prior, where)
     return preset
