@@ -81,6 +81,22 @@ def test_a_value_that_is_not_finite_is_refused_by_name_and_place(tmp_path: Path,
     assert error.value.where == tmp_path / "prior"
 
 
+@pytest.mark.parametrize("bad", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999"])
+def test_a_number_that_json_does_not_have_is_refused_in_every_header(tmp_path: Path, bad: str):
+    text = f'{{"provenance": {{"minutes": [{bad}]}}}}'
+    (tmp_path / "prior").write_bytes(save({"x": np.zeros(2)}, metadata={"motorprior": text}))
+    with pytest.raises(ArtifactError, match=f"not JSON .{bad} is not a finite number") as error:
+        read_tensors(tmp_path / "prior")
+    assert error.value.where == tmp_path / "prior" and error.value.remedy
+    outer = f'{{"x": {{"dtype": "F64", "shape": [1], "data_offsets": [0, 8], "scale": {bad}}}}}'.encode()
+    (tmp_path / "outer").write_bytes(len(outer).to_bytes(8, "little") + outer + bytes(8))
+    with pytest.raises(ArtifactError, match=f"{bad} is not a finite number"):
+        read_tensors(tmp_path / "outer")
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(ArtifactError, match=f"{bad} is not a finite number"):
+        read_json(tmp_path / "run.json")
+
+
 @pytest.mark.parametrize("kept", [0.0, 0.05, 0.5, 0.99])
 def test_a_truncated_file_is_refused(tmp_path: Path, kept: float):
     write_tensors(tmp_path / "prior", {"x": np.zeros(100)}, {})

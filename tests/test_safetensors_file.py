@@ -60,6 +60,8 @@ def test_no_bytes_are_an_accident(data: bytes):
         {"x": {"dtype": "F64", "shape": [2], "data_offsets": [0, 8]}},
         {"x": {"dtype": "F64", "shape": [1], "data_offsets": [8, 16]}},
         {name: {"dtype": "F64", "shape": [1], "data_offsets": [at, at + 8]} for name, at in (("x", 0), ("y", 4))},
+        {"x": {"dtype": ["F64"], "shape": [2], "data_offsets": [0, 16]}},
+        {"x": {"dtype": {}, "shape": [2], "data_offsets": [0, 16]}},
         {"x": {"dtype": "F128", "shape": [1], "data_offsets": [0, 16]}},
         {"x": {"dtype": "F64", "shape": [-1], "data_offsets": [0, 8]}},
         {"x": {"dtype": "F64", "shape": [True], "data_offsets": [0, 8]}},

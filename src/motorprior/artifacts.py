@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.safetensors_file import parse_safetensors
+from motorprior.safetensors_file import parse_json, parse_safetensors
 
 
 @contextlib.contextmanager
@@ -66,10 +66,10 @@ def read_json(path: Path) -> Any:
     """Read JSON.
 
     Raises:
-        ArtifactError: the file is missing or is not JSON.
+        ArtifactError: the file is missing or is not JSON; NaN and infinity are none.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        return parse_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:
@@ -103,7 +103,7 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read what `write_tensors` wrote.
 
     Raises:
-        ArtifactError: missing, truncated, without a header, or with a value that is not finite.
+        ArtifactError: missing, truncated, without a header, or with a value, there or in a tensor, that is not finite.
     """
     if not Path(path).is_file():
         raise ArtifactError("no such file", where=path, remedy="check the path")
@@ -118,7 +118,7 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             bad = np.argwhere(~np.isfinite(value))[0].tolist()
             raise ArtifactError(f"tensor {name}{bad} is not finite", where=path, remedy="train it anew")
     try:
-        header = json.loads(text)
+        header = parse_json(text)
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"its header is not JSON ({error})", where=path, remedy="write it anew") from error
     if not isinstance(header, dict):

@@ -22,6 +22,22 @@ _DTYPES = {
 }  # fmt: skip
 
 
+def parse_json(text: str | bytes) -> Any:
+    """JSON in which every number is finite, as the standard has it: Python alone reads NaN, Infinity and 1e999.
+
+    Raises:
+        ValueError: not JSON, or a number that is not finite.
+    """
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is not a finite number")
+    return value
+
+
 def parse_safetensors(data: bytes) -> tuple[str | None, dict[str, np.ndarray]]:
     """The text under ``motorprior`` in the metadata, and every array.
 
@@ -34,7 +50,7 @@ def parse_safetensors(data: bytes) -> tuple[str | None, dict[str, np.ndarray]]:
     if size > min(LARGEST_HEADER, len(data) - 8):
         raise ValueError(f"its header is said to have {size} bytes, the file has {len(data)}")
     try:
-        header = json.loads(data[8 : 8 + size])
+        header = parse_json(data[8 : 8 + size])
     except RecursionError as error:
         raise ValueError("its header is nested too deeply") from error
     if not isinstance(header, dict):
@@ -49,7 +65,7 @@ def _arrays(header: dict[str, Any], body: memoryview) -> dict[str, np.ndarray]:
     for name, entry in sorted(header.items(), key=lambda item: _offsets(*item)):
         begin, end = _offsets(name, entry)
         dtype, shape = entry.get("dtype"), entry.get("shape")
-        if dtype not in _DTYPES:
+        if not isinstance(dtype, str) or dtype not in _DTYPES:
             raise ValueError(f"tensor {name} is of the unknown type {dtype!r}")
         if not isinstance(shape, list) or not all(type(length) is int and length >= 0 for length in shape):
             raise ValueError(f"tensor {name} has the shape {shape!r}")

@@ -1,5 +1,6 @@
 """The posterior of particular motors: what it samples, and what its loader refuses."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,3 +70,23 @@ def test_a_loader_refuses_what_does_not_fit(tmp_path: Path, tensors: dict, heade
     write_tensors(path, good_tensors | tensors, good_header | header)
     with pytest.raises(ArtifactError, match=word):
         MotorPosterior.load(path)
+
+
+def nearly_singular(rng: np.random.Generator) -> np.ndarray:
+    """(2, 2) of rank one but for its last bits; of many, some have eigenvalues above 0 and yet no Cholesky factor."""
+    a, ratio = rng.uniform(0.01, 1.0), rng.uniform(0.1, 10.0)
+    return a * np.array([[1.0, ratio], [ratio, ratio**2 * (1 + rng.uniform(-3e-16, 3e-16))]])
+
+
+def test_a_covariance_that_loads_can_be_drawn_from(tmp_path: Path, prior: MotorPrior):
+    path, rng, refusals = tmp_path / "p.safetensors", np.random.default_rng(0), 0
+    for _ in range(300):
+        replace(posterior(1), covariance=nearly_singular(rng)[None]).save(path)
+        try:
+            loaded = MotorPosterior.load(path)
+        except ArtifactError as error:
+            assert "positive definite" in error.problem and error.where == path and error.remedy
+            refusals += 1
+        else:
+            assert np.all(np.isfinite(loaded.sample(prior, rng, 12).z))
+    assert 0 < refusals < 300

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.actuator.copula import SCORES
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
@@ -73,7 +74,17 @@ def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp
         ({"motor_slope": np.zeros((14, 3))}, {}, (), r"motor_slope is float64\(14, 3\), wanted float64\(3, 14\)"),
         ({"motor_center": np.zeros(14, np.float32)}, {}, (), "motor_center is float32"),
         ({"motor_center": np.full(14, np.nan)}, {}, (), r"motor_center\[0\] is not finite"),
-        ({"motor_slope": np.full((3, 14), 2e4)}, {}, (), "motor_slope holds 2e.04, beyond 10000"),
+        ({"motor_slope": np.full((3, 14), 2e4)}, {}, (), "motor_slope holds 2e.04, beyond 10"),
+        ({"motor_slope": np.full((3, 14), -10.1)}, {}, (), "motor_slope holds 10.1, beyond 10"),
+        ({"armature_slope": np.full(3, 10.1)}, {}, (), "armature_slope holds 10.1, beyond 10"),
+        ({"motor_center": np.full(14, -30.0)}, {}, (), "motor_center: kp = 9.36e-14 is not from 0.001 to 1e.03"),
+        ({}, {"metrics": {"loss": 10**400}}, (), "metric loss = 1000.* is not a number"),
+        ({}, {"metrics": {"loss": True}}, (), "metric loss = True is not a number"),
+        ({}, {"metrics": {"loss": "0.5"}}, (), "metric loss = 0.5 is not a number"),
+        ({}, {"metrics": {"final_loss": -1.1e12}}, (), "metric final_loss = -1.1e.12 is beyond 1e.12"),
+        ({}, {"metrics": {"final_loss": 10**100}}, (), "metric final_loss = 1e.100 is beyond 1e.12"),
+        ({}, {"metrics": {"loss_log_std": 1e200}}, (), "metric loss_log_std = 1e.200 is beyond 1e.06"),
+        ({}, {"has_armature": True}, (), "grey_box and has_armature are both true"),
         ({}, {"schema_version": 1}, (), f"schema version 1, this motorprior reads {SCHEMA_VERSION}"),
     ],
 )
@@ -84,6 +95,16 @@ def test_a_motor_that_does_not_fit_is_refused_by_name(
     with pytest.raises(ArtifactError, match=words) as error:
         MotorPrior.load(saved)
     assert saved.name in str(error.value)
+
+
+def test_latents_that_are_none_are_not_standardised(grey_network: Callable[..., LatentNetwork], tmp_path: Path):
+    none, path = np.zeros((5, 0)), tmp_path / "prior.safetensors"
+    prior = MotorPrior(grey_network(latents=0), none, none, "one_motor", "pupper_v2", "m", {}, {})
+    prior.save(path)
+    assert MotorPrior.load(path).network.num_latents == 0
+    rewrite(path, {"mixing": np.zeros((0, 0)), "quantiles": np.zeros((len(SCORES), 0))}, {"standardised": True})
+    with pytest.raises(ArtifactError, match="standardised is true, but it has no latents -> "):
+        MotorPrior.load(path)
 
 
 @pytest.mark.parametrize("prior", ["network"], indirect=True)

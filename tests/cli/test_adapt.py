@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.identify import Identify, run_identify
 from motorprior.identification.presets import identification_preset
@@ -60,6 +61,19 @@ def test_what_cannot_be_adapted_to_is_refused(folder: Path, tmp_path: Path, refu
     refused("adapt", prior, folder / "new" / "log.parquet", "--seconds", -1, *out, words=("--seconds",))
     plain = folder / "plain" / "prior.safetensors"
     refused("adapt", plain, folder / "new" / "log.parquet", *out, words=("prior.safetensors", "no latents"))
+
+
+def test_a_prior_that_misstates_its_training_is_not_adapted(folder: Path, tmp_path: Path, refused):
+    trained = MotorPrior.load(folder / "prior" / "prior.safetensors")
+    path, log = tmp_path / "mine.safetensors", folder / "new" / "log.parquet"
+    for name, value in (("window", "abc"), ("window", 0), ("warm_up", 1.5)):
+        recipe = trained.provenance["recipe"] | {name: value}
+        replace(trained, provenance=trained.provenance | {"recipe": recipe}).save(path)
+        words = ("mine.safetensors", f"recipe: {name} = {value} is not")
+        refused("adapt", path, log, "--out", tmp_path / "out", words=words)
+    without = {key: value for key, value in trained.metrics.items() if key != "residual_p50_slow"}
+    replace(trained, metrics=without).save(path)
+    refused("adapt", path, log, "--out", tmp_path / "out", words=("mine.safetensors", "does not know its own errors"))
 
 
 def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, motorprior):

@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.prior_bounds import LARGEST_LOSS
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record
 from motorprior.identification.adapt import adapt, window_losses
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.reference import (
+    LEVELS,
+    SPEEDS,
+    draw_residuals,
     ending,
     knows_its_errors,
     loss_metrics,
@@ -98,11 +102,38 @@ def test_a_worse_log_is_never_less_surprising_and_a_longer_one_never_less_tellin
     assert few > by_count[-1]  # a spread known from four motors is known badly
 
 
+RESIDUALS = {f"residual_p{level:02d}_{pool}": 1e-3 * level for level in LEVELS for pool in SPEEDS}
+
+
 @pytest.mark.parametrize("name", METRICS)
-def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str):
-    assert knows_its_errors(METRICS)
-    assert not knows_its_errors({key: value for key, value in METRICS.items() if key != name})
-    assert knows_its_errors(METRICS | {"loss_log_mean": -9.0})
+@pytest.mark.parametrize("closed_loop", [True, False])
+def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str, closed_loop: bool):
+    def knows(metrics: dict[str, float]) -> bool:
+        return knows_its_errors(metrics | RESIDUALS, closed_loop)
+
+    assert knows(METRICS)
+    assert not knows({key: value for key, value in METRICS.items() if key != name})
+    assert knows(METRICS | {"loss_log_mean": -9.0})
     if name != "loss_log_mean":
-        assert not knows_its_errors(METRICS | {name: -1.0})
-    assert not knows_its_errors(METRICS | {f"loss_mean{ending(False)}": 0.2})  # half of what it would be judged by
+        assert not knows(METRICS | {name: -1.0})
+    if name in ("loss_mean", "loss_motors", "loss_pieces"):
+        assert not knows(METRICS | {name: 1e-300})  # a division by it overflows
+    assert not knows(METRICS | {f"loss_mean{ending(False)}": 0.2})  # half of what it would be judged by
+
+
+def test_a_closed_loop_prior_knows_every_percentile_of_its_residuals():
+    assert knows_its_errors(METRICS, closed_loop=False) and not knows_its_errors(METRICS, closed_loop=True)
+    assert np.isfinite(draw_residuals(METRICS | RESIDUALS, np.random.default_rng(0), np.linspace(-9, 9, 99))).all()
+    for name in RESIDUALS:
+        all_but_one = {key: value for key, value in RESIDUALS.items() if key != name}
+        assert not knows_its_errors(METRICS | all_but_one, closed_loop=True), name
+
+
+def test_metrics_at_their_bounds_can_be_computed_with():
+    for extreme in (LARGEST_LOSS, 0.0):
+        spreads = {"loss_log_std": extreme, "loss_piece_variance": extreme}
+        for motors, whole in ((1.0, 1e-6), (LARGEST_LOSS, LARGEST_LOSS)):
+            metrics = METRICS | spreads | {"loss_motors": motors, "loss_pieces": whole}
+            assert knows_its_errors(metrics, closed_loop=False)
+            found = surprise(metrics, np.array([1e-9, 1.0, 1e6]), 3.0)
+            assert np.all((found >= 0.0) & (found <= 1.0)), metrics

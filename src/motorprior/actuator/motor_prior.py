@@ -11,6 +11,7 @@ import numpy as np
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
 
@@ -43,6 +44,8 @@ _ANEW = "identify it anew"
 _LARGEST_WEIGHT, _LARGEST_LOGARITHM = 1e4, 30.0
 _LOGARITHMS = ("motor_center", "log_armature", "log_var")
 """Tensors that are exponentiated."""
+_SLOPES = ("motor_slope", "armature_slope")
+"""Tensors whose product with z is."""
 _SMALLEST_SCALE, _LARGEST_SCALE = 1e-9, 1e9
 _OLDEST_TAP = 10_000
 """Periods; every motor keeps so much history."""
@@ -172,9 +175,10 @@ def _check_meaning(header: dict[str, Any], path: Path) -> None:
     for key, kind in _KINDS.items():
         if not isinstance(header[key], kind):
             raise ArtifactError(f"{key} = {str(header[key])[:40]} is not {_KIND_NAMES[kind]}", where=path, remedy=_ANEW)
-    for key, value in header["metrics"].items():
-        if type(value) not in (int, float) or not np.isfinite(value):
-            raise ArtifactError(f"metric {key} = {str(value)[:40]} is not a number", where=path, remedy=_ANEW)
+    if header["grey_box"] and header["has_armature"]:
+        problem = "grey_box and has_armature are both true: the rotor would count twice"
+        raise ArtifactError(problem, where=path, remedy=_ANEW)
+    check_metrics(header["metrics"], path)
 
 
 def _are_taps(taps: object) -> bool:
@@ -200,12 +204,16 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
         value = tensors[name]
         if value.shape != shape or value.dtype != np.float64:
             raise ArtifactError(f"{name} is {value.dtype}{value.shape}, wanted float64{shape}", where=path)
-        largest = _LARGEST_LOGARITHM if name in _LOGARITHMS else _LARGEST_WEIGHT
+        largest = _largest(name)
         if value.size and np.abs(value).max() > largest:
             raise ArtifactError(
                 f"{name} holds {np.abs(value).max():.3g}, beyond {largest:g}", where=path,
                 remedy="the training diverged: identify it anew",
             )  # fmt: skip
+    if header["grey_box"]:
+        check_central_motor(tensors["motor_center"], path)
+    if header["standardised"] and latents == 0:
+        raise ArtifactError("standardised is true, but it has no latents", where=path, remedy=_ANEW)
     if header["standardised"]:
         mixing, rises = tensors["mixing"], np.diff(tensors["quantiles"], axis=0)
         if np.any(rises <= 0) or np.linalg.matrix_rank(mixing) < latents:
@@ -214,3 +222,10 @@ def _check_shapes(tensors: dict[str, np.ndarray], header: dict[str, Any], path: 
         raise ArtifactError("it has 0 training motors", where=path, remedy=_ANEW)
     if neurons == 0 or neurons % 4:
         raise ArtifactError(f"{neurons} neurons per layer is not a multiple of 4", where=path, remedy=_ANEW)
+
+
+def _largest(name: str) -> float:
+    """Of the absolute values in a tensor."""
+    if name in _SLOPES:
+        return LARGEST_SLOPE
+    return _LARGEST_LOGARITHM if name in _LOGARITHMS else _LARGEST_WEIGHT

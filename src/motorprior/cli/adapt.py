@@ -14,6 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.cli.bounds import require_at_least
 from motorprior.cli.console import bar, table
 from motorprior.cli.motors import load_prior
+from motorprior.cli.recipe import recipe_of
 from motorprior.cli.stage import begin, description, digest, finish, is_finished
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import MotorLog
@@ -40,30 +41,6 @@ class Adapt:
     """Write the posterior even if the log is unlike anything the prior knows."""
 
 
-def preset_of(prior: MotorPrior, where: Path) -> Any:
-    """The recipe a prior was trained with.
-
-    Raises:
-        ArtifactError: its provenance does not say.
-    """
-    from motorprior.identification.presets import Preset
-
-    recipe: Any = prior.provenance.get("recipe")
-    try:
-        preset = Preset(**{**recipe, "taps": tuple(recipe["taps"])})
-    except (TypeError, KeyError) as error:
-        raise ArtifactError(
-            f"its provenance holds no recipe ({error})", where=where, remedy="identify it anew"
-        ) from error
-    network = prior.network
-    fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature) == (
-        network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature,
-    )  # fmt: skip
-    if not fits or preset.objective not in ("torque", "rollout"):
-        raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy="identify it anew")
-    return preset
-
-
 def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
     """The first rows of a log; a last segment cut to a single row is left out."""
     if seconds is None:
@@ -85,11 +62,11 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
     from motorprior.identification.reference import ending, knows_its_errors, pieces, surprise
     from motorprior.identification.windows import training_data
 
-    if prior.network.num_latents == 0 or not knows_its_errors(prior.metrics):
+    preset = recipe_of(prior, path)
+    if prior.network.num_latents == 0 or not knows_its_errors(prior.metrics, preset.objective == "rollout"):
         raise ArtifactError(
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
         )
-    preset = preset_of(prior, path)
     data = training_data(log, preset, where)
     # A prior that never saw torques judges by positions, whatever the log has.
     knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"

@@ -23,6 +23,10 @@ SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 PIECE = 1.0
 """Logs are taken as pieces of so many seconds [s], each with a mean loss of its own."""
 _SEGMENTS = 20
+_LEAST = {
+    "mean": 1e-12, "log_mean": -math.inf, "log_std": 0.0, "motors": 1.0, "pieces": 1e-6, "piece_variance": 0.0,
+}  # fmt: skip
+"""Smallest values of the ``loss_…`` of `reference_metrics`; one that is missing is nan, and not above them."""
 
 
 def reference_metrics(
@@ -88,8 +92,13 @@ def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]
     for index, name in enumerate(SPEEDS):
         chosen = residual[pool == index]
         values = np.percentile(chosen if len(chosen) else residual, LEVELS)
-        metrics |= {f"residual_p{level:02d}_{name}": float(value) for level, value in zip(LEVELS, values, strict=True)}
+        metrics |= dict(zip(_percentiles(name), values.tolist(), strict=True))
     return metrics
+
+
+def _percentiles(pool: str) -> list[str]:
+    """Names of the metrics, in the order of LEVELS."""
+    return [f"residual_p{level:02d}_{pool}" for level in LEVELS]
 
 
 def _pool(joint_vel: np.ndarray) -> np.ndarray:
@@ -97,18 +106,19 @@ def _pool(joint_vel: np.ndarray) -> np.ndarray:
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
 
 
-def knows_its_errors(metrics: dict[str, float]) -> bool:
-    """Whether these metrics of a prior, with either `ending`, are such that `surprise` can compute with them."""
+def knows_its_errors(metrics: dict[str, float], closed_loop: bool) -> bool:
+    """Whether `surprise`, with either `ending`, and in closed loop `draw_residuals` can compute with a prior's metrics.
+
+    Args:
+        metrics: of the prior.
+        closed_loop: whether it was trained in closed loop.
+    """
     if "loss_mean" not in metrics:
         return False
     endings = [which for which in (ending(True), ending(False)) if f"loss_mean{which}" in metrics]
-    positive = (f"loss_{name}{which}" for which in endings for name in ("mean", "motors", "pieces"))
-    at_least_0 = (f"loss_{name}{which}" for which in endings for name in ("log_std", "piece_variance"))
-    return (
-        all(f"loss_log_mean{which}" in metrics for which in endings)
-        and all(metrics.get(name, 0.0) > 0.0 for name in positive)
-        and all(metrics.get(name, -1.0) >= 0.0 for name in at_least_0)
-    )
+    return all(
+        metrics.get(f"loss_{name}{which}", math.nan) >= least for which in endings for name, least in _LEAST.items()
+    ) and (not closed_loop or all(name in metrics for pool in SPEEDS for name in _percentiles(pool)))
 
 
 def surprise(metrics: dict[str, float], losses: np.ndarray, count: float, which: str = "") -> np.ndarray:
@@ -143,7 +153,7 @@ def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_ve
     """
     pool, quantile, out = _pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
     for index, name in enumerate(SPEEDS):
-        values = np.array([metrics[f"residual_p{level:02d}_{name}"] for level in LEVELS])
+        values = np.array([metrics[percentile] for percentile in _percentiles(name)])
         low, high = 2 * values[0] - values[1], 2 * values[-1] - values[-2]
         chosen = pool == index
         out[chosen] = np.interp(quantile[chosen], [0, *LEVELS, 100], [low, *values, high])

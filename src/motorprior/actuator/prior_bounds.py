@@ -1,0 +1,73 @@
+"""Bounds of the numbers in a prior's file: wide of all that a training finds, short of what no simulation survives."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE
+from motorprior.exceptions import ArtifactError
+
+NOTHING = math.exp(-30.0)
+"""A training drives what a motor does not have, such as friction, towards 0; so small it may be."""
+CENTRAL_MOTOR = {
+    "kp": (1e-3, 1e3), "kd_over_kp": (NOTHING, 10.0), "velocity_filter": (NOTHING, 10.0), "delay": (NOTHING, 1.0),
+    "torque_limit": (1e-3, 1e3), "armature": (1e-6, 1.0), "coulomb": (NOTHING, 1e3), "stribeck_torque": (NOTHING, 1e3),
+    "viscous_damping": (NOTHING, 1e3), "load_friction": (NOTHING, 10.0), "gear_stiffness": (1e-3, 1e7),
+    "backlash": (NOTHING, 1.0), "gear_damping": (NOTHING, 1e2), "encoder_zero": (-1.5, 1.5),
+}  # fmt: skip
+"""(least, most) of a grey box's constants at z = 0, in the units of PARAMETERS."""
+FASTEST_GEAR = 500.0
+"""Of gear_damping/armature [1/s]: at 2 ms, from 1000 on, a rotor so light swings up on what its joint gives back."""
+LARGEST_SLOPE = 10.0
+"""Of the logarithm of a motor's constant over a latent of N(0, 1)."""
+LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
+"""A loss is of order 1; the square of any metric can be computed with."""
+_ANEW = "identify it anew"
+
+
+def check_central_motor(center: np.ndarray, path: Path) -> None:
+    """Refuse a grey box whose central motor is none.
+
+    Args:
+        center: (14,) of `GearedMotor`.
+        path: for the message.
+
+    Raises:
+        ArtifactError: names the constant, its value in SI units and its bounds.
+    """
+    values: dict[str, float] = {}
+    for name, raw in zip(PARAMETERS, center.tolist(), strict=True):
+        value = values[name] = ZERO_SCALE * raw if name == "encoder_zero" else math.exp(raw)
+        least, most = CENTRAL_MOTOR[name]
+        if not least <= value <= most:
+            raise ArtifactError(
+                f"motor_center: {name} = {value:.3g} is not from {least:.3g} to {most:.3g}", where=path, remedy=_ANEW
+            )
+    rate = values["gear_damping"] / values["armature"]
+    if rate > FASTEST_GEAR:
+        problem = f"motor_center: gear_damping/armature = {rate:.3g} 1/s is above {FASTEST_GEAR:g} 1/s"
+        raise ArtifactError(problem, where=path, remedy=_ANEW)
+
+
+def check_metrics(metrics: dict[str, object], path: Path) -> None:
+    """Refuse metrics that are not finite numbers of a sensible size.
+
+    Raises:
+        ArtifactError: names the metric, its value and its bound.
+    """
+    for name, value in metrics.items():
+        if not isinstance(value, int | float) or isinstance(value, bool) or not _is_finite(value):
+            raise ArtifactError(f"metric {name} = {str(value)[:40]} is not a number", where=path, remedy=_ANEW)
+        most = LARGEST_LOSS if name.startswith("loss_") else LARGEST_METRIC
+        if abs(value) > most:
+            raise ArtifactError(f"metric {name} = {value:.3g} is beyond {most:g}", where=path, remedy=_ANEW)
+
+
+def _is_finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False

@@ -1,0 +1,94 @@
+"""Whatever a prior says of its recipe is one that a training can have been made with, or refused by name and value."""
+
+from collections.abc import Callable
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.cli.recipe import recipe_of
+from motorprior.exceptions import ArtifactError
+from motorprior.identification.presets import PRESETS, Preset
+
+PATH = Path("mine.safetensors")
+RECIPE = replace(PRESETS["rollout"], taps=(0, 2, 5), num_latents=3)
+
+
+@pytest.fixture
+def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], MotorPrior]:
+    """A prior whose provenance holds this recipe."""
+    network, z = grey_network(), np.zeros((2, 3))
+
+    def make(recipe: Any) -> MotorPrior:
+        return MotorPrior(network, z, z, "rollout", "pupper_v2", "m", {"recipe": recipe}, {})
+
+    return make
+
+
+def as_json(preset: Preset) -> dict[str, Any]:
+    return asdict(preset) | {"taps": list(preset.taps)}
+
+
+def test_the_recipe_that_identify_writes_is_read(prior_with: Callable[[Any], MotorPrior]):
+    assert recipe_of(prior_with(as_json(RECIPE)), PATH) == RECIPE
+
+
+WRONG = {
+    "objective": ("paper", 1, ["rollout"]),
+    "period": ("fast", 0.0, -1.0, 10**400, True, 0.003),
+    "taps": (5, "0", [0, "2"], [0, 2.0, 5], [False, 2, 5], [], [0, 2, 6]),
+    "has_armature": (1, "no", True),
+    "grey_box": (1, None, False),
+    "num_latents": (3.0, "3", -1, True, 10**400, 4),
+    "num_neurons": (8.5, 0, None),
+    "kl_weight": ("small", -1e-9, 10**400, False),
+    "warm_up": (1.5, -1, "120", True, 99_937, 10**400),
+    "window": ("abc", 0, -1, 1.5, None, True, [64], 99_881, 10**400),
+    "noisy_share": (-0.1, 1.1, "all", True),
+    "batch": (0, 2.5, True),
+    "steps": (0, 1e3, "many"),
+    "learning_rate": (0.0, -1.0, "fast", 10**400),
+    "own_latents": (1, "yes"),
+    "per_motor": (0, None),
+    "standardise": (1.0, {}),
+}
+
+
+def test_every_entry_is_tried():
+    assert WRONG.keys() == {field.name for field in fields(Preset)}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in WRONG.items() for value in values])
+def test_a_recipe_with_a_wrong_entry_is_refused(prior_with: Callable[[Any], MotorPrior], name: str, value: object):
+    with pytest.raises(ArtifactError) as error:
+        recipe_of(prior_with(as_json(RECIPE) | {name: value}), PATH)
+    assert error.value.where == PATH and error.value.remedy == "identify it anew"
+    of_the_network = "not its network's" in error.value.problem
+    of_the_window = name in ("window", "warm_up") and "are 100001 rows, beyond 100000" in error.value.problem
+    assert f"recipe: {name} = {str(value)[:40]} is not " in error.value.problem or of_the_network or of_the_window
+
+
+@pytest.mark.parametrize(("name", "value"), [("window", 99_880), ("warm_up", 99_936), ("kl_weight", 0), ("batch", 1)])
+def test_a_recipe_at_its_bounds_is_read(prior_with: Callable[[Any], MotorPrior], name: str, value: int):
+    assert getattr(recipe_of(prior_with(as_json(RECIPE) | {name: value}), PATH), name) == value
+
+
+@pytest.mark.parametrize(
+    ("recipe", "words"),
+    [
+        (None, "no recipe"),
+        ([], "no recipe"),
+        ("rollout", "no recipe"),
+        ({}, "objective, period, taps"),
+        (as_json(RECIPE) | {"colour": "red"}, "colour"),
+        (as_json(RECIPE) | {"objective": "torque"}, "not its network's"),  # the preset rollout trains in closed loop
+    ],
+)
+def test_what_is_no_recipe_is_refused(prior_with: Callable[[Any], MotorPrior], recipe: object, words: str):
+    with pytest.raises(ArtifactError, match=words) as error:
+        recipe_of(prior_with(recipe), PATH)
+    assert error.value.where == PATH and error.value.remedy
