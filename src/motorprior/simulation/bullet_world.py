@@ -26,7 +26,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.torque_law import make_explicit, measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.torque_law import (
+    limit_explicit,
+    make_explicit,
+    measure_joint_pos,
+    reset_actuator,
+    step_actuator,
+)
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO, urdf
@@ -38,6 +44,9 @@ PHYSICS_DT = 0.001
 """Step of PyBullet [s] (puppersim)."""
 SOLVER_ITERATIONS = 20
 """Of contacts and gears together; 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)."""
+EXPLICIT_STIFFNESS = 3e-4
+"""Largest gear_stiffness·physics_dt² of a grey box [kg·m²], 300 N·m/rad at 1 ms: a stiffer gear is simulated as if it
+were only so stiff. Its damping is explicit here, and from 400 N·m/rad on a bare shank (3.4e-4 kg·m²) chatters."""
 _STIFF = 1e6
 _NO_LIMIT = 1e9
 
@@ -85,6 +94,7 @@ class BulletWorld:
         self._free_joints(np.asarray(joint_pos, dtype=np.float64))
         self._weigh(conditions)
         motors = actuator.arrays(self.config.physics_dt)
+        limit_explicit(motors, EXPLICIT_STIFFNESS / self.config.physics_dt**2)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 
