@@ -1,4 +1,6 @@
-"""Where episodes run: here, on threads, or on other processes and machines. Same bytes everywhere.
+"""Where episodes run: here, on threads, or on other processes and machines.
+
+Same bytes everywhere, on machines with the same processor features and libraries: code is compiled for the processor.
 
 A round of episodes is a list of tasks that share one thing, the policy they perturb. Both are small: noise and
 motors travel as seeds, and a worker draws them for itself. Results come back in the order of the tasks, whatever
