@@ -237,6 +237,14 @@ def test_only_a_fresh_client_is_exact_and_every_reset_makes_one(make):
         np.testing.assert_array_equal(one, other)
 
 
+def test_a_world_that_nobody_closes_leaves_no_file_behind(make, monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    world = make(STANDING)
+    for _ in range(2):
+        world.physics_step(world.reset(PD), spec.NOMINAL_POSE)
+        assert list(tmp_path.iterdir()) == []
+
+
 def test_the_same_seed_gives_the_same_bumps_and_the_start_is_level():
     terrain = Terrain(roughness=0.03)
     first, again, other = heights(terrain, 1), heights(terrain, 1), heights(terrain, 2)

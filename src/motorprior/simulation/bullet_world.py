@@ -71,7 +71,6 @@ class BulletWorld:
     def __init__(self, config: WorldConfig, terrain: Terrain | None = None):
         self.config, self.terrain = config, terrain or Terrain()
         self._bullet, self._client = import_bullet(), -1
-        self._folder = tempfile.TemporaryDirectory(prefix="motorprior-")
         self._damping, self._passive = np.zeros(spec.NUM_JOINTS), np.zeros(spec.NUM_JOINTS)
         self._conditions, self._torque = NOMINAL, np.zeros(spec.NUM_JOINTS)
         self._joints: tuple[np.ndarray, np.ndarray] | None = None
@@ -99,9 +98,8 @@ class BulletWorld:
         return motors
 
     def close(self) -> None:
-        """Give the client and the temporary folder back."""
+        """Give the client back."""
         self._disconnect()
-        self._folder.cleanup()
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
         """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
@@ -165,24 +163,29 @@ class BulletWorld:
 
     def _load(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
         """Floor and robot, with inertias from the file."""
-        path = Path(self._folder.name) / "robot.urdf"
         shift = conditions.com
-        path.write_text(urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))), encoding="utf-8")
         self._com = np.array(spec.CHASSIS.com) + shift
         self.call("setTimeStep", self.config.physics_dt)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
         if not self.config.hung:
             self._lay_floor(seed)
-        height = 0.4 if self.config.hung else spec.standing_height()
-        flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
-        self.robot = self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
+        self.robot = self._load_robot(urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
         names = [
             self.call("getJointInfo", self.robot, index)[1].decode()
             for index in range(self.call("getNumJoints", self.robot))
         ]
         self._names = {name: index for index, name in enumerate(names)}
         self._indices = [self._names[name] for name in spec.JOINT_NAMES]
+
+    def _load_robot(self, text: str) -> int:
+        """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
+        height = 0.4 if self.config.hung else spec.standing_height()
+        flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
+        with tempfile.TemporaryDirectory(prefix="motorprior-") as folder:
+            path = Path(folder) / "robot.urdf"
+            path.write_text(text, encoding="utf-8")
+            return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
 
     def _lay_floor(self, seed: int) -> None:
         if self.terrain.roughness == 0.0:
