@@ -14,7 +14,7 @@ from motorprior.cli.motors import MotorChoice
 from motorprior.cli.walk import Walk, scene
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, make_executor
+from motorprior.search.executor import Executor, SerialExecutor, make_executor
 from motorprior.search.train import Champion, new_search, train
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -49,6 +49,12 @@ def serial() -> bytes:
 def test_any_number_of_threads_gives_the_same_search(serial, workers):
     executor = make_executor(make_walker, workers)
     assert searched(executor) == serial
+    executor.close()
+
+
+def test_serial_is_one_worker_whatever_their_number(serial):
+    executor = make_executor(make_walker, 2, "serial")
+    assert isinstance(executor, SerialExecutor) and searched(executor) == serial
     executor.close()
 
 

@@ -6,7 +6,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.geared_motor import DAMPING, STIFFNESS, read_rotor_encoders, reset_geared_motor, step_geared_motor
+from motorprior.actuator.geared_motor import (
+    DAMPING,
+    STIFFNESS,
+    read_rotor_encoders,
+    reset_geared_motor,
+    step_geared_motor,
+)
 from motorprior.actuator.latent import renew_torque, reset_latent
 
 SCALES = 4

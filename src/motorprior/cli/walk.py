@@ -64,7 +64,7 @@ class Walk:
     randomization: Randomization = field(default_factory=Randomization)
     """What differs between episodes besides the motors; nothing if not given."""
     executor: Kind = "threads"
-    """Threads of this process, or Ray's processes; the result does not depend on it."""
+    """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster to join, with --executor ray; without one Ray starts on this machine only."""
 
