@@ -196,7 +196,7 @@ def test_a_fault_cancels_what_is_left_and_a_failure_of_ray_is_a_fault(ray, tmp_p
             executor.map(mark_and_break, str(tmp_path), range(40))
         assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]  # and the worker goes on
         assert len(list(tmp_path.iterdir())) < 30  # in four chunks of ten; the tasks of the first end with the fault
-        with pytest.raises(SimulationFault, match="Ray failed .GetTimeoutError.*read Ray's logs"):
+        with pytest.raises(SimulationFault, match=r"Ray failed \(GetTimeoutError\).*read Ray's logs"):
             executor.map(lose, None, [0])
     finally:
         executor.close()

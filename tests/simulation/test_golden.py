@@ -27,7 +27,7 @@ HOLDS_FOR = {
     "cpu": "znver5",
     "numpy's SIMD": "X86_V3 X86_V4 AVX512_ICL",
 }
-"""Compiled code is made for the processor, and numpy and the C library choose their code by it: other sums, other bits."""
+"""Compiled code is made for the processor, numpy and the C library choose theirs by it: other sums, other bits."""
 DIGESTS = {
     "ideal_pd": "4c46c23afa85cb9c265f8ede914add20bd26518d7fdbb4d87f2568d2aef7a63c",
     "grey_box": "e4158b3ab3403851af66dd9368b9f05762d37f81bd022adc705d0d4e5214fba6",

@@ -60,7 +60,7 @@ class Walk:
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only `--executor ray` uses more cores."""
     roughness: float = 0.0
-    """Height of the bumps of a rough ground [m]; PyBullet only."""
+    """Height of the bumps of a rough ground [m]; PyBullet only. It ends 4 m from the start."""
     randomization: Randomization = field(default_factory=Randomization)
     """What differs between episodes besides the motors; nothing if not given."""
     executor: Kind = "threads"

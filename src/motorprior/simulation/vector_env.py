@@ -52,8 +52,8 @@ class WalkVectorEnv(VectorEnv):
     """N robots; one whose episode is over is reset by the next step, whose reward is then zero.
 
     Its observations, rewards and ends are those of N `locomotion.env.PupperWalkEnv` on `MujocoBackend` under
-    `gymnasium.vector.SyncVectorEnv`, bit for bit, on any number of threads. Its infos are fewer: fault, phase and base_pos,
-    no position_target, measured_joint_pos and base_quat.
+    `gymnasium.vector.SyncVectorEnv`, bit for bit, on any number of threads. Its infos are fewer: fault, phase and
+    base_pos, no position_target, measured_joint_pos and base_quat.
 
     Args:
         num_envs: N.
