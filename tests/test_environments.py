@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import motorprior.environments
-from motorprior.environments import make_env
+from motorprior.environments import make_env, make_vector_env
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
@@ -75,8 +75,8 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads):
 
 
 def test_seeds_are_one_or_one_for_each_robot():
-    env = gymnasium.make_vec(ID, num_envs=3, actuator="pd")
-    from_one, from_each = env.reset(seed=np.int64(4))[0], env.reset(seed=[4, 5, 6])[0]
+    env = make_vector_env(3, actuator="pd")
+    from_one, from_each = env.reset(seed=4)[0], env.reset(seed=[4, 5, 6])[0]
     np.testing.assert_array_equal(from_one, from_each)
     for seeds in ([], [1, 2], [1, 2, 3, 4]):
         with pytest.raises(ValueError, match=f"{len(seeds)} seeds for 3 robots"):
