@@ -19,7 +19,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size
-from motorprior.search.train import Round, Task, advance, new_search
+from motorprior.search.train import Round, Task, advance, episode_seed, new_search, run_task
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 
 EPISODE_STEPS, REPEATS = 250, 9
@@ -81,18 +81,28 @@ def predicted(figures: dict[str, float], workers: int, directions: int) -> float
     return figures["update_s_per_direction"] * directions + max(driver, busiest)
 
 
+def travelling(walker: WalkSimulator, directions: int, workers: int) -> dict[str, float]:
+    """Bytes per task and per result, pickled in chunks as they travel: what tasks have in common is written once."""
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2))
+    shared, candidates = Round.of(search), search.ask()
+    size = chunk_size(len(candidates), workers)
+    tasks = [Task(candidate, episode_seed(0, 0, candidate.direction)) for candidate in candidates[:size]]
+    episodes = [run_task(walker, shared, task) for task in tasks]
+    sizes = {"task": len(pickle.dumps(tasks)) / size, "result": len(pickle.dumps(episodes)) / size}
+    return {f"bytes_per_{name}/chunks_of_{size}": value for name, value in sizes.items()}
+
+
 def main() -> None:
     """Measure, predict, print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json")
     path = parser.parse_args().json
     walker, search = make_walker(), new_search(ArsConfig())
-    shared, task = Round.of(search), Task(search.ask()[0], 2**31)
-    episode = walker.run(search.parameters.reshape(16, 19), shared.mean, shared.std, 0)
+    shared = Round.of(search)
     figures: dict[str, float] = {
         "bytes_shared": len(pickle.dumps(shared)),
-        "bytes_task": len(pickle.dumps(task)),
-        "bytes_result": len(pickle.dumps(episode)),
+        **travelling(walker, 16, 2),
+        **travelling(walker, 8192, 64),
         "episode_s": median_seconds(lambda: walker.run(np.zeros((16, 19)), shared.mean, shared.std, 0)),
         "update_s_per_direction": update_seconds(64) / 64,
     }

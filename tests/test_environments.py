@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import motorprior.environments
-from motorprior.environments import make_env
+from motorprior.environments import make_env, make_vector_env
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
@@ -65,12 +65,23 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads):
         one, other = ours.step(actions), theirs.step(actions)
         pairs += zip(one[:4], other[:4], strict=True)
         ends += one[2].sum(), one[3].sum()
-        np.testing.assert_array_equal(one[4]["phase"], other[4]["phase"])
+        for name in ("fault", "phase", "base_pos"):
+            np.testing.assert_array_equal(one[4][name], other[4][name])
     for one, other in pairs:
         np.testing.assert_array_equal(one, other)
     assert ends.min() > 0  # both falls and time limits were met
     ours.close()
     theirs.close()
+
+
+def test_seeds_are_one_or_one_for_each_robot():
+    env = make_vector_env(3, actuator="pd")
+    from_one, from_each = env.reset(seed=4)[0], env.reset(seed=[4, 5, 6])[0]
+    np.testing.assert_array_equal(from_one, from_each)
+    for seeds in ([], [1, 2], [1, 2, 3, 4]):
+        with pytest.raises(ValueError, match=f"{len(seeds)} seeds for 3 robots"):
+            env.reset(seed=seeds)
+    env.close()
 
 
 @pytest.mark.parametrize(

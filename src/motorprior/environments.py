@@ -5,6 +5,9 @@ That a module does something at import is Gymnasium's own protocol.
     import gymnasium, motorprior.environments
     env = gymnasium.make("motorprior/PupperWalk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
 
+A fatal error of MuJoCo (``mju_error``: out of memory, a broken model) ends the process with one line on standard error,
+as compiled code has no one to raise to: save your training from time to time.
+
 The words are those of ``motorprior walk``. Observation and action are those of its policies.
 """
 
@@ -49,7 +52,7 @@ class EnvOptions:
         delay: of the PD's target [s].
         task: reward.
         randomization: what else differs between episodes.
-        roughness: height of bumps [m]; PyBullet only.
+        roughness: height of bumps [m]; PyBullet only. The ground ends 4 m from the start.
         episode_steps: control steps until truncation.
     """
 

@@ -1,6 +1,7 @@
 """`motorprior walk` on either engine and any executor, with randomisation; `motorprior speed` measures them all."""
 
 import sys
+import threading
 from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
@@ -11,7 +12,9 @@ import pytest
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.policy import Policy
+from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.speed import TimedPath, measure
 from motorprior.simulation.world import FAULTS
 
 Command = Callable[..., Any]
@@ -27,8 +30,8 @@ def test_pybullet_trains_and_gives_the_same_bytes_again(motorprior: Command, tmp
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     few = ("--search.num-directions", 2, "--search.num-top-directions", 1)
     line = (*SMALL, *few, "--engine", "pybullet", "--roughness", 0.01)
-    for name, workers in (("one", 1), ("two", 2)):
-        assert motorprior(*line, "--workers", workers, "--out", tmp_path / name).code == 0
+    for name, how in (("one", ("--executor", "serial")), ("two", ("--workers", 2))):
+        assert motorprior(*line, *how, "--out", tmp_path / name).code == 0
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert motorprior(*SMALL, *few, "--out", tmp_path / "mujoco").code == 0
     assert contents(tmp_path / "one") != contents(tmp_path / "mujoco")
@@ -92,7 +95,10 @@ def test_episodes_that_fail_cost_no_finished_iteration(
     assert contents(tmp_path / "broken") == contents(tmp_path / "whole")
 
 
-def test_episodes_that_were_no_physics_are_counted_by_name(motorprior: Command, tmp_path: Path):
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_episodes_that_were_no_physics_are_counted_by_name(motorprior: Command, tmp_path: Path, engine: str):
+    if engine == "pybullet":
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     wild = ("--kp", 1e8, "--kd", 0, "--torque-limit", 1e9, "--episode-steps", 50)
     line = (
         "walk",
@@ -105,10 +111,28 @@ def test_episodes_that_were_no_physics_are_counted_by_name(motorprior: Command, 
         "--search.num-top-directions",
         1,
     )
-    result = motorprior(*line, *wild, "--out", tmp_path)
+    result = motorprior(*line, *wild, "--engine", engine, "--out", tmp_path)
     assert result.code == 0
     assert [point["faults"] for point in read_json(tmp_path / "curve.json")] == [{FAULTS[1]: 4}] * 2
     assert f"8 of 8 episodes ended early: {FAULTS[1]}" in " ".join(result.err.split())
+
+
+def test_speed_tells_of_every_round():
+    told: list[str] = []
+    paths = {name: TimedPath(10, lambda name=name: told.append(name) or 0.1) for name in "ab"}
+    figures = measure(paths, 3, lambda: told.append("round"))
+    assert told == ["a", "a", "b", "b", "round"] * 3
+    assert figures == {f"control_steps_per_s/{name}": pytest.approx(100.0) for name in "ab"}
+
+
+def test_speed_gives_threads_and_clients_back(motorprior: Command, prior: Path, monkeypatch):
+    closed: list[object] = []
+    for kind in (WalkSimulator, BackendSimulator):
+        monkeypatch.setattr(kind, "close", lambda self, close=kind.close: (closed.append(self), close(self)))
+    before = set(threading.enumerate())
+    assert motorprior("speed", "--prior", prior).code == 0
+    assert {thread for thread in threading.enumerate() if thread not in before} == set()
+    assert sum(isinstance(each, BackendSimulator) for each in closed) >= 1
 
 
 def test_speed_writes_a_flat_map_of_every_path(motorprior: Command, tmp_path: Path, prior: Path):

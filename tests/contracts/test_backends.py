@@ -163,10 +163,15 @@ def test_a_target_is_followed(backend: Backend):
 
 ABSURD = IdealPd.uniform(12, kp=1e300, kd=0.84, torque_limit=1e308, armature=0.003)
 UNDEFINED = IdealPd.uniform(12, kp=8.8, kd=np.nan, torque_limit=1.26, armature=0.003)
+BUZZING = IdealPd.uniform(12, kp=1e3, kd=0.0, torque_limit=1e9)
+TELEPORTING = IdealPd.uniform(12, kp=1e8, kd=0.0, torque_limit=1e9)
+"""Everything stays finite."""
 
 
 @pytest.mark.parametrize("engine", [MujocoBackend, PybulletBackend])
-@pytest.mark.parametrize("motors", [ABSURD, UNDEFINED], ids=["absurd", "NaN"])
+@pytest.mark.parametrize(
+    "motors", [ABSURD, UNDEFINED, BUZZING, TELEPORTING], ids=["absurd", "NaN", "buzzing", "teleporting"]
+)
 def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(engine, motors: IdealPd):
     if engine is PybulletBackend:
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")

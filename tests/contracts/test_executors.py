@@ -14,7 +14,7 @@ from motorprior.cli.motors import MotorChoice
 from motorprior.cli.walk import Walk, scene
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, make_executor
+from motorprior.search.executor import Executor, SerialExecutor, make_executor
 from motorprior.search.train import Champion, new_search, train
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -52,6 +52,12 @@ def test_any_number_of_threads_gives_the_same_search(serial, workers):
     executor.close()
 
 
+def test_serial_is_one_worker_whatever_their_number(serial):
+    executor = make_executor(make_walker, 2, "serial")
+    assert isinstance(executor, SerialExecutor) and searched(executor) == serial
+    executor.close()
+
+
 class Sleeper:
     """A simulator that takes its time."""
 
@@ -76,18 +82,38 @@ def test_results_come_in_the_order_of_the_tasks_whatever_order_they_end_in(worke
 
 
 def broken(simulator, shared, task):
-    raise SimulationFault("broken down")
+    raise SimulationFault("broken down", where="here", remedy="mend it")
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_fault_reaches_the_caller(workers):
-    executor = make_executor(Sleeper, workers)
-    with pytest.raises(SimulationFault, match="broken down"):
-        executor.map(broken, None, range(3))
-    executor.close()
+@pytest.mark.parametrize(("workers", "kind"), [(1, "threads"), (2, "threads"), (1, "ray")])
+def test_a_fault_reaches_the_caller(request, workers, kind):
+    if kind == "ray":
+        request.getfixturevalue("ray")
+    executor = make_executor(Sleeper, workers, kind)
+    try:
+        with pytest.raises(SimulationFault) as caught:
+            executor.map(broken, None, range(3))
+        assert type(caught.value) is SimulationFault and str(caught.value) == "here: broken down -> mend it"  # one line
+    finally:
+        executor.close()
 
 
 # Ray: starting it takes seconds, so the tests below share one cluster of two nodes.
+
+
+def mark_and_break(simulator, shared, task):
+    """The first task breaks down; the others are slow, and leave a mark when they end."""
+    if task == 0:
+        raise SimulationFault("broken down")
+    time.sleep(0.1)
+    (Path(shared) / str(task)).touch()
+
+
+def lose(simulator, shared, task):
+    """Wait for something that Ray has lost."""
+    import ray as there
+
+    return there.get(there.ObjectRef.from_random(), timeout=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -161,6 +187,19 @@ def kill_when_busy(node, folder, node_id):
     while not any(mark.name.endswith(node_id) for mark in folder.iterdir()):
         time.sleep(0.02)
     node.kill_raylet(check_alive=False)
+
+
+def test_a_fault_cancels_what_is_left_and_a_failure_of_ray_is_a_fault(ray, tmp_path):
+    executor = make_executor(Sleeper, 1, "ray")
+    try:
+        with pytest.raises(SimulationFault, match="broken down"):
+            executor.map(mark_and_break, str(tmp_path), range(40))
+        assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]  # and the worker goes on
+        assert len(list(tmp_path.iterdir())) < 30  # in four chunks of ten; the tasks of the first end with the fault
+        with pytest.raises(SimulationFault, match=r"Ray failed \(GetTimeoutError\).*read Ray's logs"):
+            executor.map(lose, None, [0])
+    finally:
+        executor.close()
 
 
 def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
-from motorprior.search.ars import Ars, ArsConfig, Moments
+from motorprior.search.ars import Ars, ArsConfig, Moments, perturbed
 
 TARGET = np.array([1.0, -2.0, 0.5, 0.0, 3.0])
 
@@ -15,9 +15,9 @@ def quadratic(parameters):
 
 def iterate(search, score=quadratic):
     """One iteration with two made-up observations per candidate."""
-    candidates = search.ask()
-    returns = np.array([score(search.parameters_of(c)) for c in candidates]).reshape(-1, 2)
-    moments = [Moments.of(np.stack([search.parameters_of(c)[:2], search.parameters_of(c)[2:4]])) for c in candidates]
+    tried = [perturbed(search.parameters, c, search.config, search.iteration) for c in search.ask()]
+    returns = np.array([score(parameters) for parameters in tried]).reshape(-1, 2)
+    moments = [Moments.of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried]
     search.tell(returns, moments)
 
 
@@ -43,7 +43,8 @@ def test_candidates_are_mirrored_pairs_drawn_from_their_seed():
     assert [(c.direction, c.sign) for c in candidates] == [(k, s) for k in range(4) for s in (1, -1)]
     for c in candidates:
         noise = np.random.default_rng([9, 6, c.direction]).standard_normal(5)
-        np.testing.assert_allclose(search.parameters_of(c), np.arange(5.0) + c.sign * 0.3 * noise)
+        tried = perturbed(search.parameters, c, search.config, search.iteration)
+        np.testing.assert_allclose(tried, np.arange(5.0) + c.sign * 0.3 * noise)
 
 
 def test_climbs_a_quadratic_to_its_top():

@@ -167,10 +167,10 @@ TOLERANCE = {
     "physical": (1e-9, 1e-6),
     "latent": (1e-4, 1e-3),
     "ideal_pd": (1e-4, 1e-3),
-    "grey_box": (0.004, 0.15),
+    "grey_box": (0.004, 0.25),
 }
-"""Of hung joints [rad] and torques [N·m] over 1 s: rounding; the rotors' gear of 1000:1; a gear's damping that is
-explicit here, so that a blow through the play falls in another millisecond."""
+"""Of hung joints [rad] and torques [N·m] over 1 s: rounding; the rotors' gear of 1000:1; a gear's damping, its own and
+that of its stiffness, which is explicit here: a blow through the play is another, and falls in another millisecond."""
 
 
 def test_a_hung_robot_trots_as_in_mujoco(make, motors):
@@ -183,6 +183,18 @@ def test_a_hung_robot_trots_as_in_mujoco(make, motors):
     np.testing.assert_allclose(joint_pos, there.joint_pos, atol=angle)
     assert np.abs(joint_torque - there.joint_torque).max() < torque
     assert np.ptp(joint_pos, axis=0)[1::3].min() > 0.2
+
+
+@pytest.mark.parametrize("stiffness", [840.0, 2000.0])
+def test_a_grey_box_with_a_stiff_gear_hangs_calmly(make, grey_network, stiffness):
+    # unlimited, shanks buzz at tens of rad/s or explode
+    stiff = LatentActuator(grey_network(spread=0.0, gear_stiffness=stiffness), np.zeros((12, 3)))
+    world = make(HUNG)
+    arrays, speeds = world.reset(stiff), []
+    for step in range(1000):
+        world.physics_step(arrays, spec.NOMINAL_POSE + (0.3 if step < 300 else 0.0))
+        speeds.append(np.abs(world.joints()[1]).max())
+    assert 1.0 < max(speeds) < 30.0 and max(speeds[-200:]) < 0.05
 
 
 def test_the_robot_stands_as_in_mujoco(make, motors):
@@ -223,6 +235,14 @@ def test_only_a_fresh_client_is_exact_and_every_reset_makes_one(make):
     played(used, PHYSICAL, -targets)  # other motion, a fall
     for one, other in zip(played(used, PD, targets), played(fresh, PD, targets), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_world_that_nobody_closes_leaves_no_file_behind(make, monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    world = make(STANDING)
+    for _ in range(2):
+        world.physics_step(world.reset(PD), spec.NOMINAL_POSE)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_the_same_seed_gives_the_same_bumps_and_the_start_is_level():

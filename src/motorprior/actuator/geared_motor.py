@@ -57,7 +57,7 @@ STRIBECK_VELOCITY = 0.3
 
 (
     _KP, _KD, _FILTER, _DELAY, _LIMIT, _ARMATURE, _COULOMB, _STRIBECK, _VISCOUS, _LOAD_FRICTION,
-    _STIFFNESS, _HALF_PLAY, _GEAR_DAMPING, _ZERO, _MEAN_FILTER,
+    STIFFNESS, _HALF_PLAY, _GEAR_DAMPING, _ZERO, _MEAN_FILTER,
 ) = range(len(PARAMETERS) + 1)  # fmt: skip
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, TARGET, _RING = range(7)
 """Rows of the memory; the delay line follows."""
@@ -93,7 +93,7 @@ def motor_table(values: dict[str, np.ndarray], physics_dt: float) -> np.ndarray:
     table[_KD] = values["kp"] * values["kd_over_kp"]
     table[_DELAY] = values["delay"] / physics_dt
     table[_FILTER] = -np.expm1(-steps)
-    table[_STIFFNESS] = np.minimum(values["gear_stiffness"], RESOLVED * values["armature"] / physics_dt**2)
+    table[STIFFNESS] = np.minimum(values["gear_stiffness"], RESOLVED * values["armature"] / physics_dt**2)
     table[_HALF_PLAY] = 0.5 * values["backlash"]
     return np.concatenate([table, [1.0 - table[_FILTER] / steps]])
 
@@ -146,7 +146,7 @@ def _step(
     above, below = coming > half_play, coming < -half_play
     pressed = where(above, twist - half_play, where(below, twist + half_play, zero))
     contact = where(above, one, where(below, one, zero))
-    stiffness, damper = contact * p[_STIFFNESS], contact * p[_GEAR_DAMPING]
+    stiffness, damper = contact * p[STIFFNESS], contact * p[_GEAR_DAMPING]
     damping = 0.5 * (damper + h * stiffness)
     damper = damper + EXTRA_DAMPING * h * stiffness
     gear, lead = stiffness * pressed + damper * (v - dq), damper + half_h * stiffness

@@ -6,7 +6,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.geared_motor import DAMPING, read_rotor_encoders, reset_geared_motor, step_geared_motor
+from motorprior.actuator.geared_motor import (
+    DAMPING,
+    STIFFNESS,
+    read_rotor_encoders,
+    reset_geared_motor,
+    step_geared_motor,
+)
 from motorprior.actuator.latent import renew_torque, reset_latent
 
 SCALES = 4
@@ -44,6 +50,12 @@ def step_grey_box(
     )
     for motor in range(torque.shape[0]):
         torque[motor] += arrays.memory[0, motor]
+
+
+def limit_stiffness(arrays: ActuatorArrays, largest: float) -> None:
+    """Simulate gears stiffer than ``largest`` [N·m/rad] as if they were only so stiff."""
+    row = arrays.parameters[SCALES + STIFFNESS]
+    np.minimum(row, largest, out=row)
 
 
 @njit(cache=True, nogil=True)

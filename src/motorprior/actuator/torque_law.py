@@ -6,7 +6,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import GREY_BOX, IDEAL_PD, LATENT, PHYSICAL, ActuatorArrays
-from motorprior.actuator.grey_box import forget_damping, read_grey_box_encoders, reset_grey_box, step_grey_box
+from motorprior.actuator.grey_box import (
+    forget_damping,
+    limit_stiffness,
+    read_grey_box_encoders,
+    reset_grey_box,
+    step_grey_box,
+)
 from motorprior.actuator.ideal_pd import reset_ideal_pd, step_ideal_pd
 from motorprior.actuator.latent import reset_latent, step_latent
 from motorprior.actuator.physical import read_encoders, reset_physical, step_physical
@@ -47,11 +53,18 @@ def step_actuator(
     arrays.clock[0] += 1
 
 
+def limit_explicit(arrays: ActuatorArrays, largest: float) -> None:
+    """For an engine that needs `make_explicit`: no gear of a grey box stiffer than ``largest`` [N·m/rad]."""
+    if arrays.kind == GREY_BOX:
+        limit_stiffness(arrays, largest)
+
+
 @njit(cache=True, nogil=True)
 def make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
     """For an engine that cannot renew its damping: put that of the coming step into the torque.
 
-    Only a grey box renews it; what an engine damps all the time stays with the engine. Stable at 1 ms on a bare shank.
+    Only a grey box renews it; what an engine damps all the time stays with the engine. With the gear's stiffness k and
+    a bare link of inertia I, a step h is stable only while 2·k·h²/I + gear_damping·h/I < 4: see `limit_explicit`.
     """
     if arrays.kind == GREY_BOX:
         torque -= arrays.damping * joint_vel

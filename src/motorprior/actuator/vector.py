@@ -12,7 +12,7 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils
 
-_FLOAT, _INT = ir.DoubleType(), ir.IntType(64)
+_FLOAT = ir.DoubleType()
 BYTES = 8
 """Of a float64."""
 

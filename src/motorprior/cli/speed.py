@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from motorprior.cli.console import bar, table
 from motorprior.cli.motors import load_prior, load_robot_fleet
 from motorprior.cli.validate import nominal_pd
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation.speed import compiled_paths, interpreted_paths, measure
+from motorprior.simulation.speed import REPEATS, compiled_paths, interpreted_paths, measure
 
 
 @dataclass(frozen=True)
@@ -44,17 +45,17 @@ def measure_speed(prior_path: Path, fleet_name: str, interpreted: bool = False) 
         "rollout": (learned, spec.PHYSICS_DT),
         "physical": (PhysicalActuator(fleet.center(spec.NUM_JOINTS)), LONGEST_STEP),
     }
-    with bar("speed: episodes side by side", 1) as progress:
-        paths = compiled_paths(actuators)
-        figures = measure(paths | interpreted_paths(learned) if interpreted else paths)
-        progress.advance()
-    return figures
+    with bar("speed: episodes side by side", REPEATS) as progress, ExitStack() as stack:
+        paths = compiled_paths(actuators) | (interpreted_paths(learned) if interpreted else {})
+        for path in paths.values():
+            stack.callback(path.close)
+        return measure(paths, progress=progress.advance)
 
 
 def run_speed(config: Speed) -> None:
     """Measure and print."""
     figures = measure_speed(config.prior, config.fleet, interpreted=True)
     rows = [[name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}"] for name, value in figures.items()]
-    table("Speed per core, medians of 7 interleaved runs", ["path", "value"], rows)
+    table(f"Speed per core, medians of {REPEATS} interleaved runs", ["path", "value"], rows)
     if config.json is not None:
         write_json(config.json, figures)

@@ -60,11 +60,11 @@ class Walk:
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only `--executor ray` uses more cores."""
     roughness: float = 0.0
-    """Height of the bumps of a rough ground [m]; PyBullet only."""
+    """Height of the bumps of a rough ground [m]; PyBullet only. It ends 4 m from the start."""
     randomization: Randomization = field(default_factory=Randomization)
     """What differs between episodes besides the motors; nothing if not given."""
     executor: Kind = "threads"
-    """Threads of this process, or Ray's processes; the result does not depend on it."""
+    """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster to join, with --executor ray; without one Ray starts on this machine only."""
 

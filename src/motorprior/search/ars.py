@@ -149,10 +149,6 @@ class Ars:
         """Candidates of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
         return [Candidate(index, sign) for index in range(self.config.num_directions) for sign in (1, -1)]
 
-    def parameters_of(self, candidate: Candidate) -> np.ndarray:
-        """What a candidate of this iteration stands for, shape (num_parameters,)."""
-        return perturbed(self.parameters, candidate, self.config, self.iteration)
-
     def tell(self, returns: np.ndarray, observation_moments: Sequence[Moments]) -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
 

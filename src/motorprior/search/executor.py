@@ -1,4 +1,6 @@
-"""Where episodes run: here, on threads, or on other processes and machines. Same bytes everywhere.
+"""Where episodes run: one after the other, on threads, or on other processes and machines.
+
+Same bytes everywhere, on machines with the same processor features and libraries: code is compiled for the processor.
 
 A round of episodes is a list of tasks that share one thing, the policy they perturb. Both are small: noise and
 motors travel as seeds, and a worker draws them for itself. Results come back in the order of the tasks, whatever
@@ -16,7 +18,7 @@ from typing import Any, Literal, Protocol, TypeVar
 from motorprior.search.executor_ray import RayExecutor
 
 Result = TypeVar("Result")
-Kind = Literal["threads", "ray"]
+Kind = Literal["serial", "threads", "ray"]
 
 
 class Executor(Protocol):
@@ -82,12 +84,12 @@ def make_executor(
 
     Args:
         make_simulator: called once per worker; for Ray it must pickle.
-        workers: episodes at a time.
-        kind: threads of this process, or Ray's processes.
+        workers: episodes at a time; "serial" has one.
+        kind: one after the other, threads of this process, or Ray's processes.
         address: of the Ray cluster to join; without one Ray starts on this machine only.
     """
     if kind == "ray":
         return RayExecutor(make_simulator, workers, address)
-    if workers <= 1:
+    if kind == "serial" or workers <= 1:
         return SerialExecutor(make_simulator)
     return ThreadExecutor(make_simulator, workers)

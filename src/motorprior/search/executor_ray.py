@@ -23,6 +23,7 @@ RETRIES = 3
 CHUNKS_PER_WORKER, MANY_CHUNKS = 4, 256
 """Several chunks per worker even out episodes of different lengths; beyond MANY_CHUNKS starting them costs the
 driver more than that saves (docs/scaling.md), and each worker gets one."""
+_REMEDY = "read Ray's logs; finished iterations are kept"
 _SIMULATORS: dict[str, Any] = {}
 """In a worker process: the simulator of the executor it last worked for."""
 _NUMBERS = itertools.count()
@@ -53,22 +54,38 @@ class RayExecutor:
         """Results in the order of ``tasks``.
 
         Raises:
-            SimulationFault: tasks whose worker died RETRIES + 1 times.
+            SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
+            Exception: what the function raised in a worker. The tasks that are left are cancelled.
         """
         size = chunk_size(len(tasks), self._workers)
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
         common = self._ray.put((function, shared))
         running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
         results: list[Result] = []
-        for chunk, reference in zip(chunks, running, strict=True):
-            try:
-                results += self._ray.get(reference)
-            except (self._ray.exceptions.WorkerCrashedError, self._ray.exceptions.NodeDiedError) as error:
-                raise SimulationFault(
-                    f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})",
-                    remedy="read Ray's logs; finished iterations are kept",
-                ) from error
+        try:
+            for chunk, reference in zip(chunks, running, strict=True):
+                results += self._collect(chunk, reference)
+        except BaseException:  # an interrupt too
+            for reference in running:
+                self._ray.cancel(reference)  # nothing where it is done
+            raise
         return results
+
+    def _collect(self, chunk: list[Any], reference: Any) -> list[Any]:
+        """Results of a chunk; what went wrong in the words of this process."""
+        known = self._ray.exceptions
+        try:
+            return self._ray.get(reference)
+        except (known.WorkerCrashedError, known.NodeDiedError) as error:
+            raise SimulationFault(
+                f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})", remedy=_REMEDY
+            ) from error
+        except known.RayError as error:
+            cause = error.cause if isinstance(error, known.RayTaskError) else error
+            if not isinstance(cause, known.RayError):
+                raise cause from None  # Ray's own error would print the worker's traceback
+            said = str(cause).strip().partition("\n")[0]
+            raise SimulationFault(f"Ray failed ({type(cause).__name__}): {said}", remedy=_REMEDY) from error
 
     def close(self) -> None:
         """Leave the cluster; stops it if it was started here."""

@@ -13,7 +13,7 @@ from motorprior.simulation.bullet_world import PHYSICS_DT, BulletWorld
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import NOMINAL, Conditions, Randomization
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world import WorldConfig, has_broken_down
 
 
 class PybulletBackend:
@@ -75,7 +75,9 @@ class PybulletBackend:
 
     def _state(self, torque_squared_sum: float) -> BackendState:
         base, measured = self._world.base(), self._world.measured_joint_pos(self._motors)
-        finite = all(np.all(np.isfinite(value)) for value in (base.pos, base.quat, base.ang_vel, measured))
+        joint_pos, joint_vel = self._world.joints()
+        qpos = np.concatenate([base.pos, base.quat, joint_pos])
+        broken = has_broken_down(qpos, np.concatenate([base.lin_vel, base.ang_vel, joint_vel]))
         return BackendState(
             base_pos=base.pos,
             base_quat=base.quat,
@@ -83,5 +85,5 @@ class PybulletBackend:
             base_ang_vel=base.ang_vel,
             measured_joint_pos=measured,
             torque_squared_sum=torque_squared_sum,
-            fault=0 if finite else 1,
+            fault=1 if broken else 0,
         )

@@ -26,7 +26,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.torque_law import make_explicit, measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.torque_law import (
+    limit_explicit,
+    make_explicit,
+    measure_joint_pos,
+    reset_actuator,
+    step_actuator,
+)
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO, urdf
@@ -38,6 +44,9 @@ PHYSICS_DT = 0.001
 """Step of PyBullet [s] (puppersim)."""
 SOLVER_ITERATIONS = 20
 """Of contacts and gears together; 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)."""
+EXPLICIT_STIFFNESS = 3e-4
+"""Largest gear_stiffness·physics_dt² of a grey box [kg·m²], 300 N·m/rad at 1 ms: a stiffer gear is simulated as if it
+were only so stiff. Its damping is explicit here, and from 400 N·m/rad on a bare shank (3.4e-4 kg·m²) chatters."""
 _STIFF = 1e6
 _NO_LIMIT = 1e9
 
@@ -62,7 +71,6 @@ class BulletWorld:
     def __init__(self, config: WorldConfig, terrain: Terrain | None = None):
         self.config, self.terrain = config, terrain or Terrain()
         self._bullet, self._client = import_bullet(), -1
-        self._folder = tempfile.TemporaryDirectory(prefix="motorprior-")
         self._damping, self._passive = np.zeros(spec.NUM_JOINTS), np.zeros(spec.NUM_JOINTS)
         self._conditions, self._torque = NOMINAL, np.zeros(spec.NUM_JOINTS)
         self._joints: tuple[np.ndarray, np.ndarray] | None = None
@@ -85,13 +93,13 @@ class BulletWorld:
         self._free_joints(np.asarray(joint_pos, dtype=np.float64))
         self._weigh(conditions)
         motors = actuator.arrays(self.config.physics_dt)
+        limit_explicit(motors, EXPLICIT_STIFFNESS / self.config.physics_dt**2)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 
     def close(self) -> None:
-        """Give the client and the temporary folder back."""
+        """Give the client back."""
         self._disconnect()
-        self._folder.cleanup()
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
         """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
@@ -155,24 +163,29 @@ class BulletWorld:
 
     def _load(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
         """Floor and robot, with inertias from the file."""
-        path = Path(self._folder.name) / "robot.urdf"
         shift = conditions.com
-        path.write_text(urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))), encoding="utf-8")
         self._com = np.array(spec.CHASSIS.com) + shift
         self.call("setTimeStep", self.config.physics_dt)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
         if not self.config.hung:
             self._lay_floor(seed)
-        height = 0.4 if self.config.hung else spec.standing_height()
-        flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
-        self.robot = self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
+        self.robot = self._load_robot(urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
         names = [
             self.call("getJointInfo", self.robot, index)[1].decode()
             for index in range(self.call("getNumJoints", self.robot))
         ]
         self._names = {name: index for index, name in enumerate(names)}
         self._indices = [self._names[name] for name in spec.JOINT_NAMES]
+
+    def _load_robot(self, text: str) -> int:
+        """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
+        height = 0.4 if self.config.hung else spec.standing_height()
+        flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
+        with tempfile.TemporaryDirectory(prefix="motorprior-") as folder:
+            path = Path(folder) / "robot.urdf"
+            path.write_text(text, encoding="utf-8")
+            return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
 
     def _lay_floor(self, seed: int) -> None:
         if self.terrain.roughness == 0.0:

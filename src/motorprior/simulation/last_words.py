@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -18,6 +19,8 @@ from motorprior.simulation.mj_call import library
 
 EXIT_CODE = 2
 _RESCUES: list[Callable[[], str]] = []
+_DYING = threading.Lock()
+"""Taken by the first thread that dies, and never given back."""
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 
 
@@ -44,11 +47,15 @@ def speak_before_dying() -> None:
 @_HANDLER
 def _die_with_a_word(message: bytes) -> None:
     """It must not return: MuJoCo would go on with a broken state."""
+    _DYING.acquire()  # a second thread waits here until the first has ended the process
     kept = "nothing was being kept"
     try:
-        kept = "; ".join(rescue() for rescue in _RESCUES) or kept
+        if _RESCUES:
+            kept = "; ".join(rescue() for rescue in _RESCUES) + "; run the same command again to continue"
+    except BaseException as error:
+        kept = f"what there was could not be kept ({type(error).__name__}: {error})"
     finally:
         said = " ".join(message.decode(errors="replace").split())
-        sys.stderr.write(f"\nerror: MuJoCo stopped: {said} -> {kept}; run the same command again to continue\n")
+        sys.stderr.write(f"\nerror: MuJoCo stopped: {said} -> {kept}\n")
         sys.stderr.flush()
         os._exit(EXIT_CODE)

@@ -1,7 +1,8 @@
 """What everybody does first: a Python loop over ``mj_step`` with a network in numpy or TorchScript.
 
 Here only to be measured against (`motorprior speed`): the same learned motors, one interpreted call of the
-network and one of MuJoCo per physics step.
+network and one of MuJoCo per physics step. The step of a grey box's geared motors is the compiled one, so that only
+loop and network are compared.
 """
 
 # pyright: reportAttributeAccessIssue=false, reportMissingImports=false

@@ -38,7 +38,8 @@ class Randomization:
     com: float = 0.0
     """Largest shift of the chassis' centre of mass along each axis [m]."""
     gravity_tilt: float = 0.0
-    """Largest angle between gravity and the vertical [rad]: a slope, seen from the robot."""
+    """Largest angle between gravity and the vertical [rad]: a slope, seen from the robot. Its IMU does not see it:
+    roll and pitch are observed against the ground."""
     encoder_offset: float = 0.0
     """Largest error of each encoder's zero [rad]; the motor's own loop sees it too."""
     joint_noise: float = 0.0

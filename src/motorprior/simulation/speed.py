@@ -31,16 +31,17 @@ from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics
 
 STEPS, SLOW_STEPS = 500, 100
 """Control steps of an episode, and of one where the interpreter is in the loop."""
-THREADS = 2
+THREADS, REPEATS = 2, 7
 EPISODES_PER_THREAD = 6
 
 
 @dataclass(frozen=True)
-class Path:
-    """One way to simulate: ``run`` returns the seconds that ``steps`` control steps took on one core."""
+class TimedPath:
+    """One way to simulate: ``run`` returns the seconds that ``steps`` control steps took on one core; ``close`` it."""
 
     steps: int
     run: Callable[[], float]
+    close: Callable[[], None] = lambda: None
 
 
 @njit(cache=True, nogil=True)
@@ -86,11 +87,12 @@ def _zero_policy_episode(simulator: Any) -> int:
     return simulator.run(weights, np.zeros(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE), 0).steps
 
 
-def _simulated(simulator: Any) -> Path:
-    return Path(_zero_policy_episode(simulator), lambda: _timed(lambda: _zero_policy_episode(simulator)))
+def _simulated(simulator: Any) -> TimedPath:
+    run = lambda: _timed(lambda: _zero_policy_episode(simulator))  # noqa: E731
+    return TimedPath(_zero_policy_episode(simulator), run, simulator.close)
 
 
-def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, Path]:
+def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, TimedPath]:
     """Episodes in the compiled loop, and mj_step alone.
 
     Args:
@@ -110,7 +112,7 @@ def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, Pa
     return {**alone, **paths, "two_threads": _two_threads(learned)}
 
 
-def interpreted_paths(learned: Actuator) -> dict[str, Path]:
+def interpreted_paths(learned: Actuator) -> dict[str, TimedPath]:
     """The same motors in a Python loop with a numpy network, with TorchScript if installed, and in PyBullet if so."""
     walk = WalkConfig(SLOW_STEPS)
     paths = {}
@@ -123,7 +125,7 @@ def interpreted_paths(learned: Actuator) -> dict[str, Path]:
     return paths
 
 
-def _engine_alone(actuator: Actuator, steps: int) -> Path:
+def _engine_alone(actuator: Actuator, steps: int) -> TimedPath:
     """mj_step, and nothing else, on torques and damping of that very episode, ``steps`` control steps long.
 
     Raises:
@@ -142,17 +144,17 @@ def _engine_alone(actuator: Actuator, steps: int) -> Path:
     run()
     if not np.array_equal(world.data.qpos, end):
         raise SimulationFault("the replayed drive gave another motion")
-    return Path(steps, run)
+    return TimedPath(steps, run)
 
 
-def _everything_else(actuator: Actuator) -> Path:
+def _everything_else(actuator: Actuator) -> TimedPath:
     """A whole episode in which a function that does nothing stands in for mj_step: the robot stays as it is."""
     simulator = WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS))
     simulator.world.arrays = simulator.world.arrays._replace(step=do_nothing_address())
     return _simulated(simulator)
 
 
-def _two_threads(actuator: Actuator) -> Path:
+def _two_threads(actuator: Actuator) -> TimedPath:
     """Episodes on two threads at a time; their seconds per control step count for both cores together."""
     simulators = [WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS)) for _ in range(THREADS)]
     steps = sum(_zero_policy_episode(simulator) for simulator in simulators) * EPISODES_PER_THREAD
@@ -162,10 +164,12 @@ def _two_threads(actuator: Actuator) -> Path:
         for _ in range(EPISODES_PER_THREAD):
             _zero_policy_episode(simulator)
 
-    return Path(steps, lambda: THREADS * _timed(lambda: list(pool.map(walk, simulators))))
+    return TimedPath(steps, lambda: THREADS * _timed(lambda: list(pool.map(walk, simulators))), pool.shutdown)
 
 
-def measure(paths: dict[str, Path], repeats: int = 7) -> dict[str, float]:
+def measure(
+    paths: dict[str, TimedPath], repeats: int = REPEATS, progress: Callable[[], None] | None = None
+) -> dict[str, float]:
     """Time every path ``repeats`` times, in turn, each time in the second of two runs.
 
     The first finds its world in no cache, since the other paths ran meanwhile; in a search the same worlds run on.
@@ -173,6 +177,7 @@ def measure(paths: dict[str, Path], repeats: int = 7) -> dict[str, float]:
     Args:
         paths: what `compiled_paths` and `interpreted_paths` gave.
         repeats: odd, at least 5.
+        progress: called after every round.
 
     Returns:
         ``control_steps_per_s/PATH`` per core and the ratios of those that were measured.
@@ -182,6 +187,8 @@ def measure(paths: dict[str, Path], repeats: int = 7) -> dict[str, float]:
         for name, path in paths.items():
             path.run()
             seconds[name].append(path.run() / path.steps)
+        if progress is not None:
+            progress()
     rates = {name: 1.0 / np.array(values) for name, values in seconds.items()}
     figures = {f"control_steps_per_s/{name}": float(np.median(values)) for name, values in rates.items()}
     return figures | _ratios(rates)

@@ -51,8 +51,9 @@ def _step(worlds, motors, sensors, walkers, share, actions, control_dt, task, st
 class WalkVectorEnv(VectorEnv):
     """N robots; one whose episode is over is reset by the next step, whose reward is then zero.
 
-    It gives what N `locomotion.env.PupperWalkEnv` on `MujocoBackend` give under `gymnasium.vector.SyncVectorEnv`,
-    bit for bit, on any number of threads.
+    Its observations, rewards and ends are those of N `locomotion.env.PupperWalkEnv` on `MujocoBackend` under
+    `gymnasium.vector.SyncVectorEnv`, bit for bit, on any number of threads. Its infos are fewer: fault, phase and
+    base_pos, no position_target, measured_joint_pos and base_quat.
 
     Args:
         num_envs: N.
@@ -87,9 +88,16 @@ class WalkVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin N episodes; from one seed, robot i gets seed + i."""
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
-        for index, own in enumerate(seeds):
+        """Begin N episodes.
+
+        Args:
+            seed: N seeds, or one: robot i gets seed + i. A robot without a seed goes on with its own generator.
+            options: none are known.
+
+        Raises:
+            ValueError: another number of seeds than N.
+        """
+        for index, own in enumerate(self._seeds(seed)):
             if own is not None:
                 self._rngs[index] = seeding.np_random(own)[0]
             self._begin(index, own)
@@ -126,6 +134,15 @@ class WalkVectorEnv(VectorEnv):
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the threads."""
         self._pool.shutdown()
+
+    def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            return [int(seed) + index for index in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds for {self.num_envs} robots: give one seed, or one for each robot")
+        return list(seed)
 
     def _step_share(self, share: np.ndarray, actions: np.ndarray, out: tuple) -> None:
         worlds, motors, sensors, walkers = self._lists

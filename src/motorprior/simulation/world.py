@@ -26,6 +26,9 @@ FAULTS = {
     3: "the robot's mass matrix is singular: a link without inertia",
 }
 """Fault numbers of `BackendState` and what they mean."""
+FURTHEST, FASTEST, FASTEST_TURN = 1e3, 1e2, 1e3
+"""Base position [m], its speed [m/s], and speed of base and joints [rad/s] beyond which there is no physics: far above
+any motion of the robot, far below what its motors' gains make of a step that is too long for them."""
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
 _SINGULAR = int(_WARNING.mjWARN_INERTIA)
@@ -218,6 +221,25 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
     return total / world.substeps
 
 
+@njit(cache=True, nogil=True)
+def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
+    """Whether a state is not finite or beyond FURTHEST, FASTEST or FASTEST_TURN: fault 1, in every engine.
+
+    Args:
+        qpos: base position (3,) [m] and quaternion (4,), joint angles (12,) [rad]; of a hung robot only these.
+        qvel: velocity of the base (3,) [m/s], angular (3,) [rad/s], of the joints (12,) [rad/s]; likewise.
+    """
+    free = qpos.shape[0] > qvel.shape[0]
+    for index in range(qpos.shape[0]):
+        if not np.isfinite(qpos[index]) or (free and index < 3 and abs(qpos[index]) > FURTHEST):
+            return True
+    for index in range(qvel.shape[0]):
+        largest = FASTEST if free and index < 3 else FASTEST_TURN
+        if not abs(qvel[index]) <= largest:  # true for NaN too
+            return True
+    return False
+
+
 @njit(cache=True, nogil=True, inline="always")
 def find_fault(world: WorldArrays) -> int:
     """0, or the key of FAULTS of what went wrong since the reset."""
@@ -226,9 +248,8 @@ def find_fault(world: WorldArrays) -> int:
     for kind in _BAD:
         if world.warnings[kind] > 0:
             return 1
-    for value in world.qpos:
-        if not np.isfinite(value):
-            return 1
+    if has_broken_down(world.qpos, world.qvel):
+        return 1
     return 3 if world.warnings[_SINGULAR] > 0 else 0  # a state that breaks down makes it singular too
 
 
