@@ -78,7 +78,8 @@ def test_seeds_are_one_or_one_for_each_robot():
     env = make_vector_env(3, actuator="pd")
     from_one, from_each = env.reset(seed=4)[0], env.reset(seed=[4, 5, 6])[0]
     np.testing.assert_array_equal(from_one, from_each)
-    for seeds in ([], [1, 2], [1, 2, 3, 4]):
+    wrong: list[list[int | None]] = [[], [1, 2], [1, 2, 3, 4]]
+    for seeds in wrong:
         with pytest.raises(ValueError, match=f"{len(seeds)} seeds for 3 robots"):
             env.reset(seed=seeds)
     env.close()
