@@ -48,7 +48,7 @@ WRONG = {
     "kl_weight": ("small", -1e-9, 10**400, False),
     "warm_up": (1.5, -1, "120", True, 99_937, 10**400),
     "window": ("abc", 0, -1, 1.5, None, True, [64], 99_881, 10**400),
-    "noisy_share": (-0.1, 1.1, "all", True),
+    "noisy": (0, 0.5, "all"),
     "batch": (0, 2.5, True),
     "steps": (0, 1e3, "many"),
     "learning_rate": (0.0, -1.0, "fast", 10**400),

@@ -14,7 +14,7 @@ LONGEST_WINDOW = 100_000
 """Rows, history included."""
 _RANGES = {
     "period": (1e-6, 1.0), "num_latents": (0, 1000), "num_neurons": (1, 10_000), "kl_weight": (0.0, 1e6),
-    "warm_up": (0, LONGEST_WINDOW), "window": (1, LONGEST_WINDOW), "noisy_share": (0.0, 1.0), "batch": (1, 10**6),
+    "warm_up": (0, LONGEST_WINDOW), "window": (1, LONGEST_WINDOW), "batch": (1, 10**6),
     "steps": (1, 10**9), "learning_rate": (1e-12, 1e3),
 }  # fmt: skip
 """(least, most) of the numbers of a Preset."""
