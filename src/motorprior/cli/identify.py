@@ -96,6 +96,8 @@ def run_identify(config: Identify) -> None:
     write_text(config.out / SECONDS, f"{seconds:.1f}\n")
     for leftover in (CHECKPOINT, SPENT):
         (config.out / leftover).unlink(missing_ok=True)
+        for half_written in config.out.glob(f".{leftover}.*"):  # by a process that was killed
+            half_written.unlink()
     finish(config.out, wanted)
 
 
