@@ -56,7 +56,7 @@ SWEEPS: dict[str, tuple[float, ...]] = {
     "seconds": (5, 10, 60),
 }
 LABELS = {
-    "latents": "latents that mix the constants (diamond: one latent for each)",
+    "latents": "latents that mix the constants\n(diamond: one latent for each constant)",
     "kl_weight": "KL weight",
     "motors": "motors",
     "seconds": "seconds of log per motor",

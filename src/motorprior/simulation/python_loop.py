@@ -9,6 +9,7 @@ loop and network are compared.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -95,8 +96,9 @@ class PythonLoopBackend:
 
 
 def numpy_torque(actuator: LatentActuator) -> Torque:
-    """The network's own reference."""
-    return lambda inputs: actuator.network.torque(inputs, actuator.z)
+    """The network's own reference, its latents decoded once, as compiled motors' are."""
+    network, latents = replace(actuator.network, copula=None), actuator.network.decoder_latents(actuator.z)
+    return lambda inputs: network.torque(inputs, latents)
 
 
 def torchscript_torque(actuator: LatentActuator) -> Torque | None:
