@@ -16,7 +16,6 @@ for feet whose contacts have that damping ratio in the model of 2 ms; in the mod
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -24,16 +23,16 @@ import numpy as np
 from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.distribution import two_sample_auc
 from motorprior.identification.standardise import standardised
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import CONTACT_TIME
-from motorprior.signals import high_frequency_rms, rmse
-from motorprior.simulation.replay import Replay, replay
+from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
-from motorprior.transfer.robot_fidelity import CUTOFF, STEPS, trot_targets
+from motorprior.transfer.robot_fidelity import STEPS, compare, trot_targets
 
 DAMPING_RATIOS = (1.0, 1.5, 2.0, 3.0)
 TROTS, POPULATION, NEURONS, SMALLEST = 12, 256, 4, 1e-6
@@ -85,19 +84,7 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
     return figures
 
 
-def at_control_steps(recorded: Replay) -> np.ndarray:
-    """(C, 12) joint angles at the control steps' ends."""
-    substeps = len(recorded.joint_pos) // len(recorded.measured_joint_pos)
-    return recorded.joint_pos[substeps - 1 :: substeps]
-
-
-def chatter(recorded: Replay) -> float:
-    """Torque above CUTOFF [N·m]."""
-    period = spec.CONTROL_DT * len(recorded.measured_joint_pos) / len(recorded.joint_torque)
-    return float(high_frequency_rms(recorded.joint_torque, period, CUTOFF).mean())
-
-
-def compare(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[float, float, float]:
+def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[float, float, float]:
     """Joint error [rad], ratio of chatter, and distance of the bases [m]: medians over TROTS."""
     fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
     coarse, rows = World(WorldConfig(hung=hung)), []
@@ -107,10 +94,8 @@ def compare(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[float, f
         motors, targets = load_fleet(fleet_name).sample(rng, spec.NUM_JOINTS), trot_targets(rng, STEPS)
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)
-        apart = 0.0 if hung else float(np.hypot(*(found.base[-1, :2] - truth.base[-1, :2])))
-        rows.append(
-            (float(rmse(at_control_steps(found), at_control_steps(truth))), chatter(found) / chatter(truth), apart)
-        )
+        error, chatter, apart = compare(found, truth)
+        rows.append((error, chatter / compare(truth, truth)[1], apart))
     error, ratio, apart = np.median(rows, axis=0)
     return float(error), float(ratio), float(apart)
 
@@ -124,12 +109,12 @@ def main() -> None:
     figures = bench_aucs(arguments.fleet)
     cases = [(False, ratio, f"{ratio:g}") for ratio in DAMPING_RATIOS] + [(True, 1.0, "hung")]
     for hung, ratio, name in cases:
-        error, hf, apart = compare(arguments.fleet, hung, ratio)
+        error, hf, apart = robot_floor(arguments.fleet, hung, ratio)
         figures |= {f"rmse_rad/{name}": error, f"torque_hf_ratio/{name}": hf, f"displacement_m/{name}": apart}
     for name, value in figures.items():
         print(f"{name:28s} {value:.4f}")
     if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n")
+        write_json(arguments.json, figures)
 
 
 if __name__ == "__main__":

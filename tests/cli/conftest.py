@@ -12,6 +12,7 @@ import pytest
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.cli.bench import Bench, read_bench, run_bench
+from motorprior.cli.console import Bar
 from motorprior.cli.main import main
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.walk import Walk, run_walk
@@ -87,6 +88,24 @@ def interruptible() -> Iterator[None]:
     old = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, old)
+
+
+@pytest.fixture
+def ctrl_c(monkeypatch: pytest.MonkeyPatch, interruptible: None) -> Callable[[int], None]:
+    """Send this process SIGINT at the n-th advance of a progress bar from now on; 0 for never again."""
+
+    def at(advance_number: int) -> None:
+        calls = 0
+
+        def advance(self: Bar, count: int = 1, note: str = "") -> None:
+            nonlocal calls
+            calls += 1
+            if calls == advance_number:
+                signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(Bar, "advance", advance)
+
+    return at
 
 
 @pytest.fixture(scope="session")

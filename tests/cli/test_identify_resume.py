@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from motorprior.artifacts import read_json, read_tensors, write_json
-from motorprior.cli.console import Bar
 from motorprior.cli.identify import CHECKPOINT, PRIOR, SECONDS, SPENT
 
 Command = Callable[..., Any]
@@ -31,19 +30,6 @@ def whole(bench: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def interrupt(monkeypatch: pytest.MonkeyPatch, advance_number: int) -> None:
-    """Send this process SIGINT at that advance of a progress bar."""
-    calls = 0
-
-    def advance(self: Bar, count: int = 1, note: str = "") -> None:
-        nonlocal calls
-        calls += 1
-        if calls == advance_number:
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(Bar, "advance", advance)
-
-
 def assert_finished_like(out: Path, whole: Path) -> None:
     for name in (PRIOR, "stage.json"):
         assert (out / name).read_bytes() == (whole / name).read_bytes()
@@ -52,17 +38,17 @@ def assert_finished_like(out: Path, whole: Path) -> None:
 
 @pytest.mark.parametrize("stops", [(7,), (6, 6)], ids=str)  # after one checkpoint, and after two
 def test_ctrl_c_and_the_same_command_again_end_at_the_same_bytes(
-    motorprior: Command, monkeypatch: pytest.MonkeyPatch, interruptible: None, bench: Path, whole: Path, tmp_path: Path,
+    motorprior: Command, ctrl_c: Callable[[int], None], bench: Path, whole: Path, tmp_path: Path,
     stops: tuple[int, ...],
 ):  # fmt: skip
     out = tmp_path / "prior"
     for stop in stops:
-        with monkeypatch.context() as context:
-            interrupt(context, stop)
-            outcome = motorprior(*words(bench, out))
+        ctrl_c(stop)
+        outcome = motorprior(*words(bench, out))
         assert outcome.code == 130 and "run the same command again to continue" in outcome.err
         assert not (out / PRIOR).exists()
     assert len(read_tensors(out / CHECKPOINT)[0]["losses"]) == sum(stop // 5 * 5 for stop in stops)
+    ctrl_c(0)
     assert motorprior(*words(bench, out)).code == 0
     assert_finished_like(out, whole)
 
@@ -84,16 +70,16 @@ def test_a_killed_process_is_continued_from_its_checkpoint(
 
 
 def test_the_seconds_of_an_interrupted_identification_add_up(
-    motorprior: Command, monkeypatch: pytest.MonkeyPatch, interruptible: None, bench: Path, tmp_path: Path
+    motorprior: Command, ctrl_c: Callable[[int], None], bench: Path, tmp_path: Path
 ):
     out = tmp_path / "prior"
     for expected in (0.0, 1000.0):
-        with monkeypatch.context() as context:
-            interrupt(context, 2)
-            assert motorprior(*words(bench, out)).code == 130
+        ctrl_c(2)
+        assert motorprior(*words(bench, out)).code == 130
         noted = read_json(out / SPENT)
         assert expected < noted["seconds"] < expected + 500.0
         write_json(out / SPENT, noted | {"seconds": expected + 1000.0})  # as if it had worked for so long
+    ctrl_c(0)
     assert motorprior(*words(bench, out)).code == 0
     assert 2000.0 < float((out / SECONDS).read_text()) < 2500.0
 

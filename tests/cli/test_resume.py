@@ -16,7 +16,6 @@ from motorprior.bench.fleet import SHIPPED
 from motorprior.bench.record import PRESETS as bench_presets
 from motorprior.cli import stage as stage_module
 from motorprior.cli import walk as walk_module
-from motorprior.cli.console import Bar
 from motorprior.identification.presets import PRESETS as identification_presets
 
 Command = Callable[..., Any]
@@ -27,24 +26,6 @@ WALK = ("walk", "--actuator", "pd", "--episode-steps", 20, "--iterations", 12)
 
 def results(folder: Path) -> list[bytes]:
     return [(folder / name).read_bytes() for name in RESULTS]
-
-
-@pytest.fixture
-def ctrl_c(monkeypatch: pytest.MonkeyPatch, interruptible: None) -> Callable[[int], None]:
-    """Send this process SIGINT at the n-th advance of a progress bar from now on; 0 for never again."""
-
-    def at(advance_number: int) -> None:
-        calls = 0
-
-        def advance(self: Bar, count: int = 1, note: str = "") -> None:
-            nonlocal calls
-            calls += 1
-            if calls == advance_number:
-                signal.raise_signal(signal.SIGINT)
-
-        monkeypatch.setattr(Bar, "advance", advance)
-
-    return at
 
 
 @pytest.fixture(scope="module")

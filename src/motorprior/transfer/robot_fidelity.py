@@ -66,7 +66,7 @@ def robot_fidelity(motors: MotorParameters, models: Mapping[str, Prediction], hu
         targets, physical = trot_targets(rng, STEPS), PhysicalActuator(motors.take(index))
         truth = replay(fine, physical, targets)
         start = spec.NOMINAL_POSE + FLOOR_OFFSET * rng.choice([-1.0, 1.0], spec.NUM_JOINTS)
-        rows.setdefault("physical", []).append(_compare(replay(fine, physical, targets, start), truth))
+        rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth))
         for name, model in models.items():
             rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
     columns = {name: np.array(values).T for name, values in rows.items()}
@@ -78,13 +78,13 @@ def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: R
     try:
         found = [replay(world, member, targets) for member in members]
         mean = Replay(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Replay)))
-        return _compare(mean, truth)
+        return compare(mean, truth)
     except SimulationFault:
         return FAULT_RMSE, float("inf"), float("inf")
 
 
-def _compare(model: Replay, truth: Replay) -> tuple[float, float, float]:
-    """RMSE at the control steps' ends, torque above CUTOFF, base displacement error."""
+def compare(model: Replay, truth: Replay) -> tuple[float, float, float]:
+    """RMSE at the control steps' ends [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = spec.CONTROL_DT * len(model.measured_joint_pos) / len(model.joint_torque)
     chatter = float(high_frequency_rms(model.joint_torque, period, CUTOFF).mean())
