@@ -90,7 +90,6 @@ def test_seeds_are_one_or_one_for_each_robot():
     [
         ({"engine": "bullet"}, "mujoco"),
         ({"actuator": "servo"}, "prior"),
-        ({"actuator": "pd", "gain": 3.0}, "gain"),
         ({"actuator": "prior"}, "--prior"),
         ({"roughness": 0.01}, "PyBullet only"),
         ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
@@ -99,3 +98,11 @@ def test_seeds_are_one_or_one_for_each_robot():
 def test_wrong_words_are_refused(settings, words):
     with pytest.raises(ConfigError, match=words):
         gymnasium.make(ID, **settings)
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+@pytest.mark.parametrize("word", [{"gain": 3.0}, {"render_mode": "rgb_array"}])
+def test_a_keyword_it_does_not_know_is_a_type_error_as_of_any_function(make, word):
+    """Stable-Baselines3 tries ``render_mode`` and goes on without it after a TypeError."""
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{next(iter(word))}'; use some of engine"):
+        make(ID, actuator="pd", **word)

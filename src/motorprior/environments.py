@@ -76,12 +76,13 @@ class EnvOptions:
         """From keywords; None is what is not given.
 
         Raises:
-            ConfigError: a word or an actuator that nobody knows.
+            TypeError: a keyword that nobody knows, ``render_mode`` among them: what libraries expect that try keywords.
+            ConfigError: an actuator that nobody knows.
         """
         known = [each.name for each in fields(cls)]
         for word in words:
             if word not in known:
-                raise ConfigError(f"{word!r} is unknown", remedy=f"use some of {', '.join(known)}")
+                raise TypeError(f"got an unexpected keyword argument {word!r}; use some of {', '.join(known)}")
         options = cls(**{name: value for name, value in words.items() if value is not None})
         if options.actuator not in ACTUATORS:
             raise ConfigError(f"actuator {options.actuator!r} is unknown", remedy=f"use one of {ACTUATORS}")

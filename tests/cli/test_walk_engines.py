@@ -16,6 +16,7 @@ from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.speed import TimedPath, measure
 from motorprior.simulation.world import FAULTS
+from motorprior.transfer import study
 
 Command = Callable[..., Any]
 SMALL = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5)
@@ -37,6 +38,21 @@ def test_pybullet_trains_and_gives_the_same_bytes_again(motorprior: Command, tmp
     assert contents(tmp_path / "one") != contents(tmp_path / "mujoco")
     provenance = Policy.load(tmp_path / "one" / "policy.safetensors").provenance
     assert (provenance["engine"], provenance["roughness"]) == ("pybullet", 0.01)
+
+
+def test_a_policy_is_measured_in_either_engine_and_always_on_the_same_twin(
+    motorprior: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    monkeypatch.setattr(study, "DRAWS", 2)
+    assert motorprior(*SMALL, "--out", tmp_path / "walk").code == 0
+    for engine in ("mujoco", "pybullet"):
+        assert motorprior("transfer", tmp_path / "walk", "--engine", engine, "--out", tmp_path / engine).code == 0
+    mujoco, pybullet = (read_json(tmp_path / engine / "figures.json") for engine in ("mujoco", "pybullet"))
+    assert {name for name in mujoco if mujoco[name] != pybullet[name] and name.startswith("own_speed")}
+    assert {n: v for n, v in mujoco.items() if n.startswith("twin")} == {
+        n: v for n, v in pybullet.items() if n.startswith("twin")
+    }
 
 
 def test_randomisation_is_recorded_with_the_result_and_changes_it(motorprior: Command, tmp_path: Path):

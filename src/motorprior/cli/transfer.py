@@ -17,8 +17,9 @@ from motorprior.cli.walk import POLICY
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
 from motorprior.transfer.study import DRAWS, Walking, evaluate
 from motorprior.transfer.twin import DURATION_STEPS, twin_simulator
 
@@ -37,6 +38,8 @@ class Transfer:
     """Folder for figures.json and the gaits of the report."""
     fleet: str = "pupper_v2"
     """The twin's fleet."""
+    engine: Engine = "mujoco"
+    """Engine of the policies' own simulation; the twin is always in MuJoCo."""
 
 
 def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
@@ -51,7 +54,7 @@ def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     wanted = description("transfer", asdict(config), [*files, *fleet_files(config.fleet)])
     if not is_finished(config.out, wanted):
-        walkers = [_walker(path) for path in files]
+        walkers = [_walker(path, config.engine) for path in files]
         begin(config.out)
         _evaluate_all(config, walkers, fleet)
         finish(config.out, wanted)
@@ -67,20 +70,21 @@ class _Walker:
 
     policy: Policy
     condition: str
-    own: WalkSimulator
+    own: WalkSimulator | BackendSimulator
 
 
-def _walker(path: Path) -> _Walker:
+def _walker(path: Path, engine: Engine) -> _Walker:
     """Everything a policy needs; refuses what cannot run here.
 
     Raises:
-        ArtifactError, ConfigError: a damaged policy, one of another control period, or motors that are gone.
+        ArtifactError, ConfigError: a damaged policy, one of another control period, motors that are gone, or an engine
+            that is not installed.
     """
     policy = Policy.load(path)
     policy.require_clock(spec.CONTROL_DT, path)
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
-        return _Walker(policy, choice.condition(), _own_simulator(choice))
+        return _Walker(policy, choice.condition(), _own_simulator(choice, engine))
     except (ArtifactError, ConfigError) as error:
         problem = f"the motors it was trained on: {error.problem}"
         where = path if error.where is None else f"{path}: {error.where}"
@@ -102,8 +106,8 @@ def _evaluate_all(config: Transfer, walkers: list[_Walker], fleet: Fleet) -> Non
     write_tensors(config.out / TRACES, traces, {"control_dt": spec.CONTROL_DT})
 
 
-def _own_simulator(choice: MotorChoice) -> WalkSimulator:
-    return WalkSimulator(choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), WalkConfig(DURATION_STEPS))
+def _own_simulator(choice: MotorChoice, engine: Engine) -> WalkSimulator | BackendSimulator:
+    return Scene(engine, choice.drawer(), choice.physics_dt, WalkConfig(DURATION_STEPS)).simulator()
 
 
 def _figures(rows: dict[str, list[dict[str, Walking]]]) -> dict[str, float]:

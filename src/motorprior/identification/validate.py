@@ -100,16 +100,20 @@ def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, an
         answer: the physical motors' response.
 
     Returns:
-        (steps, n) torque on the joint [N·m]: the actuator's less its damping and armature(z)·acceleration. NaN until
-        the history is full.
+        (steps, n) torque on the joint [N·m], mean of the step that follows: the actuator's less its damping and
+        armature(z)·acceleration. NaN until the history is full. A grey box is shown velocities of half a step before,
+        as an engine shows them, and its forces are those at the time of the positions: the mean is that of two rows,
+        and the last row is NaN.
     """
-    actuator = LatentActuator(network, z)
+    actuator, velocity = LatentActuator(network, z), answer.joint_vel
+    shown = velocity if network.motor is None else 0.5 * (velocity + np.concatenate([velocity[:1], velocity[:-1]]))
     arrays, torque = actuator.arrays(network.period), np.zeros(answer.joint_pos.shape)
     reset_actuator(arrays, case.position_target[0].copy(), answer.joint_pos[0].copy())
-    rows = zip(case.position_target, answer.joint_pos, answer.joint_vel, torque, strict=True)
-    for target, joint_pos, joint_vel, out in rows:
-        step_actuator(arrays, network.period, target.copy(), joint_pos.copy(), joint_vel.copy(), out)
-        out -= arrays.damping * joint_vel
-    torque -= actuator.armature * np.gradient(answer.joint_vel, case.dt, axis=0)
+    for row, (target, joint_pos) in enumerate(zip(case.position_target, answer.joint_pos, strict=True)):
+        step_actuator(arrays, network.period, target.copy(), joint_pos.copy(), shown[row].copy(), torque[row])
+        torque[row] -= arrays.damping * velocity[row]
+    torque -= actuator.armature * np.gradient(velocity, case.dt, axis=0)
+    if network.motor is not None:
+        torque[:-1], torque[-1] = 0.5 * (torque[:-1] + torque[1:]), np.nan
     torque[: network.taps[-1]] = np.nan
     return torque

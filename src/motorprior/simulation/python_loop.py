@@ -8,6 +8,7 @@ loop and network are compared.
 # pyright: reportAttributeAccessIssue=false, reportMissingImports=false
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -130,7 +131,8 @@ def torchscript_torque(actuator: LatentActuator) -> Torque | None:
             return torch.clamp(self.scale * self.last(hidden)[:, 0], -self.limit, self.limit)
 
     example = torch.zeros(NUM_JOINTS, net.w1.shape[0])
-    compiled = torch.jit.freeze(torch.jit.trace(Motors().eval(), example))
+    with warnings.catch_warnings(action="ignore", category=FutureWarning):  # deprecated since PyTorch 2.15, and in use
+        compiled = torch.jit.freeze(torch.jit.trace(Motors().eval(), example))
 
     def torque(inputs: np.ndarray) -> np.ndarray:
         with torch.inference_mode():

@@ -9,6 +9,7 @@ import numpy as np
 
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.rollout import Episode, WalkSimulator
 from motorprior.transfer.twin import DURATION_STEPS
 
@@ -33,7 +34,7 @@ class Walking:
 
 
 def evaluate(
-    policy: Policy, simulator: WalkSimulator, progress: Callable[[], None] | None = None
+    policy: Policy, simulator: WalkSimulator | BackendSimulator, progress: Callable[[], None] | None = None
 ) -> tuple[Walking, np.ndarray]:
     """Walk on DRAWS draws of motors.
 
@@ -54,7 +55,7 @@ def evaluate(
     return _summary(episodes), episodes[int(order[len(order) // 2])].trace
 
 
-def _walk(policy: Policy, simulator: WalkSimulator, draw: int) -> Episode:
+def _walk(policy: Policy, simulator: WalkSimulator | BackendSimulator, draw: int) -> Episode:
     return simulator.run(policy.weights, policy.observation_mean, policy.observation_std, STUDY_SEED + draw, trace=True)
 
 
