@@ -25,6 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -104,12 +105,25 @@ def inference(policy: Policy, count: int = 5000) -> dict[str, float]:
 
 def inference_interpreted(policy: Path) -> dict[str, float]:
     """The same without numba's compiler, as on a robot's computer."""
-    code = f"from hardware import *; print(json.dumps(inference(Policy.load(Path({str(policy)!r})), 1000)))"
+    here = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from hardware import *; "
+    code = here + f"print(json.dumps(inference(Policy.load(Path({str(policy)!r})), 1000)))"
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parent, env=environment, capture_output=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, check=True)
     return json.loads(done.stdout)
+
+
+def measurements(folder: Path, given: Path | None, seconds: float) -> Iterator[dict[str, float]]:
+    """Part by part."""
+    path = given or trot_policy(folder)
+    policy = Policy.load(path)
+    yield walking(folder, policy, seconds)
+    yield {f"noisy/{key}": value for key, value in walking(folder, policy, seconds, *NOISE).items()}
+    yield {f"inference_ms/{key}": value for key, value in inference(policy).items()}
+    yield {f"interpreted_ms/{key}": value for key, value in inference_interpreted(path).items()}
+    kills = [signal_to_idle(folder, path, signal.SIGKILL) for _ in range(KILLS)]
+    yield {"kill_to_idle_ms/max": max(kills), "kill_to_idle_ms/median": float(np.median(kills))}
+    yield {"hang_to_idle_ms": signal_to_idle(folder, path, signal.SIGSTOP)}
+    yield reactions(folder, path)
 
 
 def main() -> None:
@@ -119,20 +133,11 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True, help="file for the figures")
     parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
     arguments = parser.parse_args()
+    figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="motorprior-hardware-") as name:
-        folder = Path(name)
-        path = arguments.policy or trot_policy(folder)
-        policy = Policy.load(path)
-        figures = walking(folder, policy, 60.0 * arguments.minutes)
-        noisy = walking(folder, policy, 60.0 * arguments.minutes, *NOISE)
-        figures |= {f"noisy/{key}": value for key, value in noisy.items()}
-        figures |= {f"inference_ms/{key}": value for key, value in inference(policy).items()}
-        figures |= {f"interpreted_ms/{key}": value for key, value in inference_interpreted(path).items()}
-        kills = [signal_to_idle(folder, path, signal.SIGKILL) for _ in range(KILLS)]
-        figures |= {"kill_to_idle_ms/max": max(kills), "kill_to_idle_ms/median": float(np.median(kills))}
-        figures["hang_to_idle_ms"] = signal_to_idle(folder, path, signal.SIGSTOP)
-        figures |= reactions(folder, path)
-    arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
+        for found in measurements(Path(name), arguments.policy, 60.0 * arguments.minutes):
+            figures |= found
+            arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
     for key, value in figures.items():
         print(f"{key:32} {value:10.4f}")
 
