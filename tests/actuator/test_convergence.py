@@ -27,8 +27,8 @@ def motors():
 def simulated(known: LatentActuator, given: Trial, parts: int) -> np.ndarray:
     """Joint positions at the trial's own times, in steps of dt / parts."""
     box = replace(known, network=replace(known.network, period=given.dt / parts))
-    rows = (np.repeat(values, parts, axis=0) for values in (given.position_target, given.external_torque))
-    return run(box, Trial(*rows, given.load_inertia, given.dt / parts)).joint_pos[::parts]
+    targets, external = (np.repeat(rows, parts, axis=0) for rows in (given.position_target, given.external_torque))
+    return run(box, Trial(targets, external, given.load_inertia, given.dt / parts)).joint_pos[::parts]
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
