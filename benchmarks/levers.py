@@ -10,6 +10,7 @@ the first second, against the shipped settings and against steps of 0.25 ms.
 import argparse
 import ctypes
 import json
+import re
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -20,6 +21,7 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.robots.pupper_v2 import mjcf as robot
+from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation import speed
 from motorprior.simulation.mj_call import library
 from motorprior.simulation.replay import replay
@@ -33,13 +35,15 @@ REPEATS = 9
 
 
 def every_geom(**settings: object) -> str:
-    """The robot's MJCF with contacts between all geoms and the floor instead of four explicit pairs."""
+    """The robot's MJCF with contacts between all geoms and the floor instead of four explicit pairs, else the same."""
     text = ORIGINAL(**settings)
     pairs = text[text.index("<contact>") : text.index("</contact>") + len("</contact>")]
-    friction = f'friction="{0.45} 0.005 0.0001"'
+    contact = re.search(r'solref="[^"]*"', pairs)
+    assert contact is not None
+    same = f'friction="{spec.FOOT_FRICTION:.9g} 0.005 0.0001" {contact.group()}'
     body, floor = 'contype="0" conaffinity="0" rgba="0.85', 'contype="0" conaffinity="0" rgba="0.9'
-    text = text.replace(pairs, "").replace(body, f'{friction} contype="1" conaffinity="2" rgba="0.85')
-    return text.replace(floor, f'{friction} contype="2" conaffinity="1" rgba="0.9')
+    text = text.replace(pairs, "").replace(body, f'{same} contype="1" conaffinity="2" rgba="0.85')
+    return text.replace(floor, f'{same} contype="2" conaffinity="1" rgba="0.9')
 
 
 ORIGINAL = robot.mjcf
@@ -60,10 +64,16 @@ def islands_on(model: mujoco.MjModel) -> None:
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 
+def critical_contacts(model: mujoco.MjModel) -> None:
+    """MuJoCo's own damping ratio of the feet's contacts, whatever the step."""
+    model.pair_solref[:, 1] = 1.0
+
+
 VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
     "shipped": lambda model: None,
     "islands on": islands_on,
     "every geom collides": lambda model: None,
+    "contact damping ratio 1": critical_contacts,
     "sparse Jacobian": option(jacobian=int(mujoco.mjtJacobian.mjJAC_SPARSE)),
     "implicitfast": option(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)),
     "implicit": option(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICIT)),

@@ -2,21 +2,21 @@
 
 python benchmarks/scaling.py [--json FILE]        (Ray's part is left out where it is not installed)
 
-Model of an iteration of E episodes on W workers, C chunks: the update, then either the driver's work on C chunks
-or the busiest worker's episodes, whichever takes longer.
+Model of an iteration of E episodes on W workers, C chunks: the driver's own work on directions, then either its work on
+C chunks or the busiest worker's episodes, whichever takes longer.
 """
 
 import argparse
 import json
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
-from motorprior.search.ars import ArsConfig
+from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size
 from motorprior.search.train import Round, Task, advance, episode_seed, new_search, run_task
@@ -58,17 +58,28 @@ def iteration_seconds(executor: Executor, directions: int) -> float:
     return median_seconds(lambda: advance(search, executor), 5)
 
 
-def update_seconds(directions: int) -> float:
-    """Of ask and tell, what no worker can take over."""
+class Recorded:
+    """An executor whose episodes have ended long ago: their results only arrive, in chunks, pickled."""
+
+    def __init__(self, walker: WalkSimulator, episodes: int, workers: int):
+        shared, size = Round.of(new_search(ArsConfig())), chunk_size(episodes, workers)
+        tasks = [Task(Candidate(direction, 1), direction) for direction in range(size)]
+        chunk = pickle.dumps([run_task(walker, shared, task) for task in tasks])
+        self._chunks = [chunk] * -(-episodes // size)
+
+    def map(self, function: Callable, shared: object, tasks: Sequence) -> list:
+        """As many results as tasks."""
+        return [result for chunk in self._chunks for result in pickle.loads(chunk)][: len(tasks)]
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def update_seconds(walker: WalkSimulator, directions: int, workers: int) -> float:
+    """Of an iteration without its episodes: seeds, tasks, results, statistics, update; what no worker can take over."""
     search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2))
-    returns = np.random.default_rng(0).standard_normal((directions, 2))
-    moments = [search.observations] * (2 * directions)
-
-    def update() -> None:
-        search.ask()
-        search.tell(returns, moments)
-
-    return median_seconds(update)
+    recorded = Recorded(walker, 2 * directions, workers)
+    return median_seconds(lambda: advance(search, recorded))
 
 
 def predicted(figures: dict[str, float], workers: int, directions: int) -> float:
@@ -104,7 +115,7 @@ def main() -> None:
         **travelling(walker, 16, 2),
         **travelling(walker, 8192, 64),
         "episode_s": median_seconds(lambda: walker.run(np.zeros((16, 19)), shared.mean, shared.std, 0)),
-        "update_s_per_direction": update_seconds(64) / 64,
+        "update_s_per_direction": update_seconds(walker, 1024, 64) / 1024,
     }
     for workers in (1, 2):
         executor = make_executor(make_walker, workers)

@@ -43,7 +43,7 @@ def atomic_path(final: Path) -> Iterator[Path]:
         raise ArtifactError(
             f"cannot write ({error.strerror or error})",
             where=final,
-            remedy="choose another --out folder, one that is writable and has free space",
+            remedy="choose another --out folder or file, one that is writable and has free space",
         ) from error
     finally:
         if temporary is not None:
@@ -59,7 +59,12 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as sorted, indented JSON, atomically. NaN and infinity are refused."""
-    write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_text(path, json_text(value))
+
+
+def json_text(value: Any) -> str:
+    """``value`` as `write_json` writes it."""
+    return json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
 
 def read_json(path: Path) -> Any:

@@ -471,6 +471,16 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
     refused(*line.format(**paths).split(), "--out", out, words=(str(tmp_path / "file"), "another --out folder"))
 
 
+def test_a_file_of_figures_that_cannot_be_written_is_refused_before_anything_is_timed(
+    refused: Command, tmp_path: Path, prior: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("motorprior.cli.speed.measure", lambda *_, **__: pytest.fail("timed"))
+    (tmp_path / "file").write_text("in the way")
+    refused(
+        "speed", "--prior", prior, "--json", tmp_path / "file" / "x.json", words=(str(tmp_path / "file"), "writable")
+    )
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root writes anywhere")
 def test_a_read_only_folder_is_refused(refused: Command, tmp_path: Path):
     (tmp_path / "closed").mkdir(mode=0o500)

@@ -3,6 +3,8 @@
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -31,28 +33,47 @@ def test_pybullet_trains_and_gives_the_same_bytes_again(motorprior: Command, tmp
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     few = ("--search.num-directions", 2, "--search.num-top-directions", 1)
     line = (*SMALL, *few, "--engine", "pybullet", "--roughness", 0.01)
-    for name, how in (("one", ("--executor", "serial")), ("two", ("--workers", 2))):
-        assert motorprior(*line, *how, "--out", tmp_path / name).code == 0
-    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    ways = [("serial",), ("threads", "--workers", 2)] + ([("ray", "--workers", 2)] if find_spec("ray") else [])
+    for name, *workers in ways:
+        assert motorprior(*line, "--executor", name, *workers, "--out", tmp_path / name).code == 0
+        assert contents(tmp_path / name) == contents(tmp_path / "serial")
     assert motorprior(*SMALL, *few, "--out", tmp_path / "mujoco").code == 0
-    assert contents(tmp_path / "one") != contents(tmp_path / "mujoco")
-    provenance = Policy.load(tmp_path / "one" / "policy.safetensors").provenance
+    assert contents(tmp_path / "serial") != contents(tmp_path / "mujoco")
+    provenance = Policy.load(tmp_path / "serial" / "policy.safetensors").provenance
     assert (provenance["engine"], provenance["roughness"]) == ("pybullet", 0.01)
 
 
-def test_a_policy_is_measured_in_either_engine_and_always_on_the_same_twin(
+def test_a_policy_is_measured_where_it_was_trained_or_in_the_engine_asked_for_and_on_one_twin(
     motorprior: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     monkeypatch.setattr(study, "DRAWS", 2)
+    few = ("--search.num-directions", 1, "--search.num-top-directions", 1)
+    walk = ("--engine", "pybullet", "--roughness", 0.03)
+    assert motorprior(*SMALL, *few, *walk, "--out", tmp_path / "walk").code == 0
+
+    def figures(name: str, *engine: str) -> dict[str, float]:
+        assert motorprior("transfer", tmp_path / "walk", *engine, "--out", tmp_path / name).code == 0
+        return read_json(tmp_path / name / "figures.json")
+
+    own, pybullet, mujoco = figures("own"), figures("a", "--engine", "pybullet"), figures("b", "--engine", "mujoco")
+    assert own == pybullet
+    assert {name.partition("_")[0] for name in own if own[name] != mujoco[name]} == {"own"}
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    missing = motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "c")
+    assert missing.code == 2
+    assert "PyBullet is not installed" in missing.err
+    assert "motors" not in missing.err
+
+
+def test_the_walk_whose_engine_nobody_knows_is_refused(
+    refused: Callable[..., None], motorprior: Command, tmp_path: Path
+):
     assert motorprior(*SMALL, "--out", tmp_path / "walk").code == 0
-    for engine in ("mujoco", "pybullet"):
-        assert motorprior("transfer", tmp_path / "walk", "--engine", engine, "--out", tmp_path / engine).code == 0
-    mujoco, pybullet = (read_json(tmp_path / engine / "figures.json") for engine in ("mujoco", "pybullet"))
-    assert {name for name in mujoco if mujoco[name] != pybullet[name] and name.startswith("own_speed")}
-    assert {n: v for n, v in mujoco.items() if n.startswith("twin")} == {
-        n: v for n, v in pybullet.items() if n.startswith("twin")
-    }
+    path = tmp_path / "walk" / "policy.safetensors"
+    policy = Policy.load(path)
+    replace(policy, provenance={**policy.provenance, "engine": "bullet"}).save(path)
+    refused("transfer", tmp_path / "walk", "--out", tmp_path / "t", words=("engine 'bullet'", "pybullet"))
 
 
 def test_randomisation_is_recorded_with_the_result_and_changes_it(motorprior: Command, tmp_path: Path):

@@ -58,6 +58,12 @@ def test_serial_is_one_worker_whatever_their_number(serial):
     executor.close()
 
 
+@pytest.mark.parametrize(("workers", "kind", "words"), [(0, "ray", "workers 0"), (2, "process", "'process'")])
+def test_a_kind_that_nobody_knows_and_no_worker_at_all_are_refused(workers, kind, words):
+    with pytest.raises(ConfigError, match=words):
+        make_executor(make_walker, workers, kind)
+
+
 class Sleeper:
     """A simulator that takes its time."""
 

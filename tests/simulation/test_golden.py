@@ -2,7 +2,9 @@
 
 import hashlib
 import platform
+import re
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,3 +82,11 @@ def test_the_bytes_are_those_of_the_golden_run(motors):
         pytest.skip(f"the golden digest holds for other libraries or another processor: {other}")
     kind, draw = motors
     assert found(draw) == DIGESTS[kind]
+
+
+def test_the_digests_are_of_the_libraries_that_the_project_installs():
+    """Or the test above would skip for ever after an upgrade, and nobody would know."""
+    lock = (Path(__file__).parents[2] / "requirements.lock").read_text(encoding="utf-8")
+    pinned = dict(re.findall(r"^([a-z]+)==(\S+)", lock, flags=re.MULTILINE))
+    libraries = ("mujoco", "numba", "llvmlite", "numpy")
+    assert {name: HOLDS_FOR[name] for name in libraries} == {name: pinned[name] for name in libraries}

@@ -10,7 +10,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
-from motorprior.artifacts import write_json
+from motorprior.artifacts import atomic_path, json_text
 from motorprior.cli.console import bar, table
 from motorprior.cli.motors import load_prior, load_robot_fleet
 from motorprior.cli.validate import nominal_pd
@@ -53,9 +53,15 @@ def measure_speed(prior_path: Path, fleet_name: str, interpreted: bool = False) 
 
 
 def run_speed(config: Speed) -> None:
-    """Measure and print."""
-    figures = measure_speed(config.prior, config.fleet, interpreted=True)
+    """Measure and print.
+
+    Raises:
+        ArtifactError: the file cannot be written: said before anything is measured.
+    """
+    with ExitStack() as stack:
+        file = None if config.json is None else stack.enter_context(atomic_path(config.json))
+        figures = measure_speed(config.prior, config.fleet, interpreted=True)
+        if file is not None:
+            file.write_text(json_text(figures), encoding="utf-8")
     rows = [[name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}"] for name, value in figures.items()]
     table(f"Speed per core, medians of {REPEATS} interleaved runs", ["path", "value"], rows)
-    if config.json is not None:
-        write_json(config.json, figures)

@@ -11,15 +11,16 @@ import tyro
 from motorprior.artifacts import write_json, write_tensors
 from motorprior.bench.fleet import Fleet
 from motorprior.cli.console import bar, table
-from motorprior.cli.motors import MotorChoice, choice_from_json, load_robot_fleet
+from motorprior.cli.motors import choice_from_json, load_robot_fleet
 from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished, read_figures
 from motorprior.cli.walk import POLICY
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.engines import Engine, Scene
+from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.terrain import Terrain
 from motorprior.transfer.study import DRAWS, Walking, evaluate
 from motorprior.transfer.twin import DURATION_STEPS, twin_simulator
 
@@ -38,8 +39,9 @@ class Transfer:
     """Folder for figures.json and the gaits of the report."""
     fleet: str = "pupper_v2"
     """The twin's fleet."""
-    engine: Engine = "mujoco"
-    """Engine of the policies' own simulation; the twin is always in MuJoCo."""
+    engine: Engine | None = None
+    """Engine of a policy's own simulation; the one it was trained in, on its terrain, if not given. The twin is always
+    in MuJoCo."""
 
 
 def run_transfer(config: Transfer, show: bool = True) -> dict[str, float]:
@@ -73,7 +75,7 @@ class _Walker:
     own: WalkSimulator | BackendSimulator
 
 
-def _walker(path: Path, engine: Engine) -> _Walker:
+def _walker(path: Path, engine: Engine | None) -> _Walker:
     """Everything a policy needs; refuses what cannot run here.
 
     Raises:
@@ -84,11 +86,31 @@ def _walker(path: Path, engine: Engine) -> _Walker:
     policy.require_clock(spec.CONTROL_DT, path)
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
-        return _Walker(policy, choice.condition(), _own_simulator(choice, engine))
+        draw = choice.drawer()
     except (ArtifactError, ConfigError) as error:
         problem = f"the motors it was trained on: {error.problem}"
         where = path if error.where is None else f"{path}: {error.where}"
         raise type(error)(problem, where=where, remedy=error.remedy) from error
+    trained_in, roughness = _ground(policy, path)
+    engine = engine or trained_in
+    terrain = Terrain(roughness if engine == "pybullet" else 0.0)
+    scene = Scene(engine, draw, choice.physics_dt, WalkConfig(DURATION_STEPS), terrain)
+    return _Walker(policy, choice.condition(), scene.simulator())
+
+
+def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
+    """Engine and roughness [m] that a policy was trained with; MuJoCo and flat if it does not say.
+
+    Raises:
+        ArtifactError: says something that cannot be.
+    """
+    engine, roughness = policy.provenance.get("engine", "mujoco"), policy.provenance.get("roughness", 0.0)
+    if engine not in ENGINES or type(roughness) not in (int, float):
+        raise ArtifactError(
+            f"was trained in engine {engine!r} on roughness {roughness!r}", where=path,
+            remedy=f"an engine is one of {ENGINES}, a roughness a number [m]; train again",
+        )  # fmt: skip
+    return engine, float(roughness)
 
 
 def _evaluate_all(config: Transfer, walkers: list[_Walker], fleet: Fleet) -> None:
@@ -104,10 +126,6 @@ def _evaluate_all(config: Transfer, walkers: list[_Walker], fleet: Fleet) -> Non
             traces.setdefault(f"twin/{walker.condition}", twin_trace)
     write_json(config.out / FIGURES, _figures(rows))
     write_tensors(config.out / TRACES, traces, {"control_dt": spec.CONTROL_DT})
-
-
-def _own_simulator(choice: MotorChoice, engine: Engine) -> WalkSimulator | BackendSimulator:
-    return Scene(engine, choice.drawer(), choice.physics_dt, WalkConfig(DURATION_STEPS)).simulator()
 
 
 def _figures(rows: dict[str, list[dict[str, Walking]]]) -> dict[str, float]:

@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
+from motorprior.exceptions import ConfigError
 from motorprior.search.executor_ray import RayExecutor
 
 Result = TypeVar("Result")
@@ -87,9 +88,16 @@ def make_executor(
         workers: episodes at a time; "serial" has one.
         kind: one after the other, threads of this process, or Ray's processes.
         address: of the Ray cluster to join; without one Ray starts on this machine only.
+
+    Raises:
+        ConfigError: a kind that nobody knows, no worker, or Ray cannot be had.
     """
+    if kind not in get_args(Kind):
+        raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}")
+    if workers < 1:
+        raise ConfigError(f"workers {workers} must be >= 1", remedy="use at least one worker")
     if kind == "ray":
         return RayExecutor(make_simulator, workers, address)
-    if kind == "serial" or workers <= 1:
+    if kind == "serial" or workers == 1:
         return SerialExecutor(make_simulator)
     return ThreadExecutor(make_simulator, workers)

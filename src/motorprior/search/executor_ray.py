@@ -34,7 +34,8 @@ class RayExecutor:
 
     Args:
         make_simulator: what a worker calls once; pickled by value.
-        workers: chunks of episodes at a time; on a cluster, as many of them as it has cores free.
+        workers: processes of this machine; on a cluster the number that episodes are cut into chunks for: Ray runs a
+            chunk on every core that is free.
         address: of a running cluster to join.
 
     Raises:
