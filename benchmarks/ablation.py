@@ -33,15 +33,13 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.behaviour import behaviours
-from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.cli.bench import training_motors
 from motorprior.cli.stage import code_digest, digest, fleet_files
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.validate import held_out_trials
-from motorprior.signals import rmse
+from motorprior.identification.validate import bench_errors
 from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 
 BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
@@ -164,9 +162,7 @@ def measure(point: Point) -> dict[str, float]:
 
 def impact_error(model: LatentActuator, motors: MotorParameters, seed: int) -> float:
     """Median over motors of the joint RMSE [rad] on held-out gaits with impacts."""
-    cases, truth = held_out_trials("impacts", len(motors), seed), PhysicalActuator(motors)
-    errors = [rmse(run(model, case).joint_pos, run(truth, case).joint_pos, axis=0) for case in cases]
-    return float(np.median(np.mean(errors, axis=0)))
+    return float(np.median(bench_errors(motors, {"model": lambda _: model}, seed)["impacts"]["model"]))
 
 
 def sweep(settings: Settings) -> dict[str, dict[str, float]]:

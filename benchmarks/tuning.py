@@ -1,11 +1,12 @@
-"""Every recipe with the same care: one grid of learning rates and Adam steps, judged on a bench of its own.
+"""Trained recipes with the same care: one grid of learning rates and Adam steps, judged on a bench of its own.
 
     python benchmarks/tuning.py --out runs/tuning
 
 Learning rates of a third, one and three times the preset's; then, at the best of them, twice the steps. The motors of
 this bench, seed 1, are in no table of docs/fidelity.md; what is judged is the figure of those tables: the closed-loop
 error on held-out gait and impacts of the motors trained on, at their posterior means. Writes tuning.md, figures.json:
-    rmse_mrad/PRESET/LEARNING_RATE/STEPS    median over motors
+    rmse_mrad/PRESET/LEARNING_RATE/STEPS    median over motors; the largest number of all where the training diverged
+per_motor_play is fitted by a search and Gauss-Newton, tuned_pd by Nelder-Mead: they have no learning rate.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ import tyro
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.cli.bench import Bench, read_bench, run_bench
+from motorprior.cli.stage import code_digest, digest, fleet_files
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.validate import bench_errors
 
 FACTORS = (1 / 3, 1.0, 3.0)
 SEED = 1
+DIVERGED = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Settings:
     """Every recipe on one grid."""
 
     out: Path
-    """Run folder; figures that are there already are kept."""
+    """Run folder; figures of this code and fleet that are there already are kept."""
     fleet: str = "mixed"
     """Population of motors."""
     presets: tuple[str, ...] = tuple(PRESETS)
@@ -46,10 +49,11 @@ def error(bench: Path, preset: Preset) -> float:
     from motorprior.identification.windows import training_data
 
     log, facts = read_bench(bench)
+    data = training_data(log, preset, str(bench))
     try:
-        found = identify(training_data(log, preset, str(bench)), preset, SEED)
-    except MotorPriorError:
-        return float("inf")
+        found = identify(data, preset, SEED)
+    except MotorPriorError:  # the loss became infinite: all that is left to go wrong
+        return DIVERGED
     name, motors = "model", facts.physical_motors()
     models = {name: lambda index: LatentActuator(found.network, found.mean[index])}
     return 1e3 * float(np.median(bench_errors(motors, models, SEED)["impacts"][name]))
@@ -57,8 +61,11 @@ def error(bench: Path, preset: Preset) -> float:
 
 def tune(settings: Settings) -> dict[str, float]:
     """The grid; written after every training, so that an interrupted run goes on."""
-    path = settings.out / "figures.json"
-    figures: dict[str, float] = dict(read_json(path)) if path.exists() else {}
+    path, stage = settings.out / "figures.json", settings.out / "identity.json"
+    wanted = {"code": code_digest("identify"), "fleet": [digest(file) for file in fleet_files(settings.fleet)]}
+    same = stage.exists() and path.exists() and read_json(stage) == wanted
+    figures: dict[str, float] = read_json(path) if same else {}
+    write_json(stage, wanted)
     for bench in ("rollout", "paper"):
         run_bench(Bench(settings.out / "bench" / bench, settings.fleet, bench, seed=SEED))
     for name in settings.presets:
@@ -67,15 +74,20 @@ def tune(settings: Settings) -> dict[str, float]:
         def measured(preset: Preset, name: str = name, bench: Path = bench) -> float:
             key = f"rmse_mrad/{name}/{preset.learning_rate:.3g}/{preset.steps}"
             if key not in figures:
-                figures[key] = min(error(bench, preset), np.finfo(float).max)
+                figures[key] = error(bench, preset)
                 write_json(path, figures)
-                print(f"{key}: {figures[key]:.2f}", flush=True)
+                print(f"{key}: {shown(figures[key])}", flush=True)
             return figures[key]
 
         rates = [replace(shipped, learning_rate=factor * shipped.learning_rate) for factor in FACTORS]
         best = min(rates, key=measured)
         measured(replace(best, steps=2 * shipped.steps))
     return figures
+
+
+def shown(value: float) -> str:
+    """As text."""
+    return "diverged" if value == DIVERGED else f"{value:.1f}"
 
 
 def table(figures: dict[str, float]) -> str:
@@ -86,7 +98,7 @@ def table(figures: dict[str, float]) -> str:
         once = [figures.get(f"rmse_mrad/{name}/{f * shipped.learning_rate:.3g}/{shipped.steps}") for f in FACTORS]
         twice = [value for key, value in figures.items() if key.split("/")[1::2] == [name, str(2 * shipped.steps)]]
         if None not in once and twice:
-            lines.append(f"| `{name}` | " + " | ".join(f"{value:.1f}" for value in (*once, *twice)) + " |")
+            lines.append(f"| `{name}` | " + " | ".join(shown(value) for value in (*once, *twice)) + " |")
     return "\n".join(lines)
 
 

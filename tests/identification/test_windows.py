@@ -91,10 +91,21 @@ def test_a_rollout_needs_no_torque_and_says_whether_it_has_one():
     assert training_data(a_log(), PRESET, "log").has_torque
 
 
+def test_a_rollout_finds_the_velocities_of_a_log_of_positions_within_each_segment():
+    times, log = np.concatenate([0.002 * np.arange(length) for length in LENGTHS]), a_log()
+    wave = 0.3 * np.sin(9.0 * times)[:, None] * np.ones((1, 2))
+    speed = 2.7 * np.cos(9.0 * times)[:, None] * np.ones((1, 2))
+    known, found = (
+        training_data(replace(log, joint_pos=wave, joint_vel=given, joint_torque=None), PRESET, "log")
+        for given in (speed, None)
+    )
+    assert found.scales["velocity_scale"] == pytest.approx(known.scales["velocity_scale"], rel=1e-3)
+    np.testing.assert_allclose(found.series, known.series, atol=2e-3)  # of 2.7 rad/s
+
+
 @pytest.mark.parametrize(
     ("objective", "missing"),
     [
-        ("rollout", "joint_vel"),
         ("rollout", "load_inertia"),
         ("rollout", "external_torque"),
         ("torque", "joint_vel"),
@@ -113,7 +124,7 @@ def test_a_log_of_another_period_is_refused_with_both():
 
 
 def test_segments_shorter_than_a_window_are_refused_with_its_length():
-    with pytest.raises(LogError, match="10 rows"):
+    with pytest.raises(LogError, match="longest segment has 9 rows, a window 10"):
         training_data(a_log(lengths=(9, 9)), PRESET, "log")
 
 

@@ -29,7 +29,7 @@ class MotorPosterior:
         joint_names: M names, those of the log.
         prior_sha256: digest of the prior whose z this is.
         seconds: how much log was used.
-        surprise: (M,) probability that a motor of the prior's fleet fits its log as badly.
+        surprise: (M,) probability that a motor of the prior's fleet seems as odd (`motorprior adapt`).
     """
 
     mean: np.ndarray

@@ -62,7 +62,8 @@ class MotorPrior:
         preset: name of the recipe.
         robot: robot whose motors these are.
         motor: motor model.
-        provenance: where the logs come from: fleet summary, gains, seeds, minutes of log.
+        provenance: where the logs come from: the bench's fleet with the distributions of its gains and constants, or
+            the log's source; recipe and seed.
         metrics: figures of the training.
     """
 

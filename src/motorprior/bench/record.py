@@ -54,6 +54,7 @@ _EXCITATIONS: dict[str, excitation.Excitation] = {
     "gait": excitation.gait,
     "impacts": excitation.gait,
     "creep": excitation.creep,
+    "chirp": excitation.chirp,
 }
 _EXTERNAL: dict[str, excitation.Excitation] = {"impacts": excitation.impacts, "creep": excitation.pushes}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tyro
@@ -20,6 +20,11 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log
 
+if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.adapt import Posterior
+    from motorprior.identification.presets import Preset
+    from motorprior.identification.windows import TrainingData
+
 POSTERIOR = "posterior.safetensors"
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
@@ -32,7 +37,7 @@ class Adapt:
     prior: tyro.conf.Positional[Path]
     """Prior that `motorprior identify` wrote."""
     log: tyro.conf.Positional[Path]
-    """Motor log (.parquet) with joint_vel, load_inertia and external_torque, at the prior's sample period."""
+    """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path
     """Folder for posterior.safetensors."""
     seconds: float | None = None
@@ -51,15 +56,60 @@ def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
     return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
 
 
-def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[Any, np.ndarray]:
-    """Posterior of every motor of the log, and how surprising each is.
+@dataclass(frozen=True)
+class Adapted:
+    """What a log says of its M motors.
+
+    Attributes:
+        posterior: of their latents.
+        chance: (M,) that a motor of the prior's fleet seems as odd: twice the smaller of the chances that it fits its
+            log as badly (`reference.surprise`) and that it lies as far out (`outliers`).
+        reason: M times what is oddest.
+    """
+
+    posterior: Posterior
+    chance: np.ndarray
+    reason: tuple[str, ...]
+
+
+def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Posterior:
+    """Posterior of every motor of the log.
 
     Raises:
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
     from motorprior.identification.adapt import adapt
-    from motorprior.identification.reference import ending, knows_its_errors, pieces, surprise
+
+    preset, data, temperature, _ = _prepared(prior, path, log, where)
+    return adapt(prior.network, data, preset, temperature)
+
+
+def adapt_and_judge(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Adapted:
+    """`adapt_to`, and whether the motors are like those that the prior was trained on.
+
+    Raises:
+        LogError, ArtifactError: see `adapt_to`.
+    """
+    from motorprior.identification.adapt import adapt
+    from motorprior.identification.outliers import outliers
+    from motorprior.identification.reference import pieces, surprise
+
+    preset, data, temperature, which = _prepared(prior, path, log, where)
+    found = adapt(prior.network, data, preset, temperature)
+    badly = surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
+    reason = ["it fits its log badly"] * len(badly)
+    if len(prior.mean) < 2:
+        return Adapted(found, badly, tuple(reason))
+    far = outliers(prior.network, prior.mean, data, preset, temperature)
+    for motor in np.flatnonzero(far.chance < badly):
+        reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
+    return Adapted(found, np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
+
+
+def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[Preset, TrainingData, float, str]:
+    """Recipe, data, temperature, and the `reference.ending` of the metrics that a log is judged by."""
+    from motorprior.identification.reference import ending, knows_its_errors
     from motorprior.identification.windows import training_data
 
     preset = recipe_of(prior, path)
@@ -72,8 +122,7 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[
     knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"
     data = replace(data, has_torque=data.has_torque and knows_torque)
     which = ending(data.has_torque) if knows_torque else ""
-    found = adapt(prior.network, data, preset, prior.metrics[f"loss_mean{which}"])
-    return found, surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
+    return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 
 def run_adapt(config: Adapt) -> None:
@@ -89,19 +138,21 @@ def run_adapt(config: Adapt) -> None:
     if is_finished(config.out, wanted):
         return
     with bar(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as progress:
-        found, surprising = adapt_to(prior, config.prior, log, str(config.log))
+        judged = adapt_and_judge(prior, config.prior, log, str(config.log))
         progress.advance()
+    found = judged.posterior
     rows = [
         [name, f"{loss:.3f}", f"{chance:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
-        for name, loss, chance, mean in zip(log.joint_names, found.loss, surprising, found.mean, strict=True)
+        for name, loss, chance, mean in zip(log.joint_names, found.loss, judged.chance, found.mean, strict=True)
     ]
-    table("Posterior of z", ["motor", "loss", "P(as bad)", "mean"], rows)
+    table("Posterior of z", ["motor", "loss", "P(as odd)", "mean"], rows)
     bound = FALSE_ALARMS / log.num_joints
-    strangers = [name for name, chance in zip(log.joint_names, surprising, strict=True) if chance < bound]
+    odd = zip(log.joint_names, judged.chance, judged.reason, strict=True)
+    strangers = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]
     if strangers and not config.anyway:
         raise LogError(
-            f"motors {strangers} are unlike any the prior was trained on: a motor of its fleet fits as badly with a "
-            f"chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
+            f"motors are unlike any the prior was trained on ({'; '.join(strangers)}): one of its fleet is as odd with "
+            f"a chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
             where=config.log,
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or give --anyway",
         )
@@ -112,7 +163,7 @@ def run_adapt(config: Adapt) -> None:
         log.joint_names,
         digest(config.prior),
         log.duration,
-        tuple(float(value) for value in surprising),
+        tuple(float(value) for value in judged.chance),
     )
     posterior.save(config.out / POSTERIOR)
     finish(config.out, wanted)

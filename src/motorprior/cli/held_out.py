@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.record import bench_preset, preset_of_period, record
-from motorprior.cli.adapt import FALSE_ALARMS, adapt_to
+from motorprior.cli.adapt import FALSE_ALARMS, adapt_and_judge, adapt_to
 from motorprior.cli.bench import BenchFacts
 from motorprior.identification.adapt import Posterior
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
@@ -25,8 +24,9 @@ HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
 ADAPTED_SECONDS = 10.0
 """Log from which held-out motors are known in the fidelity table [s]."""
 UNLIKELY = 0.1
-"""Chance of fitting its log as badly that one motor of the fleet in ten should fall below."""
+"""Chance of being as odd that at most one motor of the fleet in ten should fall below."""
 POPULATION, COMPARISONS = 256, 5
+_WHERE = "held-out log"
 
 
 def held_out_motors(facts: BenchFacts) -> MotorParameters:
@@ -41,42 +41,24 @@ def held_out_log(prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, 
     return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
 
 
-@dataclass(frozen=True)
-class Adapted:
-    """What some seconds of log say about held-out motors.
-
-    Attributes:
-        posterior: of their latents.
-        surprise: (M,) probability that a motor of the prior's fleet fits its log as badly.
-    """
-
-    posterior: Posterior
-    surprise: np.ndarray
-
-
-def adapted(
-    prior: MotorPrior, path: Path, motors: MotorParameters, facts: BenchFacts, seconds: float = ADAPTED_SECONDS
-) -> Adapted:
-    """The prior adapted to ``seconds`` of log of these motors."""
-    return Adapted(*adapt_to(prior, path, held_out_log(prior, motors, facts, seconds), "held-out log"))
-
-
 def adapt_all(
     priors: dict[str, MotorPrior], paths: dict[str, Path], motors: MotorParameters, facts: BenchFacts
-) -> dict[str, Adapted]:
+) -> dict[str, Posterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
     return {
-        name: adapted(prior, paths[name], motors, facts) for name, prior in priors.items() if prior.network.num_latents
+        name: adapt_to(prior, paths[name], held_out_log(prior, motors, facts, ADAPTED_SECONDS), _WHERE)
+        for name, prior in priors.items()
+        if prior.network.num_latents
     }
 
 
 def adapted_models(
-    priors: dict[str, MotorPrior], known: dict[str, Adapted], num_motors: int
+    priors: dict[str, MotorPrior], known: dict[str, Posterior], num_motors: int
 ) -> dict[str, ModelOfMotors]:
     """Every prior as a model of held-out motors: at the mean of what is ``known`` of them, if it has latents."""
     models: dict[str, ModelOfMotors] = {}
     for name, prior in priors.items():
-        z = known[name].posterior.mean if name in known else np.zeros((num_motors, 0))
+        z = known[name].mean if name in known else np.zeros((num_motors, 0))
         models[name] = lambda index, prior=prior, z=z: LatentActuator(prior.network, z[index])
     return models
 
@@ -86,7 +68,6 @@ def adaptation_figures(
     path: Path,
     facts: BenchFacts,
     seconds: tuple[float, ...],
-    known: Adapted,
     seed: int,
     progress: Callable[[], None],
 ) -> dict[str, float]:
@@ -97,7 +78,6 @@ def adaptation_figures(
         path: its file.
         facts: of its bench.
         seconds: lengths of log.
-        known: the prior adapted to ADAPTED_SECONDS of log.
         seed: of the held-out excitation.
         progress: called after every length.
 
@@ -113,12 +93,12 @@ def adaptation_figures(
     motors, figures = held_out_motors(facts), {}
     covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
-        found = known if length == ADAPTED_SECONDS else adapted(prior, path, motors, facts, length)
+        found = adapt_and_judge(prior, path, held_out_log(prior, motors, facts, length), _WHERE)
         model: ModelOfMotors = lambda index, z=found.posterior.mean: LatentActuator(prior.network, z[index])  # noqa: E731
         error = bench_errors(motors, {"prior": model}, seed)["impacts"]["prior"]
         figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
-        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(found.surprise < FALSE_ALARMS))
-        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(found.surprise < UNLIKELY))
+        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(found.chance < FALSE_ALARMS))
+        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(found.chance < UNLIKELY))
         if length == covered:
             figures |= coverage(prior.network, prior.metrics, found.posterior, motors, seed)
         progress()

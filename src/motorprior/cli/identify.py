@@ -93,6 +93,7 @@ def run_identify(config: Identify) -> None:
         origin.provenance | {"recipe": asdict(preset), "seed": config.seed}, metrics,
     )  # fmt: skip
     prior.save(config.out / PRIOR)
+    MotorPrior.load(config.out / PRIOR)  # what nobody could load is no success
     write_text(config.out / SECONDS, f"{seconds:.1f}\n")
     for leftover in (CHECKPOINT, SPENT):
         (config.out / leftover).unlink(missing_ok=True)

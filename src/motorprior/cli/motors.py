@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
@@ -173,7 +173,28 @@ def _load_posterior(path: Path, prior_path: Path, prior: MotorPrior) -> MotorPos
     if posterior.prior_sha256 != digest(prior_path):
         raise ConfigError(f"it is no posterior of {prior_path}", where=path, remedy="adapt that prior to the log anew")
     posterior.sample(prior, np.random.default_rng(0), spec.NUM_JOINTS)
-    return posterior
+    return _in_the_robots_order(posterior, path)
+
+
+def _in_the_robots_order(posterior: MotorPosterior, path: Path) -> MotorPosterior:
+    """Motors that have the names of the robot's joints, in the robot's order; motors of a bench as they are.
+
+    Raises:
+        ConfigError: some names are of the robot's joints and others are not.
+    """
+    names = posterior.joint_names
+    strange = sorted(set(names) - set(spec.JOINT_NAMES))
+    if len(names) == 1 or len(strange) == len(names):
+        return posterior
+    if strange:
+        raise ConfigError(
+            f"joints {strange} are not {spec.ROBOT_NAME}'s", where=path, remedy=f"name them {list(spec.JOINT_NAMES)}"
+        )
+    order = [names.index(name) for name in spec.JOINT_NAMES]
+    return replace(
+        posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=spec.JOINT_NAMES,
+        surprise=tuple(posterior.surprise[index] for index in order),
+    )  # fmt: skip
 
 
 _FILE_KEYS = tuple(f"{name}{ending}" for name in ("prior", "posterior") for ending in ("", "_beside", "_sha256"))

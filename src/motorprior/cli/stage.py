@@ -72,7 +72,8 @@ def code_digest(stage: str) -> str:
 
 def package_digest(stage: str, package: Path) -> str:
     """`code_digest` of the package in some folder."""
-    others = [f"cli/{name}.py" for name in _STAGES if name != stage]
+    later = _STAGES[_STAGES.index(stage) + 1 :] if stage in _STAGES else ()
+    others = [f"cli/{name}.py" for name in later]
     parts = []
     for path in sorted(package.rglob("*.py")):
         inner = path.relative_to(package)

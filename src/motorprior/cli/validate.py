@@ -43,8 +43,10 @@ BENCH_METRICS = {
     "bench_gait_rmse": "gait",
     "bench_steps_rmse": "held_steps",
     "bench_impact_rmse": "impacts",
+    "bench_chirp_rmse": "chirp",
 }
 COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
+"""Medians over motors and trials; the means stand beside them as ``…_mean``."""
 
 
 MODELS = (
@@ -176,7 +178,7 @@ def _held_out_figures(
     from motorprior.cli import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
-    both = (*COLUMNS, "bench_impact_rmse_mean", "standing_rmse_mean", "hung_rmse_mean")
+    both = (*COLUMNS, *(_mean(name) for name in COLUMNS))
     figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
     with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
         motors = held_out.held_out_motors(facts)
@@ -186,9 +188,9 @@ def _held_out_figures(
         found = fidelity_figures(motors, models, config.seed, progress)
         figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
         if "rollout" in known:
-            prior, path, rollout = priors["rollout"], paths["rollout"], known["rollout"]
+            prior, path = priors["rollout"], paths["rollout"]
             figures |= held_out.adaptation_figures(
-                prior, path, facts, config.adapt_seconds, rollout, config.seed, progress.advance
+                prior, path, facts, config.adapt_seconds, config.seed, progress.advance
             )
             figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
     return figures
@@ -217,18 +219,24 @@ def fidelity_figures(
     for metric, kind in BENCH_METRICS.items():
         for model, values in errors[kind].items():
             figures[f"{metric}/{model}"] = float(np.median(values))
-            figures[f"{metric.replace('rmse', 'rmse_mean')}/{model}"] = float(np.mean(values))
+            figures[f"{_mean(metric)}/{model}"] = float(np.mean(values))
     progress.advance()
     for place, hung in (("standing", False), ("hung", True)):
         found = robot_fidelity(motors, models, hung, seed)
         for model in found.rmse:
             figures[f"{place}_rmse/{model}"] = float(np.median(found.rmse[model]))
-            figures[f"{place}_rmse_mean/{model}"] = float(np.mean(found.rmse[model]))
+            figures[f"{_mean(f'{place}_rmse')}/{model}"] = float(np.mean(found.rmse[model]))
             figures[f"{place}_torque_hf/{model}"] = _finite(np.median(found.torque_hf[model]))
+            figures[f"{_mean(f'{place}_torque_hf')}/{model}"] = _finite(np.mean(found.torque_hf[model]))
             if not hung:
                 figures[f"standing_displacement_error/{model}"] = _finite(np.median(found.displacement_error[model]))
         progress.advance()
     return figures
+
+
+def _mean(column: str) -> str:
+    """Name of the mean beside a median."""
+    return f"{column}_mean"
 
 
 def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) -> dict[str, float]:

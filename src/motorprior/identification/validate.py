@@ -31,8 +31,9 @@ ModelOfMotors = Callable[[np.ndarray], Actuator]
 Prediction = Callable[[np.ndarray], Actuator | Ensemble]
 """The same, for models that only predict, too."""
 
-HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts"), 5)
-"""1 s each; loads inside the training range; seeds never used for training."""
+HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
+"""1 s each; loads inside the training range; seeds never used for training, and the chirp a kind that no preset of
+the bench has."""
 HELD_OUT_SEED, BENCH_STREAM = 7_000_000, 17
 """Together they mark random streams that no training uses."""
 FLOOR_OFFSET = 0.004

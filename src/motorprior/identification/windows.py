@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,16 +30,22 @@ class TrainingData:
     has_torque: bool
 
 
+_REMEDIES = {
+    "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import --hung`",
+    "torque": "record the channel, or use preset rollout, which learns from positions",
+}
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)
 MEANS = (VEL, TORQUE, EXTERNAL)
 
 
 def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
-    """Stack a bench log for training; a log without torques will do for a rollout.
+    """Stack a bench log for training; for a rollout a log of positions without velocities and torques will do.
 
     Raises:
         LogError: wrong sample period, a missing channel, or segments shorter than a window.
     """
+    if log.joint_vel is None and preset.objective == "rollout":
+        log = replace(log, joint_vel=_velocities(log))
     _require(log, preset, where)
     nothing = np.zeros_like(log.joint_pos)
     channels = (
@@ -61,6 +67,15 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     )
 
 
+def _velocities(log: MotorLog) -> np.ndarray:
+    """(R, M) joint velocities [rad/s] of a log of positions: second-order differences within segments."""
+    found = np.zeros_like(log.joint_pos)
+    for part in log.segment_slices():
+        if part.stop - part.start > 2:
+            found[part] = np.gradient(log.joint_pos[part], log.time[part], axis=0, edge_order=2)
+    return found
+
+
 def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
     """(R, M, 6) with velocities and torques as means of their row and the one before in the segment.
 
@@ -74,10 +89,13 @@ def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
 
 
 def _require(log: MotorLog, preset: Preset, where: str) -> None:
-    wanted = {"rollout": ("joint_vel", "load_inertia", "external_torque"), "torque": ("joint_vel", "joint_torque")}
+    wanted = {"rollout": ("load_inertia", "external_torque"), "torque": ("joint_vel", "joint_torque")}
     for channel in wanted[preset.objective]:
         if getattr(log, channel) is None:
-            raise LogError(f"no {channel}", where=where, remedy=f"the {preset.objective} objective needs it")
+            raise LogError(
+                f"no {channel}, which the {preset.objective} objective needs", where=where,
+                remedy=_REMEDIES[preset.objective],
+            )  # fmt: skip
     first = next(log.segments())
     period = float(np.median(np.diff(first.time)))
     if abs(period - preset.period) > 0.01 * preset.period:
@@ -93,9 +111,11 @@ def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     starts = [np.arange(part.start, part.stop - length + 1) for part in log.segment_slices()]
     every = np.concatenate(starts)
     if len(every) == 0:
+        longest = max(part.stop - part.start for part in log.segment_slices())
         raise LogError(
-            f"no segment is as long as a window of {length} rows", where=where, remedy="record longer segments"
-        )
+            f"its longest segment has {longest} rows, a window {length} ({length * preset.period:g} s)", where=where,
+            remedy="use more of the log, or record longer segments",
+        )  # fmt: skip
     return every
 
 

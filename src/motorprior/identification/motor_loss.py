@@ -1,0 +1,93 @@
+"""A motor's loss over all windows of its log and what fits need of it, compiled once per recipe and shape.
+
+The network's parameters are arguments: another prior of the same shape, or the same one in other latents, is not
+compiled anew.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.network import Parameters, import_parameters
+from motorprior.identification.objectives import OBJECTIVES
+from motorprior.identification.presets import Preset
+
+LEARNING_RATE = 0.1
+"""Peak of the descent's cosine schedule."""
+_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
+
+
+class MotorLoss:
+    """Functions of latents z (M, Z) and windows (M, N, length, channels) of M motors; energy is that of `adapt`.
+
+    Args:
+        preset: recipe of the objective.
+        scales: of the network, by name.
+        has_torque: the windows hold measured torques.
+    """
+
+    def __init__(self, preset: Preset, scales: dict[str, float], has_torque: bool):
+        bounded, free = (OBJECTIVES[preset.objective](preset, scales, has_torque, flag) for flag in (True, False))
+
+        def loss(parameters: Parameters, z: jnp.ndarray, windows: jnp.ndarray) -> jnp.ndarray:
+            return bounded.loss(parameters, windows, jnp.broadcast_to(z, (windows.shape[0], z.shape[0])))
+
+        def energy(parameters: Parameters, z: jnp.ndarray, windows: jnp.ndarray, temperature: Any, count: Any) -> Any:
+            return loss(parameters, z, windows) / temperature + 0.5 * jnp.sum(z**2) / count
+
+        def window_loss(parameters: Parameters, z: jnp.ndarray, windows: jnp.ndarray) -> jnp.ndarray:
+            return jax.vmap(lambda window: loss(parameters, z, window[None]))(windows)
+
+        def curvatures(parameters: Parameters, z: jnp.ndarray, windows: jnp.ndarray) -> jnp.ndarray:
+            return jax.lax.map(lambda one: free.gauss_newton(parameters, one[1], one[0]), (z, windows))
+
+        def descend(parameters: Parameters, z: Any, windows: Any, picked: Any, temperature: Any, count: Any) -> Any:
+            optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, len(picked)))
+            slopes = jax.vmap(jax.grad(energy, argnums=1), in_axes=(None, 0, 0, None, None))
+
+            def step(state: Any, subset: Any) -> Any:
+                z, optimiser_state = state
+                gradient = slopes(parameters, z, windows[:, subset], temperature, count)
+                updates, optimiser_state = optimiser.update(gradient, optimiser_state)
+                return (z + updates, optimiser_state), None
+
+            return jax.lax.scan(step, (z, optimiser.init(z)), picked)[0][0]
+
+        each, with_numbers = (None, 0, 0), (None, 0, 0, None, None)
+        self.losses = jax.jit(jax.vmap(loss, in_axes=each))
+        """(parameters, z, windows) -> (M,) mean loss per window."""
+        self.window_losses = jax.jit(jax.vmap(window_loss, in_axes=each))
+        """(parameters, z, windows) -> (M, N)."""
+        self.screen = jax.jit(jax.vmap(jax.vmap(loss, in_axes=(None, 0, None)), in_axes=each))
+        """(parameters, candidates (M, K, Z), windows) -> (M, K)."""
+        self.energies = jax.jit(jax.vmap(energy, in_axes=with_numbers))
+        """(parameters, z, windows, temperature, count) -> (M,) U / N."""
+        self.slopes = jax.jit(jax.vmap(jax.grad(energy, argnums=1), in_axes=with_numbers))
+        """The same arguments -> (M, Z)."""
+        self.curvatures = jax.jit(curvatures)
+        """(parameters, z, windows) -> (M, Z, Z) Gauss-Newton matrices of the loss."""
+        self.descend = jax.jit(descend)
+        """(parameters, z, windows, picked (steps, batch), temperature, count) -> z after Adam on those windows."""
+
+
+def motor_loss(network: LatentNetwork, preset: Preset, has_torque: bool) -> tuple[MotorLoss, Parameters]:
+    """The compiled functions that fit a network, and its parameters, their first argument."""
+    scales = tuple(float(getattr(network, name)) for name in _SCALES)
+    return _compiled(preset, scales, has_torque), import_parameters(network)
+
+
+@cache
+def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> MotorLoss:
+    return MotorLoss(preset, dict(zip(_SCALES, scales, strict=True)), has_torque)
+
+
+def as_latents(z: np.ndarray) -> jnp.ndarray:
+    """Single precision, as everything here."""
+    return jnp.asarray(z, jnp.float32)

@@ -1,0 +1,59 @@
+"""Motors of the fleet are inliers at the stated rate; one constant far outside is seen, and named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor import PARAMETERS
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.record import PRESETS, record
+from motorprior.identification.adapt import window_losses
+from motorprior.identification.outliers import Outliers, latent_names, outliers
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.train import Identified, identify
+from motorprior.identification.windows import training_data
+
+RECIPE = replace(identification_preset("rollout"), steps=1500, batch=128, warm_up=90)
+"""The training motors must be where they belong: their spread is the yardstick."""
+CHANGES = (("kp", 2.5), ("kd", 0.25))
+
+
+@pytest.fixture(scope="module")
+def prior() -> tuple[Identified, float]:
+    fleet = load_fleet("mixed")
+    log = record(fleet.sample(np.random.default_rng(3), 16), PRESETS["rollout"], 5000, 3, fleet)
+    data = training_data(log, RECIPE, "log")
+    found = identify(data, RECIPE, 0)
+    return found, float(window_losses(found.network, data, RECIPE, found.mean).mean())
+
+
+@pytest.fixture(scope="module")
+def judged(prior: tuple[Identified, float]) -> Outliers:
+    """Six motors of the fleet, then one for each of CHANGES: 10 s of log."""
+    found, temperature = prior
+    fleet = load_fleet("mixed")
+    motors = fleet.sample(np.random.default_rng(8), 6 + len(CHANGES))
+    for row, (name, factor) in enumerate(CHANGES, start=6):
+        values = getattr(motors, name).copy()
+        values[row] = factor * getattr(fleet.center(1), name)[0]
+        motors = replace(motors, **{name: values})
+    data = training_data(record(motors, PRESETS["adapt"], 5000, 9, fleet), RECIPE, "log")
+    return outliers(found.network, found.mean, data, RECIPE, temperature)
+
+
+def test_motors_of_the_fleet_are_like_it(judged: Outliers):
+    assert np.all(judged.chance[:6] > 0.01)
+
+
+@pytest.mark.parametrize(("row", "name", "sign"), [(6, "kp", 1.0), (7, "kd_over_kp", -1.0)])
+def test_a_constant_far_outside_is_seen_and_named(judged: Outliers, row: int, name: str, sign: float):
+    assert judged.latent[row] == name
+    assert sign * judged.deviation[row] > 3.0
+    assert judged.chance[row] < 0.05
+
+
+def test_latents_are_named_after_constants_where_each_has_one(prior: tuple[Identified, float]):
+    network = prior[0].network
+    assert latent_names(network) == tuple(PARAMETERS)
+    assert latent_names(replace(network, motor=None))[:2] == ("latent 0", "latent 1")
