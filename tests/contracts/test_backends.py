@@ -12,6 +12,7 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.virtual_pupper import Virtual, make
+from motorprior.exceptions import ConfigError
 from motorprior.hardware.pupper_backend import PupperBackend
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
@@ -159,6 +160,31 @@ def test_a_target_is_followed(backend: Backend):
     for _ in range(100):
         state = backend.step(target)
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
+
+
+WRONG_TARGETS = {
+    "11 joints": (np.full(11, 0.3), r"position_target has shape \(11,\), wanted \(12,\)"),
+    "a column": (np.full((12, 1), 0.3), r"shape \(12, 1\)"),
+    "one number": (0.3, r"shape \(\)"),
+    "NaN": (np.where(np.arange(12) == 4, np.nan, 0.3), r"position_target\[4\] is not finite: nan"),
+    "infinite": (np.full(12, np.inf), "not finite"),
+    "words": (["stand"] * 12, "not an array of numbers"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_TARGETS)
+@pytest.mark.parametrize("make", [mujoco, pybullet], ids=lambda make: make.__name__)
+def test_targets_that_compiled_code_would_misread_are_refused_and_move_nothing(make, wrong):
+    target, words = WRONG_TARGETS[wrong]
+    asked, spared = make(None), make(None)
+    for backend in (asked, spared):
+        backend.reset(0)
+    with pytest.raises(ConfigError, match=words):
+        asked.step(target)
+    pairs = zip(astuple(asked.step(spec.NOMINAL_POSE)), astuple(spared.step(spec.NOMINAL_POSE)), strict=True)
+    assert all(np.array_equal(one, other) for one, other in pairs)
+    asked.close()
+    spared.close()
 
 
 ABSURD = IdealPd.uniform(12, kp=1e300, kd=0.84, torque_limit=1e308, armature=0.003)

@@ -11,6 +11,7 @@ from gymnasium.spaces import Box
 
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import command_step, evaluate_step
+from motorprior.locomotion.finite import require_finite
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
@@ -113,11 +114,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        raw = np.asarray(action, dtype=np.float64)
-        if raw.shape != (ACTION_SIZE,):
-            raise ConfigError(f"action has shape {raw.shape}, wanted ({ACTION_SIZE},)")
-        if not np.all(np.isfinite(raw)):
-            raise ConfigError(f"action{np.argwhere(~np.isfinite(raw))[0].tolist()} is not finite")
+        raw = require_finite("action", action, (ACTION_SIZE,))
         self._phase = command_step(raw, self._filter_state, self._phase, self._control_dt, self._command, self._target)
         state = self._backend.step(self._target.copy())
         earned, terminated = self._evaluate(state)

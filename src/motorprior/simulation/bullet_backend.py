@@ -8,6 +8,7 @@ import numpy as np
 
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.finite import require_finite
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.bullet_world import PHYSICS_DT, BulletWorld
 from motorprior.simulation.mujoco_backend import DrawMotors
@@ -57,8 +58,13 @@ class PybulletBackend:
         return self._state(0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (12,) targets [rad] for one control step."""
-        self._commands.append(np.asarray(position_target, dtype=np.float64) - self._conditions.encoder_offset)
+        """Hold (12,) targets [rad] for one control step.
+
+        Raises:
+            ConfigError: another shape, or a target that is not finite.
+        """
+        target = require_finite("position_target", position_target, (spec.NUM_JOINTS,))
+        self._commands.append(target - self._conditions.encoder_offset)
         pushes, substeps, total = self._conditions.push, self._config.substeps, 0.0
         push = pushes[self._step % len(pushes)] if len(pushes) else None
         with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault

@@ -9,6 +9,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.finite import require_finite
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
@@ -49,8 +50,12 @@ class MujocoBackend:
         return self._state(0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (12,) targets [rad] for one control step."""
-        target = np.ascontiguousarray(position_target, dtype=np.float64)
+        """Hold (12,) targets [rad] for one control step.
+
+        Raises:
+            ConfigError: another shape, or a target that is not finite.
+        """
+        target = require_finite("position_target", position_target, (NUM_JOINTS,))
         return self._state(hold_target(self._world.arrays, self._motors, target))
 
     def close(self) -> None:

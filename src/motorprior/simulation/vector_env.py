@@ -15,6 +15,7 @@ from numba.typed import List
 
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.env import FURTHEST
+from motorprior.locomotion.finite import require_finite
 from motorprior.locomotion.policy import ACTION_SIZE
 from motorprior.locomotion.sensing import sense
 from motorprior.simulation.borrowed import borrowed
@@ -115,9 +116,7 @@ class WalkVectorEnv(VectorEnv):
         Raises:
             ConfigError: actions of another shape, or not finite.
         """
-        actions = np.ascontiguousarray(actions, dtype=np.float64)
-        if actions.shape != (self.num_envs, ACTION_SIZE) or not np.all(np.isfinite(actions)):
-            raise ConfigError(f"actions of shape {actions.shape}, wanted finite ones of {(self.num_envs, ACTION_SIZE)}")
+        actions = require_finite("actions", actions, (self.num_envs, ACTION_SIZE))
         resting = self._over.copy()
         running, terminated = np.flatnonzero(~resting), np.zeros(self.num_envs, bool)
         out = (self._observations, self._rewards, terminated, self._faults, self._phases)
