@@ -93,11 +93,37 @@ def test_seeds_are_one_or_one_for_each_robot():
         ({"actuator": "prior"}, "--prior"),
         ({"roughness": 0.01}, "PyBullet only"),
         ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
+        ({"randomization": {"push": 0.1}}, r"randomization \{'push': 0.1\} is not a Randomization -> import it"),
+        ({"task": 3.0}, "task 3.0 is not a TaskWeights -> import it"),
+        ({"kp": "8"}, "kp '8' is not a finite number of at least 0"),
+        ({"delay": True}, "delay True is not a finite number"),
+        ({"armature": np.nan}, "armature nan is not a finite number"),
+        ({"roughness": -0.01}, "roughness -0.01 is not a finite number of at least 0"),
+        ({"episode_steps": 0}, "episode_steps 0 is not a whole number of at least 1"),
+        ({"episode_steps": 2.5}, r"episode_steps 2\.5 is not a whole number"),
+        ({"episode_steps": "10"}, "episode_steps '10' is not a whole number"),
+        ({"fleet": 5}, "fleet 5 is not the name of a file"),
+        ({"actuator": "prior", "prior": 5}, "prior 5 is not the name of a file"),
     ],
 )
-def test_wrong_words_are_refused(settings, words):
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_wrong_words_are_refused(make, settings, words):
     with pytest.raises(ConfigError, match=words):
-        gymnasium.make(ID, **settings)
+        make(ID, **{"actuator": "pd"} | settings)
+
+
+@pytest.mark.parametrize("number", [{"num_envs": 0}, {"num_envs": 2.5}, {"threads": 0}, {"threads": "2"}])
+def test_robots_and_threads_are_whole_numbers(number):
+    with pytest.raises(ConfigError, match=rf"{next(iter(number))} .* is not a whole number of at least 1"):
+        make_vector_env(**{"num_envs": 1} | number, actuator="pd")
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_a_robot_that_was_not_reset_does_not_walk(make):
+    env = make(ID, actuator="pd").unwrapped
+    with pytest.raises(ConfigError, match=r"reset\(\) first"):
+        env.step(np.zeros(env.action_space.shape))
+    env.close()
 
 
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])

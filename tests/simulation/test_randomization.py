@@ -1,5 +1,6 @@
 """Other robots in every episode: off by default, each range does what it says, in both engines alike."""
 
+import json
 from dataclasses import fields, replace
 
 import numpy as np
@@ -222,8 +223,20 @@ def test_noise_has_the_stated_deviations():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("friction", (1.2, 0.8)), ("mass", (0.0, 1.0)), ("push", -1.0), ("sensor_delay", (0.0, 0.5)), ("com", np.nan)],
-)
+    [
+        ("friction", (1.2, 0.8)), ("mass", (0.0, 1.0)), ("push", -1.0), ("sensor_delay", (0.0, 0.5)), ("com", np.nan),
+        ("friction", 1.2), ("friction", (0.6, 1.0, 1.4)), ("friction", ("0.6", "1.4")), ("friction", (0.6, np.nan)),
+        ("push", (0.0, 0.1)), ("push", "0.1"), ("push", True), ("push", None),
+    ],
+)  # fmt: skip
 def test_an_impossible_range_is_refused_by_the_name_it_has_on_the_command_line(name, value):
-    with pytest.raises(ConfigError, match=f"--randomization.{name.replace('_', '-')}"):
+    with pytest.raises(
+        ConfigError, match=rf"--randomization.{name.replace('_', '-')} .* is not a (range|number) within"
+    ):
         Randomization(**{name: value})
+
+
+def test_what_is_recorded_can_be_given_back():
+    recorded = json.loads(json.dumps(EVERYTHING.as_json()))
+    assert isinstance(recorded["friction"], list)
+    assert Randomization(**recorded) == EVERYTHING

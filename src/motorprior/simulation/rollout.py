@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
-from motorprior.locomotion.finite import require_finite
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
@@ -33,11 +33,18 @@ class WalkConfig:
         episode_steps: control steps at most.
         task: reward coefficients.
         randomization: what differs between episodes besides the motors.
+
+    Raises:
+        ConfigError: episode_steps is no whole number of at least 1.
     """
 
     episode_steps: int = 250
     task: TaskWeights = field(default_factory=TaskWeights)
     randomization: Randomization = field(default_factory=Randomization)
+
+    def __post_init__(self) -> None:
+        """Refuse episodes that have no steps."""
+        require_count("episode_steps", self.episode_steps)
 
 
 @dataclass(frozen=True)
