@@ -14,7 +14,7 @@ from motorprior.simulation.bullet_world import PHYSICS_DT, BulletWorld
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import NOMINAL, Conditions, Randomization
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import WorldConfig, has_broken_down
+from motorprior.simulation.world import WorldConfig, control_steps_late, has_broken_down
 
 
 class PybulletBackend:
@@ -52,8 +52,8 @@ class PybulletBackend:
         self._conditions = self._randomization.conditions(seed, self._episode_steps)
         motors = self._draw(np.random.default_rng(seed))
         self._motors = self._world.reset(motors, conditions=self._conditions, seed=seed)
-        self._delay = round(self._conditions.command_delay / self._config.physics_dt)
-        self._commands = [spec.NOMINAL_POSE] * (-(-self._delay // self._config.substeps))
+        self._delay = self._conditions.delay_steps(self._config.physics_dt)
+        self._commands = [spec.NOMINAL_POSE] * control_steps_late(self._delay, 0, self._config.substeps)
         self._step = 0
         return self._state(0.0)
 
@@ -69,9 +69,9 @@ class PybulletBackend:
         push = pushes[self._step % len(pushes)] if len(pushes) else None
         with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
             for k in range(substeps):
-                late = -(-max(0, self._delay - k) // substeps)
+                late = control_steps_late(self._delay, k, substeps)
                 total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
-        del self._commands[: len(self._commands) - (-(-self._delay // substeps))]
+        del self._commands[: len(self._commands) - control_steps_late(self._delay, 0, substeps)]
         self._step += 1
         return self._state(total / substeps)
 

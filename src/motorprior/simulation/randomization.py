@@ -157,6 +157,10 @@ class Conditions:
     push: np.ndarray
     """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
 
+    def delay_steps(self, physics_dt: float) -> int:
+        """Age of the position targets in force [physics steps of ``physics_dt`` s]."""
+        return round(self.command_delay / physics_dt)
+
 
 NOMINAL = Conditions(
     armature=np.zeros(spec.NUM_JOINTS),

@@ -13,7 +13,7 @@ from motorprior.robots.pupper_v2.spec import Link
 
 NO_LOAD_SPEED = 52.0
 """Speed limit [rad/s] of the joints: about 500 rpm at 24 V; assumption."""
-ROTOR_GEAR_RATIO = 1000.0
+ROTOR_GEAR_RATIO = 1e5
 """Turns of a rotor per turn of its joint. Of the real 36 the same reflected inertia would couple to the motion of
 the link that carries the motor, by armature/36; MuJoCo's armature does not, so here it should not either."""
 ROTOR_MASS = 1e-6
