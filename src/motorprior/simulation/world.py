@@ -105,7 +105,12 @@ def _keep_quiet(message: str) -> None:
 
 
 class World:
-    """A simulated Pupper. Use one per thread."""
+    """A simulated Pupper. Use one per thread.
+
+    Making one changes the whole process, other models of MuJoCo included: no warning is printed or written to a file
+    any more (``mjData.warning`` still counts them), MuJoCo's timers stand still (`mj_call.stop_timers`), and a fatal
+    error in compiled code ends the process with one line (`last_words`).
+    """
 
     def __init__(self, config: WorldConfig):
         self.config = config
