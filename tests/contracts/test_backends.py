@@ -162,6 +162,11 @@ def test_a_target_is_followed(backend: Backend):
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
 
 
+def test_a_robot_that_was_not_reset_does_not_move(simulated: Backend):
+    with pytest.raises(ConfigError, match=r"reset\(\) first"):
+        simulated.step(spec.NOMINAL_POSE)
+
+
 WRONG_TARGETS = {
     "11 joints": (np.full(11, 0.3), r"position_target has shape \(11,\), wanted \(12,\)"),
     "a column": (np.full((12, 1), 0.3), r"shape \(12, 1\)"),
@@ -202,7 +207,7 @@ def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(eng
     if engine is PybulletBackend:
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-    queue = [motors, sound] if engine is PybulletBackend else [sound, motors, sound]  # MuJoCo's draws one at once
+    queue = [motors, sound]
     backend = engine(lambda rng: queue.pop(0))
     backend.reset(0)
     assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.bounds import require_finite
@@ -46,6 +47,7 @@ class PybulletBackend:
         self._draw, self._episode_steps = draw_motors, episode_steps
         self._randomization = randomization or Randomization()
         self._conditions: Conditions = NOMINAL
+        self._motors: ActuatorArrays | None = None
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose on newly drawn motors, in a fresh client."""
@@ -55,14 +57,16 @@ class PybulletBackend:
         self._delay = self._conditions.delay_steps(self._config.physics_dt)
         self._commands = [spec.NOMINAL_POSE] * control_steps_late(self._delay, 0, self._config.substeps)
         self._step = 0
-        return self._state(0.0)
+        return self._state(self._motors, 0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
         """Hold (12,) targets [rad] for one control step.
 
         Raises:
-            ConfigError: another shape, or a target that is not finite.
+            ConfigError: no reset before; another shape, or a target that is not finite.
         """
+        if self._motors is None:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
         target = require_finite("position_target", position_target, (spec.NUM_JOINTS,))
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, substeps, total = self._conditions.push, self._config.substeps, 0.0
@@ -73,14 +77,14 @@ class PybulletBackend:
                 total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
         del self._commands[: len(self._commands) - control_steps_late(self._delay, 0, substeps)]
         self._step += 1
-        return self._state(total / substeps)
+        return self._state(self._motors, total / substeps)
 
     def close(self) -> None:
         """Close the client."""
         self._world.close()
 
-    def _state(self, torque_squared_sum: float) -> BackendState:
-        base, measured = self._world.base(), self._world.measured_joint_pos(self._motors)
+    def _state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
+        base, measured = self._world.base(), self._world.measured_joint_pos(motors)
         joint_pos, joint_vel = self._world.joints()
         qpos = np.concatenate([base.pos, base.quat, joint_pos])
         broken = has_broken_down(qpos, np.concatenate([base.lin_vel, base.ang_vel, joint_vel]))
