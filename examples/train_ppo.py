@@ -11,13 +11,14 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from motorprior.environments import ENV_ID
 
+if len(sys.argv) != 3:
+    sys.exit("usage: python examples/train_ppo.py PRIOR STEPS")
 torch.set_num_threads(1)
 robot = {"actuator": "prior", "prior": sys.argv[1], "episode_steps": 500}  # 5 s, twelve other motors in every episode
 envs = VecNormalize(make_vec_env(ENV_ID, n_envs=8, seed=0, env_kwargs=robot))
 model = PPO("MlpPolicy", envs, n_steps=512, batch_size=512, gamma=0.98, policy_kwargs={"log_std_init": -1.5}, seed=0)
 model.learn(int(sys.argv[2]))
-
-metres, seconds = [], []
+walked = []
 for seed in range(10_000, 10_010):
     env, over, steps = gymnasium.make(ENV_ID, **robot), False, 0
     observation, info = env.reset(seed=seed)
@@ -25,6 +26,5 @@ for seed in range(10_000, 10_010):
         action, _ = model.predict(envs.normalize_obs(observation), deterministic=True)
         observation, _, terminated, truncated, info = env.step(action)
         over, steps = terminated or truncated, steps + 1
-    metres.append(info["base_pos"][0])
-    seconds.append(steps / 100)
-print(f"on 10 new sets of motors: {np.mean(metres) / 5:.2f} m/s, up for {np.mean(seconds):.1f} of 5 s")
+    walked.append((info["base_pos"][0] / 5, steps / 100))
+print("on 10 new sets of motors: {:.2f} m/s, up for {:.1f} of 5 s".format(*np.mean(walked, axis=0)))

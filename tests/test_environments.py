@@ -1,5 +1,11 @@
 """Gymnasium makes the walking task by name, alone or many at once, on either engine and on any motors."""
 
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,10 +13,12 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import motorprior.environments
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env, make_vector_env
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
+from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
@@ -23,12 +31,27 @@ def bullet():
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 
 
+@pytest.fixture(scope="module")
+def prior(tmp_path_factory: pytest.TempPathFactory, grey_network) -> Path:
+    """The file of a grey box's prior, of twelve motors around a small servo."""
+    path, motors = tmp_path_factory.mktemp("prior") / "prior.safetensors", np.zeros((12, 3))
+    network = grey_network(spread=0.2, network=0.05)
+    MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, "servo", {}, {}).save(path)
+    return path
+
+
+@pytest.fixture(params=["pd", "prior", "fleet"])
+def motors(request: pytest.FixtureRequest, prior: Path) -> dict[str, Any]:
+    """The keywords that say which motors."""
+    return {"actuator": request.param} | ({"prior": prior} if request.param == "prior" else {})
+
+
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 @pytest.mark.filterwarnings("error")
-def test_check_env_is_clean(engine):
+def test_check_env_is_clean(engine, motors):
     if engine == "pybullet":
         bullet()
-    settings = {"engine": engine, "actuator": "pd", "episode_steps": 10}
+    settings = {"engine": engine, "episode_steps": 10} | motors
     if engine == "mujoco":
         settings["randomization"] = Randomization(joint_noise=0.01, sensor_delay=(0.0, 0.03), mass=(0.9, 1.1))
     env = gymnasium.make(ID, **settings)
@@ -36,10 +59,22 @@ def test_check_env_is_clean(engine):
     env.close()
 
 
-def test_its_episode_is_that_of_motorprior_walk():
+def test_every_seed_samples_other_motors_of_the_prior(prior):
+    env = gymnasium.make(ID, actuator="prior", prior=str(prior))
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, 16)
+    measured = []
+    for seed in (1, 1, 2):
+        env.reset(seed=seed)
+        measured.append([env.step(action)[0] for _ in range(5)][-1])
+    env.close()
+    np.testing.assert_array_equal(measured[0], measured[1])
+    assert np.abs(measured[0] - measured[2])[4:16].min() > 1e-6  # all twelve joints
+
+
+def test_its_episode_is_that_of_motorprior_walk(motors):
     weights = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
-    env = gymnasium.make(ID, actuator="fleet", episode_steps=50, task=TaskWeights(heading=0.1))
-    choice = motorprior.environments.MotorChoice("fleet")
+    env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
+    choice = motorprior.environments.MotorChoice(**motors)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
     simulator = WalkSimulator(choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), walk)
     (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(16)
@@ -52,11 +87,11 @@ def test_its_episode_is_that_of_motorprior_walk():
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
-def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads):
+def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
     def make():
-        return make_env(actuator="pd", episode_steps=40)
+        return make_env(**motors, episode_steps=40)
 
-    ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, actuator="pd", episode_steps=40)
+    ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, **motors, episode_steps=40)
     theirs = SyncVectorEnv([make] * 5)
     pairs = [(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])]
     assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
@@ -93,11 +128,37 @@ def test_seeds_are_one_or_one_for_each_robot():
         ({"actuator": "prior"}, "--prior"),
         ({"roughness": 0.01}, "PyBullet only"),
         ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
+        ({"randomization": {"push": 0.1}}, r"randomization \{'push': 0.1\} is not a Randomization -> import it"),
+        ({"task": 3.0}, "task 3.0 is not a TaskWeights -> import it"),
+        ({"kp": "8"}, "kp '8' is not a finite number of at least 0"),
+        ({"delay": True}, "delay True is not a finite number"),
+        ({"armature": np.nan}, "armature nan is not a finite number"),
+        ({"roughness": -0.01}, "roughness -0.01 is not a finite number of at least 0"),
+        ({"episode_steps": 0}, "episode_steps 0 is not a whole number of at least 1"),
+        ({"episode_steps": 2.5}, r"episode_steps 2\.5 is not a whole number"),
+        ({"episode_steps": "10"}, "episode_steps '10' is not a whole number"),
+        ({"fleet": 5}, "fleet 5 is not the name of a file"),
+        ({"actuator": "prior", "prior": 5}, "prior 5 is not the name of a file"),
     ],
 )
-def test_wrong_words_are_refused(settings, words):
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_wrong_words_are_refused(make, settings, words):
     with pytest.raises(ConfigError, match=words):
-        gymnasium.make(ID, **settings)
+        make(ID, **{"actuator": "pd"} | settings)
+
+
+@pytest.mark.parametrize("number", [{"num_envs": 0}, {"num_envs": 2.5}, {"threads": 0}, {"threads": "2"}])
+def test_robots_and_threads_are_whole_numbers(number):
+    with pytest.raises(ConfigError, match=rf"{next(iter(number))} .* is not a whole number of at least 1"):
+        make_vector_env(**{"num_envs": 1} | number, actuator="pd")
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_a_robot_that_was_not_reset_does_not_walk(make):
+    env = make(ID, actuator="pd").unwrapped
+    with pytest.raises(ConfigError, match=r"reset\(\) first"):
+        env.step(np.zeros(env.action_space.shape))
+    env.close()
 
 
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
@@ -106,3 +167,23 @@ def test_a_keyword_it_does_not_know_is_a_type_error_as_of_any_function(make, wor
     """Stable-Baselines3 tries ``render_mode`` and goes on without it after a TypeError."""
     with pytest.raises(TypeError, match=rf"unexpected keyword argument '{next(iter(word))}'; use some of engine"):
         make(ID, actuator="pd", **word)
+
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "train_ppo.py"
+
+
+def example(*args: object) -> subprocess.CompletedProcess[str]:
+    pytest.importorskip("stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'")
+    return subprocess.run([sys.executable, EXAMPLE, *map(str, args)], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_the_example_trains_on_sampled_motors(prior):
+    done = example(prior, 4096)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"on 10 new sets of motors: -?\d\.\d\d m/s, up for \d\.\d of 5 s", done.stdout.splitlines()[-1])
+
+
+def test_the_example_says_how_it_is_called():
+    done = example()
+    assert (done.returncode, done.stderr) == (1, "usage: python examples/train_ppo.py PRIOR STEPS\n")

@@ -8,7 +8,9 @@ That a module does something at import is Gymnasium's own protocol.
 A fatal error of MuJoCo (``mju_error``: out of memory, a broken model) ends the process with one line on standard error,
 as compiled code has no one to raise to: save your training from time to time.
 
-The words are those of ``motorprior walk``. Observation and action are those of its policies.
+The words are those of ``motorprior walk``. Two defaults are not: here an episode has 500 control steps on the physical
+motors of the shipped fleet, there 250 on motors of a prior, which must be given. Observation and action are those of
+its policies.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import gymnasium
 
 from motorprior.cli.motors import MotorChoice
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.bounds import require_number
 from motorprior.locomotion.env import PupperWalkEnv
 from motorprior.locomotion.task import TaskWeights
 from motorprior.simulation.engines import Scene
@@ -33,6 +36,7 @@ from motorprior.simulation.world import WorldConfig
 ENV_ID = "motorprior/PupperWalk-v0"
 ACTUATORS = ("prior", "pd", "fleet")
 _FILES = ("prior", "posterior")
+_NUMBERS = ("kp", "kd", "torque_limit", "armature", "delay", "roughness")
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,16 @@ class EnvOptions:
         randomization: what else differs between episodes.
         roughness: height of bumps [m]; PyBullet only. The ground ends 4 m from the start.
         episode_steps: control steps until truncation.
+
+    Raises:
+        ConfigError: an actuator that nobody knows, or a value of another type.
     """
 
     engine: str = "mujoco"
     actuator: str = "fleet"
     prior: str | Path | None = None
     posterior: str | Path | None = None
-    fleet: str = "pupper_v2"
+    fleet: str | Path = "pupper_v2"
     kp: float | None = None
     kd: float | None = None
     torque_limit: float | None = None
@@ -71,22 +78,39 @@ class EnvOptions:
     roughness: float = 0.0
     episode_steps: int = 500
 
+    def __post_init__(self) -> None:
+        """Refuse values of another type; their bounds are checked where they are used."""
+        if self.actuator not in ACTUATORS:
+            raise ConfigError(f"actuator {self.actuator!r} is unknown", remedy=f"use one of {ACTUATORS}")
+        for name in (*_FILES, "fleet"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, (str, Path)):
+                raise ConfigError(f"{name} {value!r} is not the name of a file", remedy="give a path as text")
+        for name in _NUMBERS:
+            value = getattr(self, name)
+            if value is not None:
+                require_number(name, value)
+        for name, kind in (("task", TaskWeights), ("randomization", Randomization)):
+            value = getattr(self, name)
+            if not isinstance(value, kind):
+                raise ConfigError(
+                    f"{name} {value!r} is not a {kind.__name__}", remedy=f"import it: from {kind.__module__} import "
+                    f"{kind.__name__}",
+                )  # fmt: skip
+
     @classmethod
     def of(cls, words: dict[str, Any]) -> EnvOptions:
         """From keywords; None is what is not given.
 
         Raises:
             TypeError: a keyword that nobody knows, ``render_mode`` among them: what libraries expect that try keywords.
-            ConfigError: an actuator that nobody knows.
+            ConfigError: see `EnvOptions`.
         """
         known = [each.name for each in fields(cls)]
         for word in words:
             if word not in known:
                 raise TypeError(f"got an unexpected keyword argument {word!r}; use some of {', '.join(known)}")
-        options = cls(**{name: value for name, value in words.items() if value is not None})
-        if options.actuator not in ACTUATORS:
-            raise ConfigError(f"actuator {options.actuator!r} is unknown", remedy=f"use one of {ACTUATORS}")
-        return options
+        return cls(**{name: value for name, value in words.items() if value is not None})
 
     def scene(self) -> Scene:
         """What is simulated.
@@ -100,7 +124,7 @@ class EnvOptions:
 
     def _motors(self) -> MotorChoice:
         names = {each.name for each in fields(MotorChoice)} - {"actuator", *_FILES}
-        values: dict[str, Any] = {name: getattr(self, name) for name in names}
+        values: dict[str, Any] = {name: getattr(self, name) for name in names} | {"fleet": str(self.fleet)}
         for name in _FILES:
             file = getattr(self, name)
             values[name] = None if file is None else Path(file)

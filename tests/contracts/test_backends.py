@@ -12,6 +12,7 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.virtual_pupper import Virtual, make
+from motorprior.exceptions import ConfigError
 from motorprior.hardware.pupper_backend import PupperBackend
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
@@ -161,6 +162,36 @@ def test_a_target_is_followed(backend: Backend):
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
 
 
+def test_a_robot_that_was_not_reset_does_not_move(simulated: Backend):
+    with pytest.raises(ConfigError, match=r"reset\(\) first"):
+        simulated.step(spec.NOMINAL_POSE)
+
+
+WRONG_TARGETS = {
+    "11 joints": (np.full(11, 0.3), r"position_target has shape \(11,\), wanted \(12,\)"),
+    "a column": (np.full((12, 1), 0.3), r"shape \(12, 1\)"),
+    "one number": (0.3, r"shape \(\)"),
+    "NaN": (np.where(np.arange(12) == 4, np.nan, 0.3), r"position_target\[4\] is not finite: nan"),
+    "infinite": (np.full(12, np.inf), "not finite"),
+    "words": (["stand"] * 12, "not an array of numbers"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_TARGETS)
+@pytest.mark.parametrize("make", [mujoco, pybullet], ids=lambda make: make.__name__)
+def test_targets_that_compiled_code_would_misread_are_refused_and_move_nothing(make, wrong):
+    target, words = WRONG_TARGETS[wrong]
+    asked, spared = make(None), make(None)
+    for backend in (asked, spared):
+        backend.reset(0)
+    with pytest.raises(ConfigError, match=words):
+        asked.step(target)
+    pairs = zip(astuple(asked.step(spec.NOMINAL_POSE)), astuple(spared.step(spec.NOMINAL_POSE)), strict=True)
+    assert all(np.array_equal(one, other) for one, other in pairs)
+    asked.close()
+    spared.close()
+
+
 ABSURD = IdealPd.uniform(12, kp=1e300, kd=0.84, torque_limit=1e308, armature=0.003)
 UNDEFINED = IdealPd.uniform(12, kp=8.8, kd=np.nan, torque_limit=1.26, armature=0.003)
 BUZZING = IdealPd.uniform(12, kp=1e3, kd=0.0, torque_limit=1e9)
@@ -176,7 +207,7 @@ def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(eng
     if engine is PybulletBackend:
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-    queue = [motors, sound] if engine is PybulletBackend else [sound, motors, sound]  # MuJoCo's draws one at once
+    queue = [motors, sound]
     backend = engine(lambda rng: queue.pop(0))
     backend.reset(0)
     assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1

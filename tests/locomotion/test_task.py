@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from motorprior.exceptions import ConfigError
 from motorprior.locomotion.task import TaskWeights, fallen, observe, reward
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 
@@ -79,3 +80,9 @@ def test_standing_still_beats_falling_early_at_ordinary_torques():
 )
 def test_fallen(roll, pitch, height, down):
     assert fallen(roll, pitch, height) is down
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -0.1, "0.1", None, True])
+def test_a_coefficient_that_is_no_finite_number_of_at_least_zero_is_refused(value):
+    with pytest.raises(ConfigError, match=f"--task.yaw-rate {value!r} is not a finite number of at least 0"):
+        TaskWeights(yaw_rate=value)

@@ -199,6 +199,24 @@ def test_both_signs_of_a_direction_walk_on_the_same_motors():
     assert drawn[::2] == drawn[1::2] and len(set(drawn)) == 6
 
 
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({0: np.zeros((16, 18))}, r"weights has shape \(16, 18\), wanted \(16, 19\)"),
+        ({0: np.zeros(304)}, r"weights has shape \(304,\)"),
+        ({0: np.full((16, 19), np.nan)}, r"weights\[0, 0\] is not finite"),
+        ({1: np.zeros(16)}, "observation_mean has shape"),
+        ({2: np.full(18, np.inf)}, r"observation_std\[0\] is not finite"),
+    ],
+)
+def test_a_policy_that_compiled_code_would_misread_is_refused(changed, words):
+    policy = [changed.get(place, value) for place, value in enumerate(POLICY)]
+    walk = WalkConfig(episode_steps=2)
+    for simulator in (WalkSimulator(draw_pd, walk=walk), BackendSimulator(MujocoBackend(draw_pd), walk)):
+        with pytest.raises(ConfigError, match=words):
+            simulator.run(*policy, seed=0)
+
+
 def test_physical_motors_refuse_the_learned_motors_clock():
     with pytest.raises(ConfigError, match=r"0\.001"):
         WalkSimulator(draw_physical, WorldConfig(physics_dt=0.002)).run(*POLICY, 0)

@@ -77,7 +77,6 @@ def run_walk(config: Walk, name: str = "walk") -> None:
         KeyboardInterrupt: after a checkpoint of the iterations that are complete.
     """
     require_at_least(1, iterations=config.iterations, episode_steps=config.episode_steps, workers=config.workers)
-    require_at_least(0, **{f"task.{name}": value for name, value in asdict(config.task).items()})
     require_at_most(MOST_WORKERS, workers=config.workers)
     draw = config.motors.drawer()
     settings = asdict(config)

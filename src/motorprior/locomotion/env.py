@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.bounds import is_number, require_count, require_finite
 from motorprior.locomotion.control_step import command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
@@ -51,8 +52,9 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         control_dt: float = CONTROL_DT,
         draw_sensors: Callable[[int, int], Sensors] | None = None,
     ):
-        if episode_steps < 1 or not control_dt > 0.0:
-            raise ConfigError(f"episode_steps {episode_steps} and control_dt {control_dt} s must be > 0")
+        require_count("episode_steps", episode_steps)
+        if not (is_number(control_dt) and control_dt > 0.0):
+            raise ConfigError(f"control_dt {control_dt!r} s is not a number above 0", remedy="give the control period")
         self.observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
         self._backend = backend
@@ -113,11 +115,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        raw = np.asarray(action, dtype=np.float64)
-        if raw.shape != (ACTION_SIZE,):
-            raise ConfigError(f"action has shape {raw.shape}, wanted ({ACTION_SIZE},)")
-        if not np.all(np.isfinite(raw)):
-            raise ConfigError(f"action{np.argwhere(~np.isfinite(raw))[0].tolist()} is not finite")
+        raw = require_finite("action", action, (ACTION_SIZE,))
         self._phase = command_step(raw, self._filter_state, self._phase, self._control_dt, self._command, self._target)
         state = self._backend.step(self._target.copy())
         earned, terminated = self._evaluate(state)

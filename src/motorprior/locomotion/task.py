@@ -7,11 +7,12 @@ lighter torque penalty and the penalties for not going straight are ours: withou
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 
 from motorprior.compiled import njit
+from motorprior.locomotion.bounds import require_number
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 from motorprior.rotations import roll_pitch_yaw
 
@@ -31,6 +32,9 @@ class TaskWeights:
         lateral: against |sideways speed| [m/s per m/s].
         yaw_rate: against |yaw rate| [m/s per rad/s].
         heading: against |yaw| away from the initial heading [m/s per rad].
+
+    Raises:
+        ConfigError: a coefficient that is negative, not finite or no number.
     """
 
     max_speed: float = 0.5
@@ -39,6 +43,11 @@ class TaskWeights:
     lateral: float = 0.1
     yaw_rate: float = 0.02
     heading: float = 0.4
+
+    def __post_init__(self) -> None:
+        """Refuse coefficients that are negative, not finite or no numbers."""
+        for name, value in asdict(self).items():
+            require_number(f"--task.{name.replace('_', '-')}", value)
 
     def array(self) -> np.ndarray:
         """Shape (6,), in the order of the attributes, for `reward`."""

@@ -11,7 +11,7 @@ from motorprior.backend import Backend
 from motorprior.locomotion.control_step import accumulate_moments
 from motorprior.locomotion.env import PupperWalkEnv
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
-from motorprior.simulation.rollout import Episode, WalkConfig
+from motorprior.simulation.rollout import Episode, WalkConfig, checked_policy
 
 
 class BackendSimulator:
@@ -34,6 +34,7 @@ class BackendSimulator:
         trace: bool = False,
     ) -> Episode:
         """See `WalkSimulator.run`; the trace holds base poses and the joint angles as measured."""
+        policy = checked_policy(weights, observation_mean, observation_std)
         observation, info = self._env.reset(seed=seed)
         mean, m2, action = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE), np.zeros(ACTION_SIZE)
         total, count, ended, rows = 0.0, 0, False, []
@@ -41,7 +42,7 @@ class BackendSimulator:
             if trace:
                 rows.append(np.concatenate([info["base_pos"], info["base_quat"], info["measured_joint_pos"]]))
             count = accumulate_moments(observation, count, mean, m2)
-            act(weights, observation_mean, observation_std, observation, action)
+            act(*policy, observation, action)
             observation, earned, terminated, truncated, info = self._env.step(action)
             total, ended = total + earned, terminated or truncated
         fault = info["fault"]

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.bounds import require_finite
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
@@ -39,26 +40,31 @@ class MujocoBackend:
             raise ConfigError("a hung robot cannot walk", remedy="use hung=False")
         self._draw, self._episode_steps = draw_motors, episode_steps
         self._randomization = randomization or Randomization()
-        self._motors = self._world.reset(draw_motors(np.random.default_rng(0)))
+        self._motors: ActuatorArrays | None = None
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose on newly drawn motors, in newly drawn conditions."""
         conditions = self._randomization.conditions(seed, self._episode_steps)
-        motors = self._draw(np.random.default_rng(seed))
-        self._motors = self._world.reset(motors, conditions=conditions)
-        return self._state(0.0)
+        self._motors = self._world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
+        return self._state(self._motors, 0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (12,) targets [rad] for one control step."""
-        target = np.ascontiguousarray(position_target, dtype=np.float64)
-        return self._state(hold_target(self._world.arrays, self._motors, target))
+        """Hold (12,) targets [rad] for one control step.
+
+        Raises:
+            ConfigError: no reset before; another shape, or a target that is not finite.
+        """
+        if self._motors is None:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
+        target = require_finite("position_target", position_target, (NUM_JOINTS,))
+        return self._state(self._motors, hold_target(self._world.arrays, self._motors, target))
 
     def close(self) -> None:
         """Nothing to give back."""
 
-    def _state(self, torque_squared_sum: float) -> BackendState:
+    def _state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
         data, measured = self._world.data, np.zeros(NUM_JOINTS)
-        read_joints(self._world.arrays, self._motors, measured)
+        read_joints(self._world.arrays, motors, measured)
         return BackendState(
             base_pos=data.qpos[:3].copy(),
             base_quat=data.qpos[3:7].copy(),

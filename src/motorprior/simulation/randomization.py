@@ -8,10 +8,12 @@ changes no motor.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.bounds import is_number
 from motorprior.locomotion.sensing import JOINT_READINGS, READINGS, Sensors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 
@@ -25,7 +27,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Randomization:
-    """Ranges that every episode draws from, uniformly; the defaults change nothing."""
+    """Ranges that every episode draws from, uniformly; the defaults change nothing.
+
+    Raises:
+        ConfigError: a range or number that is upside down, out of bounds, or of another type. A list is as good as a
+            pair, so that what `as_json` wrote can be given back.
+    """
 
     armature: Range = (0.0, 0.0)
     """Reflected inertia added to each joint, least and most [kg·m²]."""
@@ -58,18 +65,20 @@ class Randomization:
     """Time between two pushes [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse ranges that are upside down or out of bounds."""
+        """Refuse ranges that are upside down, out of bounds or of another type."""
         least = {"friction": 0.01, "mass": 0.1, "push_interval": spec.CONTROL_DT}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         for field in fields(self):
-            value = getattr(self, field.name)
-            low, high = value if isinstance(value, tuple) else (value, value)
+            value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
             bounds = least.get(field.name, 0.0), most.get(field.name, 1e3)
-            if not bounds[0] <= low <= high <= bounds[1]:
+            if is_range and isinstance(value, list):
+                value = tuple(value)
+                object.__setattr__(self, field.name, value)
+            if not (_is_range(value, *bounds) if is_range else is_number(value, *bounds)):
                 raise ConfigError(
-                    f"--randomization.{field.name.replace('_', '-')} {value} is not a range within "
-                    f"{bounds[0]:g}..{bounds[1]:g}",
-                    remedy="give the smaller number first, both within the bounds",
+                    f"--randomization.{field.name.replace('_', '-')} {value!r} is not a "
+                    f"{'range' if is_range else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
+                    remedy="give the smaller number first, both within the bounds" if is_range else "give one number",
                 )
 
     def as_json(self) -> dict[str, object]:
@@ -119,6 +128,12 @@ class Randomization:
         return Sensors(noise, delay, np.zeros((int(delay) + 2 if delay > 0.0 else 0, READINGS)))
 
 
+def _is_range(value: Any, least: float, most: float) -> bool:
+    """Whether it is a pair of numbers, the smaller first, within the bounds."""
+    pair = isinstance(value, tuple) and len(value) == 2
+    return pair and all(is_number(each, least, most) for each in value) and value[0] <= value[1]
+
+
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """One draw: 12 joints, 13 links, in the order of the robot."""
@@ -141,6 +156,10 @@ class Conditions:
     """[s]"""
     push: np.ndarray
     """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
+
+    def delay_steps(self, physics_dt: float) -> int:
+        """Age of the position targets in force [physics steps of ``physics_dt`` s]."""
+        return round(self.command_delay / physics_dt)
 
 
 NOMINAL = Conditions(

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
 from motorprior.locomotion.sensing import Sensors, sense
@@ -32,11 +33,18 @@ class WalkConfig:
         episode_steps: control steps at most.
         task: reward coefficients.
         randomization: what differs between episodes besides the motors.
+
+    Raises:
+        ConfigError: episode_steps is no whole number of at least 1.
     """
 
     episode_steps: int = 250
     task: TaskWeights = field(default_factory=TaskWeights)
     randomization: Randomization = field(default_factory=Randomization)
+
+    def __post_init__(self) -> None:
+        """Refuse episodes that have no steps."""
+        require_count("episode_steps", self.episode_steps)
 
 
 @dataclass(frozen=True)
@@ -148,6 +156,19 @@ def _episode(
     return total, steps, fault
 
 
+def checked_policy(weights: np.ndarray, mean: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights (16, 19), mean (18,) and standard deviation (18,) that compiled code can read.
+
+    Raises:
+        ConfigError: another shape, or a number that is not finite.
+    """
+    return (
+        require_finite("weights", weights, (ACTION_SIZE, OBSERVATION_SIZE + 1)),
+        require_finite("observation_mean", mean, (OBSERVATION_SIZE,)),
+        require_finite("observation_std", std, (OBSERVATION_SIZE,)),
+    )
+
+
 class WalkSimulator:
     """Runs episodes; one per thread.
 
@@ -175,7 +196,12 @@ class WalkSimulator:
         seed: int,
         trace: bool = False,
     ) -> Episode:
-        """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws."""
+        """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws.
+
+        Raises:
+            ConfigError: weights, mean or standard deviation of another shape, or not finite.
+        """
+        policy = checked_policy(weights, observation_mean, observation_std)
         steps = self._walk.episode_steps
         conditions = self._walk.randomization.conditions(seed, steps)
         motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
@@ -183,8 +209,8 @@ class WalkSimulator:
         mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
         qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
-            self.world.arrays, motors, np.ascontiguousarray(weights), observation_mean, observation_std,
-            self._task, sensors, self.world.config.control_dt, steps, self._walker, mean, m2, qpos,
+            self.world.arrays, motors, *policy, self._task, sensors, self.world.config.control_dt, steps,
+            self._walker, mean, m2, qpos,
         )  # fmt: skip
         base = self.world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()

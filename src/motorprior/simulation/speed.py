@@ -8,8 +8,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics
 
 STEPS, SLOW_STEPS = 500, 100
 """Control steps of an episode, and of one where the interpreter is in the loop."""
-THREADS, REPEATS = 2, 7
+THREADS, REPEATS, LEAST_REPEATS = 2, 7, 5
 EPISODES_PER_THREAD = 6
 
 
@@ -112,15 +112,14 @@ def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, Ti
     return {**alone, **paths, "two_threads": _two_threads(learned)}
 
 
-def interpreted_paths(learned: Actuator) -> dict[str, TimedPath]:
+def interpreted_paths(learned: LatentActuator) -> dict[str, TimedPath]:
     """The same motors in a Python loop with a numpy network, with TorchScript if installed, and in PyBullet if so."""
     walk = WalkConfig(SLOW_STEPS)
     paths = {}
-    if isinstance(learned, LatentActuator):
-        for name, torque in (("python_numpy", numpy_torque(learned)), ("python_torch", torchscript_torque(learned))):
-            if torque is not None:
-                paths[name] = _simulated(BackendSimulator(PythonLoopBackend(learned, torque), walk))
-    with suppress(ConfigError):  # not installed
+    for name, torque in (("python_numpy", numpy_torque(learned)), ("python_torch", torchscript_torque(learned))):
+        if torque is not None:
+            paths[name] = _simulated(BackendSimulator(PythonLoopBackend(learned, torque), walk))
+    if find_spec("pybullet") is not None:
         paths["pybullet"] = _simulated(BackendSimulator(PybulletBackend(lambda rng: learned), walk))
     return paths
 
@@ -176,12 +175,17 @@ def measure(
 
     Args:
         paths: what `compiled_paths` and `interpreted_paths` gave.
-        repeats: odd, at least 5.
+        repeats: odd, so that a median is a round that was measured, and at least 5.
         progress: called after every round.
 
     Returns:
         ``control_steps_per_s/PATH`` per core and the ratios of those that were measured.
+
+    Raises:
+        ConfigError: another number of repeats.
     """
+    if repeats < LEAST_REPEATS or repeats % 2 == 0:
+        raise ConfigError(f"{repeats} repeats are even or below {LEAST_REPEATS}", remedy=f"measure {REPEATS} times")
     seconds: dict[str, list[float]] = {name: [] for name in paths}
     for _ in range(repeats):
         for name, path in paths.items():

@@ -14,6 +14,7 @@ from numba import njit
 from numba.typed import List
 
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.env import FURTHEST
 from motorprior.locomotion.policy import ACTION_SIZE
 from motorprior.locomotion.sensing import sense
@@ -69,8 +70,8 @@ class WalkVectorEnv(VectorEnv):
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(self, num_envs: int, draw_motors: DrawMotors, config: WorldConfig, walk: WalkConfig, threads: int = 1):
-        if num_envs < 1 or threads < 1:
-            raise ConfigError(f"{num_envs} robots on {threads} threads", remedy="use at least one of each")
+        require_count("num_envs", num_envs)
+        require_count("threads", threads)
         self.num_envs, self._walk, self._draw, self._dt = num_envs, walk, draw_motors, config.control_dt
         self.single_observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
         self.single_action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
@@ -78,7 +79,7 @@ class WalkVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._worlds, self._task = [World(config) for _ in range(num_envs)], walk.task.array()
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
-        self._pool, self._threads = ThreadPoolExecutor(threads), threads
+        self._pool, self._threads, self._begun = ThreadPoolExecutor(threads), threads, False
         self._steps, self._over = np.zeros(num_envs, np.int64), np.zeros(num_envs, bool)
         self._observations = np.zeros((num_envs, len(FURTHEST)))
         self._rewards, self._phases, self._faults = np.zeros(num_envs), np.zeros(num_envs), np.zeros(num_envs, np.int64)
@@ -97,6 +98,7 @@ class WalkVectorEnv(VectorEnv):
         Raises:
             ValueError: another number of seeds than N.
         """
+        self._begun = True
         for index, own in enumerate(self._seeds(seed)):
             if own is not None:
                 self._rngs[index] = seeding.np_random(own)[0]
@@ -113,11 +115,11 @@ class WalkVectorEnv(VectorEnv):
             Observations (N, 18), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase, base_pos.
 
         Raises:
-            ConfigError: actions of another shape, or not finite.
+            ConfigError: no reset before; actions of another shape, or not finite.
         """
-        actions = np.ascontiguousarray(actions, dtype=np.float64)
-        if actions.shape != (self.num_envs, ACTION_SIZE) or not np.all(np.isfinite(actions)):
-            raise ConfigError(f"actions of shape {actions.shape}, wanted finite ones of {(self.num_envs, ACTION_SIZE)}")
+        if not self._begun:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
+        actions = require_finite("actions", actions, (self.num_envs, ACTION_SIZE))
         resting = self._over.copy()
         running, terminated = np.flatnonzero(~resting), np.zeros(self.num_envs, bool)
         out = (self._observations, self._rewards, terminated, self._faults, self._phases)

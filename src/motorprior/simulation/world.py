@@ -105,7 +105,12 @@ def _keep_quiet(message: str) -> None:
 
 
 class World:
-    """A simulated Pupper. Use one per thread."""
+    """A simulated Pupper. Use one per thread.
+
+    Making one changes the whole process, other models of MuJoCo included: no warning is printed or written to a file
+    any more (``mjData.warning`` still counts them), MuJoCo's timers stand still (`mj_call.stop_timers`), and a fatal
+    error in compiled code ends the process with one line (`last_words`).
+    """
 
     def __init__(self, config: WorldConfig):
         self.config = config
@@ -151,7 +156,7 @@ class World:
         arrays.damping[:] = actuator.damping + conditions.damping
         arrays.encoder_offset[:] = conditions.encoder_offset
         arrays.commands[:] = joint_pos
-        arrays.clock[:] = 0, round(conditions.command_delay / self.config.physics_dt)
+        arrays.clock[:] = 0, conditions.delay_steps(self.config.physics_dt)
         self.arrays = arrays._replace(push=conditions.push)
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)
@@ -201,6 +206,18 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 
 @njit(cache=True, nogil=True, inline="always")
+def control_steps_late(delay: int, substep: int, substeps: int) -> int:
+    """How many control steps ago the targets were given that are in force, in every engine.
+
+    Args:
+        delay: age of the targets in force [physics steps].
+        substep: physics steps since the control step began.
+        substeps: physics steps per control step.
+    """
+    return (delay - substep + substeps - 1) // substeps if delay > substep else 0
+
+
+@njit(cache=True, nogil=True, inline="always")
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
 
@@ -215,7 +232,7 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
         world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
     total = 0.0
     for k in range(world.substeps):
-        late = (delay - k + world.substeps - 1) // world.substeps if delay > k else 0
+        late = control_steps_late(delay, k, world.substeps)
         total += physics_step(world, motors, world.commands[(step - late) % ring])
     world.clock[0] = step + 1
     return total / world.substeps

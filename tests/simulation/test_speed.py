@@ -1,0 +1,35 @@
+"""Medians are of enough rounds, and a path that cannot be timed is missing only where its library is."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.exceptions import ConfigError
+from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.speed import TimedPath, interpreted_paths, measure
+
+
+@pytest.mark.parametrize("repeats", [-1, 3, 6])
+def test_a_median_is_of_an_odd_number_of_rounds_and_at_least_five(repeats: int):
+    with pytest.raises(ConfigError, match=f"{repeats} repeats are even or below 5"):
+        measure({"a": TimedPath(10, lambda: 0.1)}, repeats)
+
+
+def test_pybullet_is_left_out_where_it_is_not_installed(monkeypatch: pytest.MonkeyPatch, grey_network):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    assert {"python_numpy"} <= set(interpreted_paths(LatentActuator(grey_network(), np.zeros((12, 3))))) <= {
+        "python_numpy", "python_torch",
+    }  # fmt: skip
+
+
+def test_what_else_is_wrong_with_pybullet_is_told(monkeypatch: pytest.MonkeyPatch, grey_network):
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+
+    def broken(*_: object) -> None:
+        raise ConfigError("broken")
+
+    monkeypatch.setattr(PybulletBackend, "__init__", broken)
+    with pytest.raises(ConfigError, match="broken"):
+        interpreted_paths(LatentActuator(grey_network(), np.zeros((12, 3))))
