@@ -178,7 +178,7 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
         (state, moments), _ = jax.jit(lambda both, batches, step=step: jax.lax.scan(step, both, batches))(
             (state, moments), (jnp.asarray(drawn[0]), starts)
         )
-    return state
+    return jax.block_until_ready(state)
 
 
 def measured_inertias(fleet: str) -> tuple[float, float]:

@@ -32,7 +32,8 @@ WITH_PLAY = "per_motor_play"
 """per_motor with the play and the spring of the gear among its constants."""
 MEMBERS = 3
 """Networks of the ensemble, of different seeds; it predicts the mean of their trajectories."""
-COLUMNS = ("bench_impact_rmse", "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
+RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "hung_rmse")
+TORQUE = ("standing_torque_hf", "hung_torque_hf")
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def ensemble_figures(settings: Settings) -> dict[str, float]:
 
 
 def table(figures: dict[str, float], motors: str) -> str:
-    """Markdown: one row per model; RMSE [mrad], medians, and means in brackets for the bench.
+    """Markdown: one row per model; RMSE [mrad], medians, and means in brackets.
 
     Torque above 20 Hz is a ratio to the physical motors' own: more is chatter, less is missing life.
     """
@@ -132,19 +133,22 @@ def table(figures: dict[str, float], motors: str) -> str:
     models = [name[len(prefix) : -len(ending)] for name in figures if name.startswith(prefix) and name.endswith(ending)]
     models.sort(key=lambda model: -figures[f"{prefix}{model}{ending}"])
     lines = [
-        "| model | gait + impacts [mrad] | standing [mrad] | hung [mrad] | torque > 20 Hz over the physical motors': "
-        "standing | hung | s |",
-        "|---|---|---|---|---|---|---|",
+        "| model | gait + impacts [mrad] | chirp [mrad] | standing [mrad] | hung [mrad] | torque > 20 Hz over the "
+        "physical motors': standing | hung | s |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for model in models:
-        impacts, standing, hung, high, hung_high = (figures[f"{column}/{model}{ending}"] for column in COLUMNS)
-        own, hung_own = (figures[f"{column}/physical{ending}"] for column in COLUMNS[3:])
-        mean = figures.get(f"bench_impact_rmse_mean/{model}{ending}", float("nan"))
-        seconds = figures.get(f"identify_seconds/{model}")
-        lines.append(
-            f"| {model} | {1e3 * impacts:.1f} ({1e3 * mean:.1f}) | {1e3 * standing:.1f} | {1e3 * hung:.1f} | "
-            f"{high / own:.2f} | {hung_high / hung_own:.2f} | {'' if seconds is None else f'{seconds:.0f}'} |"
+        errors = (
+            f"{1e3 * figures[f'{column}/{model}{ending}']:.1f} ({1e3 * figures[f'{column}_mean/{model}{ending}']:.1f})"
+            for column in RMSE
         )
+        ratios = (
+            f"{figures[f'{column}/{model}{ending}'] / figures[f'{column}/physical{ending}']:.2f} "
+            f"({figures[f'{column}_mean/{model}{ending}'] / figures[f'{column}_mean/physical{ending}']:.2f})"
+            for column in TORQUE
+        )
+        seconds = figures.get(f"identify_seconds/{model}")
+        lines.append(f"| {' | '.join((model, *errors, *ratios, '' if seconds is None else f'{seconds:.0f}'))} |")
     return "\n".join(lines)
 
 

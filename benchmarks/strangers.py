@@ -1,0 +1,84 @@
+"""Does `motorprior adapt` notice motors that are not of its prior's fleet? The power of its check, at its stated rate.
+
+    python benchmarks/strangers.py runs/prior_mixed/prior.safetensors --json strangers.json
+
+MOTORS motors of the fleet, the same with one constant changed, each known from some seconds of log:
+    noticed/CHANGE/SECONDS     share of motors whose chance is below FALSE_ALARMS
+    rmse_mrad/CHANGE/SECONDS   median closed-loop error on held-out gait + impacts of what was fitted all the same
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.artifacts import write_json
+from motorprior.bench.record import bench_preset, record
+from motorprior.cli.adapt import FALSE_ALARMS, adapt_and_judge
+from motorprior.cli.validate import load_priors
+from motorprior.identification.validate import HELD_OUT_SEED, bench_errors
+
+CHANGES: dict[str, dict[str, float]] = {
+    "none": {},
+    "kp and kd x 2.5": {"kp": 2.5, "kd": 2.5},
+    "kd / 4": {"kd": 0.25},
+    "delay x 3": {"delay": 3.0},
+    "armature x 4": {"armature": 4.0},
+    "coulomb x 4": {"coulomb": 4.0},
+    "backlash x 5": {"backlash": 5.0},
+    "torque_limit / 2": {"torque_limit": 0.5},
+}
+SECONDS = (2.0, 10.0, 30.0)
+MOTORS, STREAM = 16, 57
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Judge strangers."""
+
+    prior: tyro.conf.Positional[Path]
+    """Prior of preset rollout that was identified from a bench."""
+    json: Path | None = None
+    """File for the figures."""
+
+
+def measure(path: Path) -> dict[str, float]:
+    """The figures."""
+    priors, facts = load_priors((path,))
+    (prior,) = priors.values()
+    own = facts.fleet.sample(np.random.default_rng([HELD_OUT_SEED, facts.seed, STREAM]), MOTORS)
+    figures: dict[str, float] = {}
+    for seconds in SECONDS:
+        for name, change in CHANGES.items():
+            motors = replace(own, **{constant: factor * getattr(own, constant) for constant, factor in change.items()})
+            preset = bench_preset("adapt")
+            log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
+            found = adapt_and_judge(prior, path, log, name)
+            model = {"model": lambda index, z=found.posterior.mean: LatentActuator(prior.network, z[index])}
+            error = bench_errors(motors, model, facts.seed)["impacts"]["model"]
+            figures[f"noticed/{name}/{seconds:g}"] = float(np.mean(found.chance < FALSE_ALARMS))
+            figures[f"rmse_mrad/{name}/{seconds:g}"] = 1e3 * float(np.median(error))
+    return figures
+
+
+def main() -> None:
+    """Measure, print a table, write."""
+    settings = tyro.cli(Settings, description=__doc__)
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    figures = measure(settings.prior)
+    print(f"| motors of the fleet with | {' | '.join(f'noticed, {s:g} s | error [mrad]' for s in SECONDS)} |")
+    print("|---" * (1 + 2 * len(SECONDS)) + "|")
+    for name in CHANGES:
+        cells = [f"{figures[f'noticed/{name}/{s:g}']:.2f} | {figures[f'rmse_mrad/{name}/{s:g}']:.1f}" for s in SECONDS]
+        print(f"| {name} | {' | '.join(cells)} |")
+    if settings.json is not None:
+        write_json(settings.json, figures)
+
+
+if __name__ == "__main__":
+    main()
