@@ -4,7 +4,7 @@
 
 The host is this process, the robot another one. Writes a flat map:
     period_jitter_ms/p50|p99|max    |time between two commands - 10 ms|
-    missed_share                    control steps that were skipped or more than 5 ms late
+    missed_share                    control steps that were left out, or whose command left more than 5 ms late
     telemetry_age_ms/p50|p99|max    of the measurement a command was computed from, when the command left
     end_to_end_ms/p50|p99|max       from the moment of that measurement in the robot to the command's arrival in it
     path_m, tilt_rad                how far the robot walked, second by second, and how far it leaned in the end
@@ -32,7 +32,7 @@ import numpy as np
 
 from hardware_reactions import MOST_FAULTS, deploy, reactions, signal_to_idle, virtual_pupper
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import Timing
+from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
@@ -54,10 +54,11 @@ def trot_policy(folder: Path) -> Path:
 
 def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict[str, float]:
     """Clock, age and delay of a walk of so many seconds; one that a fault ends is followed by another."""
-    whole, delays, path, tilt, faults = Timing(), [], 0.0, 0.0, 0
-    while len(whole.sent) * policy.control_dt < seconds - 1.0 and faults < MOST_FAULTS:
+    runs: list[Timing] = []
+    delays, path, tilt, faults, left = [], 0.0, 0.0, 0, seconds
+    while left > 1.0 and faults < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
-        timing, left = Timing(), seconds - len(whole.sent) * policy.control_dt
+        timing = Timing()
         with virtual_pupper(folder, *options) as (port, end):
             try:
                 deploy(port, policy, left, folder / "run.csv", timing)
@@ -65,16 +66,13 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
                 print(f"  {fault}", file=sys.stderr)
                 faults += 1
             life = end()
-        pause = whole.sent[-1] + policy.control_dt - timing.sent[0] if whole.sent and timing.sent else 0.0
-        whole.sent.extend(sent + pause for sent in timing.sent)  # what lies between two walks is no jitter
-        for name in ("delay", "age", "stamp"):
-            getattr(whole, name).extend(getattr(timing, name))
-        whole.skipped += timing.skipped
+        runs.append(timing)
+        left -= len(timing.sent) * policy.control_dt
         if len(timing.sent):
             delays.append(1e3 * end_to_end(timing, life))
         path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
     delay = np.concatenate(delays)
-    figures = whole.figures(policy.control_dt)
+    figures = clock_figures(runs, policy.control_dt)
     print(f"  {figures}", file=sys.stderr)
     figures |= {f"end_to_end_ms/{name}": float(np.percentile(delay, q)) for name, q in QUANTILES.items()}
     return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults)}

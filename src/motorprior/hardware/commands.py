@@ -17,6 +17,7 @@ from typing import Any, TextIO
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware import deploy, record
+from motorprior.hardware.control_loop import clock_figures
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
 from motorprior.hardware.pilot import KEYS, pilot
@@ -82,7 +83,7 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
             seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
             pilot=lambda: pilot(settings.throttle), status=say,
         )  # fmt: skip
-    figures = run.timing.figures(policy.control_dt)
+    figures = clock_figures([run.timing], policy.control_dt)
     say(f"stopped by {run.stopped_by or 'nobody'}; {out / LOG}")
     write_json(out / "figures.json", figures)
     return figures

@@ -142,7 +142,7 @@ class Robot:
         measurement = self.check()
         gate.take_hold(measurement.telemetry.pos, time.monotonic())
         self._gate, self.sent = gate, 0
-        self._tracking.forget()
+        self._tracking.begin(kd / kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
         """Hold (12,) position targets [rad]; returns when the command left [s].
