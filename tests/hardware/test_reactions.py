@@ -6,6 +6,7 @@ what the watchdog is for.
 
 import os
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import ERROR, IDLE, POSITION
 from motorprior.hardware.guardian import Guardian
-from motorprior.hardware.motions import Walker
+from motorprior.hardware.motions import Motion, Walker, played
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
@@ -33,6 +34,10 @@ from motorprior.robots.pupper_v2 import spec
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 STEPS_BEFORE, STEPS_AFTER = 30, 300
+KILLS, ATTEMPTS, WALKED = 3, 6, 30
+SECONDS_ASLEEP = 17
+"""A watchdog that sleeps is found out within a second where memory comes in pages of 4 kB, and at the latest after so
+many [s]."""
 SENSED = [
     ("frozen", "FR_knee", {"stuck"}),
     ("jumping", "FL_hip", {"implausible telemetry"}),
@@ -41,7 +46,11 @@ SENSED = [
     ("tilted", None, {"fall"}),
     ("hot_current", "RL_hip", {"current"}),
     ("mute", None, {"stale telemetry"}),
+    ("lagging", None, {"stale telemetry"}),
+    ("restart", None, {"implausible telemetry"}),
 ]
+BEFORE_RESTART = 2.0
+"""A clock that goes back by less [s] is that of an old frame: such a robot says nothing new, and its telemetry is stale."""
 
 
 @pytest.fixture
@@ -74,19 +83,55 @@ def walk_until(loop: ControlLoop, walker: Walker, disaster: Callable[[], object]
 
 @pytest.mark.parametrize(("kind", "joint", "found"), SENSED, ids=[row[0] for row in SENSED])
 def test_what_telemetry_shows_ends_in_idle(
-    virtual: Callable, host: Callable, stand_up: Callable, when: Callable, walker: Walker,
-    kind: str, joint: str | None, found: set[str],
-):  # fmt: skip
+    virtual: Callable, host: Callable, when: Callable, walker: Walker, kind: str, joint: str | None, found: set[str]
+):
     pupper = virtual(currents=True)
     robot = host(pupper.port)
-    index = spec.JOINT_NAMES.index(joint) if joint else 0
-    fault = walk_into(stand_up(robot), walker, lambda: pupper.break_down(kind, index))
+    index, broke = spec.JOINT_NAMES.index(joint) if joint else 0, 0.0
+
+    def break_down() -> None:
+        nonlocal broke
+        broke = pupper.break_down(kind, index)
+
+    if kind == "restart":
+        time.sleep(BEFORE_RESTART)
+    if kind == "lagging":  # the real limit: with a patient one, joints seen late look stuck first
+        robot.limits = replace(robot.limits, telemetry_age=spec.SAFETY.telemetry_age)
+    robot.listen(time.monotonic() + 0.1)
+    with pytest.raises(RobotFault) as caught:
+        run(robot, lambda loop: walk_until(loop, walker, break_down))
+    fault = caught.value
     assert fault.kind in found and fault.safe_state == "idle"
     assert joint is None or fault.kind in ("fall", "implausible telemetry") or joint in str(fault)
-    robot.idle()
-    idle = when(pupper, IDLE)
+    idle = when(pupper, IDLE, broke)
     time.sleep(0.1)
     assert [event for at, event in pupper.events if at > idle] == [], "nothing moves it again"
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["a buffer that can be emptied", "a buffer that stays full"])
+def test_a_robot_that_takes_no_more_bytes_is_said_and_idles_when_it_listens_again(
+    virtual: Callable, host: Callable, when: Callable, monkeypatch: pytest.MonkeyPatch, full: bool
+):
+    """While it is told to stand still: a joint that is led somewhere would be stuck before. What the host cannot get rid
+    of any more, the watchdog can."""
+    pupper, steps = virtual(), 0
+    robot = host(pupper.port)
+    if full:
+        monkeypatch.setattr("motorprior.hardware.serial_link.termios.tcflush", lambda *_: None)
+
+    def stand(_: Measurement) -> np.ndarray | None:
+        nonlocal steps
+        steps += 1
+        if steps == STEPS_BEFORE:
+            pupper.break_down("deaf")
+        return spec.NOMINAL_POSE if steps < 10 * STEPS_AFTER else None
+
+    with pytest.raises(RobotFault, match="takes no more bytes") as caught:
+        run(robot, lambda loop: loop.play(stand, Mode.WALK))
+    assert caught.value.kind == "unplugged" and "by hand" in str(caught.value)
+    assert (robot._link.unsent > 0) == full, "what this test is about"
+    pupper._faults.clear()
+    when(pupper, IDLE)
 
 
 def test_the_firmware_giving_up_is_heard(virtual: Callable, host: Callable, stand_up: Callable, walker: Walker):
@@ -104,6 +149,68 @@ def test_unplugging_is_said_with_what_to_do(virtual: Callable, host: Callable, s
     fault = walk_into(stand_up(robot), walker, lambda: pupper.break_down("unplugged"))
     assert fault.kind == "unplugged" and "by hand" in str(fault)
     robot.idle()  # cannot reach it any more, and must not fail
+
+
+def test_who_sits_down_does_not_walk_again(virtual: Callable, host: Callable, tmp_path: Path):
+    """A battery that runs flat on the way down: the rest of the way, not the gait's end once more."""
+    pupper, begun = virtual(), 0
+    robot = host(pupper.port, recorder=Recorder(tmp_path / "run.csv"))
+    robot.limits = replace(robot.limits, slow_speed=1.5)
+
+    def wind_down() -> Motion:
+        nonlocal begun
+        begun += 1
+        rows = iter(20 * [spec.NOMINAL_POSE])
+
+        def target(_: Measurement) -> np.ndarray | None:
+            row = next(rows, None)
+            if row is None:
+                pupper.break_down("flat")
+            return row
+
+        return target
+
+    with pytest.raises(RobotFault, match="battery"):
+        run_armed(robot, Gains(), StopRequest(), lambda _: None, wind_down=wind_down)
+    modes = [int(row.split(",")[1]) for row in (tmp_path / "run.csv").read_text().splitlines()[1:]]
+    assert begun == 1 and modes == sorted(modes) and modes[-1] == Mode.CROUCH
+    assert sits(pupper)
+
+
+def test_coming_to_rest_goes_on_after_a_fault_in_it(virtual: Callable, host: Callable):
+    """Crouching from full speed would be worse."""
+    pupper, begun = virtual(), 0
+    robot = host(pupper.port)
+
+    def wind_down() -> Motion:
+        nonlocal begun
+        begun += 1
+        rows = iter(60 * [spec.NOMINAL_POSE])
+        if begun == 1:
+            pupper.break_down("flat")
+        return lambda _: next(rows, None)
+
+    with pytest.raises(RobotFault, match="battery"):
+        run_armed(robot, Gains(), StopRequest(), lambda _: None, wind_down=wind_down)
+    assert begun == 2 and sits(pupper)
+
+
+def test_the_way_up_is_slow_whatever_the_motion_says(
+    virtual: Callable, host: Callable, monkeypatch: pytest.MonkeyPatch
+):
+    """The gate keeps the ramp's speed too, not only the ramp."""
+    pupper = virtual()
+    robot, row = host(pupper.port), []
+    robot.limits = replace(robot.limits, slow_speed=1.5)
+    start = robot.stream.latest.telemetry.pos
+    monkeypatch.setattr("motorprior.hardware.session._to_nominal", lambda *_: played(10 * [spec.NOMINAL_POSE]))
+
+    def work(_: ControlLoop) -> None:
+        row.append(robot.target)
+
+    run_armed(robot, Gains(), StopRequest(), work, crouch=False)
+    assert np.abs(spec.NOMINAL_POSE - start).max() > 0.5, "ten steps are too few for it"
+    assert np.abs(row[0] - start).max() <= 10 * 2 * spec.CONTROL_DT * 1.5 + 0.05
 
 
 def sits(pupper: VirtualPupper) -> bool:
@@ -195,7 +302,7 @@ def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_nex
     guardian = Guardian(link.fileno(), 0.08)
     os.kill(guardian.pid, signal.SIGSTOP)
     with pytest.raises(RobotFault, match="dead or asleep"):
-        for _ in range(1_000_000):  # the pipe takes some 65 000
+        for _ in range(SECONDS_ASLEEP * 100):
             guardian.beat()
     guardian.release()
     link.close()
@@ -203,28 +310,43 @@ def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_nex
         os.kill(guardian.pid, 0)
 
 
+def walked(log: Path) -> int:
+    """Rows of walking in a recording that is being written."""
+    lines = log.read_text().splitlines()[1:] if log.is_file() else []
+    return sum(line.split(",", 2)[1:2] == [str(int(Mode.WALK))] for line in lines)
+
+
+def kill_while_walking(pupper: VirtualPupper, walking: subprocess.Popen, log: Path) -> float | None:
+    """SIGKILL to a host that walks; when [s], None if this machine was too busy for a walk, and the host said so."""
+    give_up = time.monotonic() + 60.0
+    while walked(log) < WALKED:
+        if walking.poll() is not None:
+            return None
+        assert time.monotonic() < give_up, "it never walked"
+        time.sleep(0.02)
+    os.kill(walking.pid, signal.SIGKILL)
+    return time.monotonic()
+
+
+@pytest.mark.flaky(reruns=0)  # the median of three is chance enough
 def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     virtual: Callable, deploying: Callable, trot: Path, tmp_path: Path, when: Callable
 ):
-    """SIGKILL while walking, three times; the quickest counts, since other processes share this machine."""
+    """SIGKILL while walking, three times; the median counts, since other processes share this machine."""
     took = []
-    for number in range(3):
-        pupper = virtual()
-        walking = deploying(pupper.port, trot, tmp_path / str(number))
-        first = when(pupper, POSITION, patience=30.0)
-        time.sleep(max(0.0, first + 1.2 - time.monotonic()))
-        if walking.poll() is not None:  # this machine was too busy for it, and it said so
+    for number in range(ATTEMPTS):
+        pupper, log = virtual(), tmp_path / str(number) / "run.csv"
+        killed = kill_while_walking(pupper, deploying(pupper.port, trot, log.parent), log)
+        if killed is None:
             continue
-        os.kill(walking.pid, signal.SIGKILL)
-        killed = time.monotonic()
-        took.append(when(pupper, IDLE) - killed)
+        took.append(when(pupper, IDLE, killed) - killed)
         time.sleep(0.15)
         assert pupper.events[-1][1] == IDLE, "nothing moves it again"
-        log = read_robot_run(tmp_path / str(number) / "run.csv", (Mode.RAMP, Mode.WALK))
-        assert log.num_rows > 50, "the recording survives"
-        if took[-1] < 0.1:
+        assert read_robot_run(log, (Mode.WALK,)).num_rows >= WALKED, "the recording survives"
+        if len(took) == KILLS:
             break
-    assert min(took) < 0.1
+    assert len(took) == KILLS, "this machine is too busy"
+    assert np.median(took) < 0.1
 
 
 @pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
@@ -263,7 +385,12 @@ def test_many_signals_drop_the_robot_and_do_not_hinder_it(
 
 @pytest.mark.parametrize(
     ("kind", "joint", "found"),
-    [("hot_motor", "FL_knee", "temperature"), ("flat", None, "battery"), ("numb", None, "frozen IMU")],
+    [
+        ("hot_motor", "FL_knee", "temperature"),
+        ("flat", None, "battery"),
+        ("numb", None, "frozen IMU"),
+        ("blind", None, "frozen IMU"),
+    ],
 )
 def test_what_leaves_time_sits_down_and_idles(
     virtual: Callable, host: Callable, walker: Walker, when: Callable, kind: str, joint: str | None, found: str

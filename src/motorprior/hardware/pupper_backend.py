@@ -59,7 +59,9 @@ class PupperBackend:
             assert target is not None, "armed"
             loop = ControlLoop(self._robot, limits, self._period, lambda: False)
             motion = ramp(target, spec.NOMINAL_POSE, limits.slow_speed, self._period, hold=0.3)
+            self._robot.gate.slow = True
             self._last = loop.play(motion, Mode.RAMP)
+            self._robot.gate.slow = False
         except RobotFault as fault:
             self._give_up(fault)
             raise

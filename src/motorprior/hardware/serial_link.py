@@ -50,6 +50,11 @@ class SerialLink:
         """Starts of frames that were none."""
         return self._reader.rejected
 
+    @property
+    def unsent(self) -> int:
+        """Bytes that the port has not taken yet."""
+        return len(self._unsent)
+
     def fileno(self) -> int:
         """The open file, for the watchdog to inherit."""
         return self._serial.fileno()
