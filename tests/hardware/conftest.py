@@ -158,6 +158,12 @@ def full_disk() -> Callable[[int], AbstractContextManager]:
 
 
 @pytest.fixture
+def patient_limits() -> spec.SafetyLimits:
+    """See PATIENT."""
+    return PATIENT
+
+
+@pytest.fixture
 def bare_command() -> list[str]:
     """See BARE."""
     return BARE

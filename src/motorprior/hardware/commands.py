@@ -9,27 +9,27 @@ import contextlib
 import select
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
-from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware import deploy, record
-from motorprior.hardware.control_loop import clock_figures
+from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
 from motorprior.hardware.pilot import KEYS, pilot
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
+from motorprior.hardware.run_facts import RunFacts
 from motorprior.hardware.serial_link import SerialLink, find_ports
 from motorprior.hardware.session import Gains, StopRequest, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 
-LOG, FACTS = "run.csv", "run.json"
+LOG = "run.csv"
 Say = Callable[[str], None]
 
 
@@ -71,22 +71,23 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
         return {}
     _require_somebody(settings.yes)
     out = settings.out or _dated("deploy")
-    with Robot(SerialLink(port), recorder=Recorder(out / LOG)) as robot, stop_on_signals() as stop:
+    facts, timing = RunFacts(out), Timing()
+    robot = Robot(SerialLink(port), recorder=Recorder(out / LOG))
+    with robot, stop_on_signals() as stop, facts.kept(robot, timing, policy.control_dt):
 
         def confirm() -> None:
             ask_to_arm(stop, settings.yes, say)
-            facts = {"policy": str(path), "provenance": dict(policy.provenance)}
-            _write_facts(out, "deploy", port, settings, gains, facts)
+            more = {"policy": str(path), "provenance": dict(policy.provenance)}
+            facts.begin("deploy", port, settings, gains, robot, more)
 
         run = deploy.walk(
             robot, policy, gains, stop,
             seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            pilot=lambda: pilot(settings.throttle), status=say,
+            pilot=lambda: pilot(settings.throttle), status=say, timing=timing,
         )  # fmt: skip
-    figures = clock_figures([run.timing], policy.control_dt)
+        facts.outcome = run.stopped_by
     say(f"stopped by {run.stopped_by or 'nobody'}; {out / LOG}")
-    write_json(out / "figures.json", figures)
-    return figures
+    return clock_figures([timing], policy.control_dt)
 
 
 def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
@@ -115,19 +116,23 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
     )
     _require_somebody(settings.yes)
     out = settings.out or _dated("record")
-    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))  # it may hang askew
+    limits = replace(spec.SAFETY, target_speed=settings.speed)
+    if not settings.standing:
+        limits = replace(limits, max_tilt=float("inf"))  # it may hang askew
+    facts, timing = RunFacts(out), Timing()
     robot = Robot(SerialLink(port), limits, Recorder(out / LOG))
-    with robot, stop_on_signals() as stop:
+    with robot, stop_on_signals() as stop, facts.kept(robot, timing, spec.CONTROL_DT):
 
         def confirm() -> None:
             ask_to_arm(stop, settings.yes, say)
-            _write_facts(out, "record", port, settings, gains, {})
+            facts.begin("record", port, settings, gains, robot)
 
         record.excite(
             robot, targets, settings.speed, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
-            confirm=confirm, status=say,
+            confirm=confirm, status=say, timing=timing,
         )  # fmt: skip
+        facts.outcome = stop.reason or "time"
     return out / LOG
 
 
@@ -224,18 +229,3 @@ def _require_gains(gains: Gains) -> None:
 
 def _dated(command: str) -> Path:
     return Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
-
-
-def _write_facts(out: Path, command: str, port: str, settings: Any, gains: Gains, more: dict[str, Any]) -> None:
-    """Everything that a reader of the recording may ask later."""
-    plain = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(settings).items()}
-    facts = {
-        "command": command,
-        "port": port,
-        "robot": spec.ROBOT_NAME,
-        "started": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "settings": plain,
-        "gains": asdict(gains),
-        "safety": asdict(spec.SAFETY),
-    }
-    write_json(out / FACTS, facts | more)

@@ -20,7 +20,7 @@ class SafetyGate:
 
     Attributes:
         target_speed: fastest change of a target [rad/s].
-        slow: no target is faster than ``slow_speed`` of the limits: on the way up and down.
+        slow: ``slow_speed`` of the limits holds instead: on the way up and down.
         position_clips: joints' targets brought inside the joint limits.
         slew_clips: joints' targets slowed down, while not slow: the ramps keep to ``slow_speed`` themselves.
 
@@ -83,7 +83,7 @@ class SafetyGate:
         inside = np.clip(wanted, spec.JOINT_LOWER, spec.JOINT_UPPER)
         self.position_clips += int(np.count_nonzero(inside != wanted))
         # A late step may make up for at most two periods: a target must not leap after a pause.
-        speed = min(self.target_speed, self._limits.slow_speed) if self.slow else self.target_speed
+        speed = self._limits.slow_speed if self.slow else self.target_speed
         reach = speed * min(max(0.0, now - self._time), 2.0 * spec.CONTROL_DT)
         near = np.clip(inside, self._target - reach, self._target + reach)
         self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))

@@ -198,7 +198,7 @@ def run_armed(
             if crouch:
                 way_down.take()
         except Exception as error:
-            fault = error if isinstance(error, RobotFault) else _fault_of(error)
+            fault = error if isinstance(error, RobotFault) else fault_of(error)
             if crouch and fault.safe_state == "crouch":
                 way_down.take_after(fault)
             raise
@@ -206,7 +206,7 @@ def run_armed(
             robot.idle()
 
 
-def _fault_of(error: Exception) -> RobotFault:
+def fault_of(error: Exception) -> RobotFault:
     """What a program's error is for the robot; one that cannot be recorded can still come to rest."""
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
