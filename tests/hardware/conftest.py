@@ -176,7 +176,7 @@ def still_body() -> "StillBody":
 
 
 class StillBody:
-    """Joints that follow their targets like a first-order low-pass; no ground, no weight."""
+    """Joints that follow their targets like a first-order low-pass of kd/kp; no ground, no weight."""
 
     def __init__(self):
         self.pos, self.vel, self.drive = spec.JOINT_SIGNS * spec.NOMINAL_POSE, np.zeros(12), None
@@ -184,8 +184,8 @@ class StillBody:
     def advance(self, milliseconds: int, drive: Drive) -> None:
         self.drive = drive
         before = self.pos.copy()
-        share = 1.0 - np.exp(-1e-3 * milliseconds / spec.TRACKING_LAG)
-        self.pos = self.pos + share * np.where(drive.kp > 0.0, drive.target - self.pos, 0.0)
+        rate = drive.kp / np.where(drive.kd > 0.0, drive.kd, 1.0)
+        self.pos = self.pos + (1.0 - np.exp(-1e-3 * milliseconds * rate)) * (drive.target - self.pos)
         self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
 
     def sense(self) -> Sensors:
