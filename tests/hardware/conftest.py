@@ -35,8 +35,7 @@ QUIET = 0.15
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests against a robot that lives in real time get a second and a third chance, unless they say otherwise: see
-    PATIENT."""
+    """Tests against a robot that lives in real time get a second and a third chance, or what they ask for: PATIENT."""
     for item in items:
         if "virtual" in getattr(item, "fixturenames", ()) and item.get_closest_marker("flaky") is None:
             item.add_marker(pytest.mark.flaky(reruns=2))

@@ -50,7 +50,7 @@ SENSED = [
     ("restart", None, {"implausible telemetry"}),
 ]
 BEFORE_RESTART = 2.0
-"""A clock that goes back by less [s] is that of an old frame: such a robot says nothing new, and its telemetry is stale."""
+"""A clock that goes back by less [s] is that of an old frame: such a robot says nothing new, its telemetry is stale."""
 
 
 @pytest.fixture
@@ -112,8 +112,10 @@ def test_what_telemetry_shows_ends_in_idle(
 def test_a_robot_that_takes_no_more_bytes_is_said_and_idles_when_it_listens_again(
     virtual: Callable, host: Callable, when: Callable, monkeypatch: pytest.MonkeyPatch, full: bool
 ):
-    """While it is told to stand still: a joint that is led somewhere would be stuck before. What the host cannot get rid
-    of any more, the watchdog can."""
+    """While it is told to stand still: a joint that is led somewhere would be stuck before.
+
+    What the host cannot get rid of any more, the watchdog can.
+    """
     pupper, steps = virtual(), 0
     robot = host(pupper.port)
     if full:
@@ -203,7 +205,9 @@ def test_the_way_up_is_slow_whatever_the_motion_says(
     robot, row = host(pupper.port), []
     robot.limits = replace(robot.limits, slow_speed=1.5)
     start = robot.stream.latest.telemetry.pos
-    monkeypatch.setattr("motorprior.hardware.session._to_nominal", lambda *_: played(10 * [spec.NOMINAL_POSE]))
+    monkeypatch.setattr(
+        "motorprior.hardware.session._to_nominal", lambda *_: played(np.tile(spec.NOMINAL_POSE, (10, 1)))
+    )
 
     def work(_: ControlLoop) -> None:
         row.append(robot.target)

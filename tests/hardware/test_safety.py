@@ -109,6 +109,7 @@ def test_slow_ends_and_counts_nothing():
     gate.admit(spec.CROUCH_POSE, 0.01)
     assert gate.slew_clips == 0
     gate.slow = False
+    assert gate.target is not None
     moved = gate.target + 0.5
     np.testing.assert_allclose(spec.JOINT_SIGNS * gate.admit(moved, 0.02).pos, moved)
 
@@ -138,7 +139,7 @@ def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
 
 @pytest.mark.parametrize(("kp", "kd"), [(10.0, 6.0), (60.0, 1.0)])
 def test_the_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: float):
-    """A soft joint that comes after a step in its own time is well; one that comes like a soft one, but is stiff, is not."""
+    """A soft joint that follows in its own time is well; a stiff one that follows like a soft one is not."""
 
     def follows(lag: float) -> bool:
         tracking, joint = Tracking(LIMITS), np.zeros(12)

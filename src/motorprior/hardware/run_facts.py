@@ -23,8 +23,8 @@ FACTS, FIGURES = "run.json", "figures.json"
 class RunFacts:
     """Everything that a reader of a recording may ask later.
 
-    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "pilot", the
-    name of a signal, or the kind of a fault and its message. Infinite limits, those that were not applied, are null.
+    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "pilot",
+    the name of a signal, or the kind of a fault and its message. Infinite limits, those not applied, are null.
 
     Attributes:
         outcome: what ended the run, unless an error did.
