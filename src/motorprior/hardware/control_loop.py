@@ -55,9 +55,9 @@ def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
     """Jitter of the period, share of missed deadlines, age of the telemetry, over one or more runs.
 
     period_jitter_ms/Q: quantile Q of |time between two commands - period|. missed_share: steps that were skipped or
-    whose command left more than half a period late. telemetry_age_ms/Q: of the measurement acted on. A step that a fault
-    ended counts in the first two as if its command had left when the fault was found: the worst step of a run must not
-    be missing. What lies between two runs is no jitter.
+    whose command left more than half a period late. telemetry_age_ms/Q: of the measurement acted on. A step that a
+    fault ended counts in the first two as if its command had left when the fault was found: the worst step of a run
+    must not be missing. What lies between two runs is no jitter.
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
