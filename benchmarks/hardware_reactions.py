@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
@@ -25,6 +27,7 @@ from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest
 from motorprior.locomotion.policy import Policy
+from motorprior.logs.robot_run import Mode
 
 MOST_FAULTS = 5
 FAULT_AT = 7.0
@@ -37,13 +40,17 @@ FAULTS = (
     "tilted",
     "hot_current:RL_hip",
     "mute",
+    "lagging",
+    "restart",
     "hot_motor:FL_knee",
     "flat",
     "numb",
+    "blind",
     "surge:FL_hip",
+    "deaf",
     "unplugged",
 )
-SAID = ("surge", "unplugged")
+SAID = ("surge", "deaf", "unplugged")
 """The robot lost its current by itself, or cannot be reached: what counts is when the host says so."""
 LATE = 0.06
 """A step that takes so long [s] is too late, and the watchdog does not bite yet."""
@@ -145,6 +152,11 @@ def raise_an_exception(_: Robot) -> None:
     raise ZeroDivisionError("a bug")
 
 
+def command_nonsense(robot: Robot) -> None:
+    """A policy that says NaN."""
+    robot.send(np.full(12, np.nan), Mode.WALK)
+
+
 def come_late(_: Robot) -> None:
     """A busy computer."""
     time.sleep(LATE)
@@ -158,6 +170,7 @@ def fill_the_disk(_: Robot) -> None:
 HOST_FAULTS: dict[str, Callable[[Robot], None]] = {
     "watchdog_dead": kill_watchdog,
     "exception": raise_an_exception,
+    "not_finite": command_nonsense,
     "slow_host": come_late,
     "full_disk": fill_the_disk,
 }
