@@ -125,6 +125,12 @@ def when() -> Callable[..., float]:
 
 
 @pytest.fixture
+def sits() -> Callable[[VirtualPupper], bool]:
+    """Whether a robot is about in the pose in which losing current is soft."""
+    return lambda pupper: bool(np.abs(pupper.firmware._sensors.pos * spec.JOINT_SIGNS - spec.CROUCH_POSE).max() < 0.35)
+
+
+@pytest.fixture
 def deploying() -> Iterator[Callable[..., subprocess.Popen]]:
     """See `_deploying`; whatever still runs is killed."""
     started = []
