@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.commands import careful, run_doctor, run_record
+from motorprior.hardware.commands import run_doctor, run_record
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.doctor import examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
@@ -26,6 +26,7 @@ from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest, first_look, look_and_confirm
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.terminal import careful
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
