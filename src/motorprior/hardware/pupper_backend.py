@@ -22,9 +22,10 @@ FAULT = 1
 
 
 class PupperBackend:
-    """Holds targets in real time: `step` returns one control period after the step before.
+    """The door for the Gymnasium environment `locomotion.env.PupperWalkEnv` on a real robot; `deploy` does not use it.
 
-    Whoever steps must come back in time: after 80 ms without a step the watchdog takes the current away.
+    Holds targets in real time: `step` returns one control period after the step before. Whoever steps must come back in
+    time: after 80 ms without a step the watchdog takes the current away.
 
     Attributes:
         fault: why the robot is idle, None while it is well.

@@ -1,6 +1,6 @@
 """From a port to a moving robot and safely back: what deployment and recording have in common.
 
-    open, first look, arm, ramp to the nominal pose, [walk or excite], crouch, idle
+    open, doctor, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 
 Every way out leads through the last two, or through idle alone where a fault leaves no time to sit down.
 """

@@ -26,7 +26,6 @@ from motorprior.logs.motor_log import BASE_AXES, MotorLog, checked
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
 
-
 LEVEL = 0.15
 """A body that leans by more than this [rad], by its median, is not level: it would turn gravity by a seventh."""
 
