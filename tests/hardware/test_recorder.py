@@ -136,7 +136,15 @@ def test_nothing_is_overwritten_and_nothing_empty_is_left(tmp_path: Path):
     with pytest.raises(ArtifactError, match="exists already"):
         Recorder(path)
     Recorder(tmp_path / "b.csv").close()
-    assert not (tmp_path / "b.csv").exists()
+    Recorder(tmp_path / "runs" / "deploy" / "b.csv").close()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a"]
+    (tmp_path / "mine").mkdir()
+    Recorder(tmp_path / "mine" / "b.csv").close()
+    assert (tmp_path / "mine").is_dir(), "somebody else made it"
+    kept = Recorder(tmp_path / "kept" / "run" / "b.csv")
+    (tmp_path / "kept" / "run" / "notes").touch()
+    kept.close()
+    assert (tmp_path / "kept" / "run" / "notes").exists()
 
 
 @pytest.mark.parametrize("room", [0, 100, 5000], ids=["for nothing", "for half a header", "for some lines"])

@@ -3,9 +3,11 @@
 import contextlib
 import os
 import pty
+import select
 import signal
 import struct
 import time
+import tty
 from collections.abc import Callable
 from pathlib import Path
 
@@ -118,6 +120,16 @@ def test_the_doctor_takes_the_current_away_when_asked(virtual: Callable, when: C
     assert {one.check for one in found if not one.well} <= {f"joint {name}" for name in spec.JOINT_NAMES}, "it sank"
     when(pupper, IDLE)
     assert {what for _, what in pupper.events} == {IDLE}
+
+
+def test_a_device_that_is_no_robot_is_sent_nothing():
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    with pytest.raises(RobotFault, match="stale telemetry"):
+        run_doctor(os.ttyname(slave), 1.0, idle=True)
+    assert not select.select([master], [], [], 0.1)[0]
+    os.close(master)
+    os.close(slave)
 
 
 def test_signals_after_the_second_one_are_too_late_to_hinder():

@@ -26,6 +26,8 @@ from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 
 LOG, FACTS = "run.csv", "run.json"
+_BELIEVED = 0.3
+"""Time in which a robot shows that it is one [s]."""
 
 
 def the_port(port: str | None) -> str:
@@ -136,6 +138,7 @@ def run_doctor(port: str, seconds: float, idle: bool) -> list[Diagnosis]:
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with Robot(SerialLink(port)) as robot:
         if idle:
+            examine(robot, _BELIEVED)  # an unknown device at the port gets no bytes
             robot.relax()
         return examine(robot, seconds)
 
