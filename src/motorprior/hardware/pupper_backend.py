@@ -12,6 +12,7 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.motions import ramp
 from motorprior.hardware.robot import Robot
+from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains, first_look
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
@@ -97,6 +98,7 @@ class PupperBackend:
         if telemetry.cur is not None:
             torque = spec.TORQUE_CONSTANT * telemetry.cur
         elif target is not None:
-            current = self._gains.kp * (target - telemetry.pos) - self._gains.kd * telemetry.vel
-            torque = spec.TORQUE_CONSTANT * np.clip(current, -self._gains.max_current, self._gains.max_current)
+            gains = self._gains
+            current = servo_current(target, telemetry.pos, telemetry.vel, gains.kp, gains.kd, gains.max_current)
+            torque = spec.TORQUE_CONSTANT * current
         return backend_state(telemetry, torque, 0 if self.fault is None else FAULT)

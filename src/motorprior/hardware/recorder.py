@@ -69,7 +69,7 @@ class Recorder:
         self.rows += 1
 
     def close(self) -> None:
-        """End the file; one that holds nothing is removed, and the folders that were made for it and hold nothing else."""
+        """End the file; one that holds nothing is removed, with the folders made for it that hold nothing else."""
         os.close(self._file)
         if self.rows == 0:
             self.path.unlink(missing_ok=True)
