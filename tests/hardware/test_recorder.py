@@ -171,4 +171,6 @@ def test_a_recording_is_known_by_its_first_line(tmp_path: Path):
     assert not is_robot_run(tmp_path / "other.csv")
     with pytest.raises(LogError, match=r"none\.csv: cannot read"):
         is_robot_run(tmp_path / "none.csv")
+    with pytest.raises(LogError, match=r"none\.csv: cannot read"):
+        read_robot_run(tmp_path / "none.csv")
     assert len(run_columns(True)) == len(run_columns(False)) + 12

@@ -20,6 +20,7 @@ MOTOR = "DJI M2006 P36 + C610"
 _GAP = 0.055
 """A pause longer than this [s] starts a new segment; single lost frames do not."""
 _SHORTEST_SEGMENT = 4
+_LONGEST_HEADER = 10_000
 _SERIES = ("position_target", "joint_pos", "joint_vel", "joint_current")
 _BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
@@ -51,9 +52,14 @@ def is_robot_run(path: Path) -> bool:
     Raises:
         LogError: it cannot be read.
     """
+    return _first_line(path).startswith("time,mode,")
+
+
+def _first_line(path: Path) -> str:
+    """The names of the columns; of a file that has no lines, its beginning."""
     try:
-        with open(path, "rb") as file:
-            return file.read(10) == b"time,mode,"
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.readline(_LONGEST_HEADER)
     except OSError as error:
         raise LogError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
@@ -76,9 +82,7 @@ def read_robot_run(
         LogError: not a recording, damaged before its last line, without a row of these modes, a time that does not
             increase, or numbers that are not finite.
     """
-    with open(path, encoding="utf-8", errors="replace") as file:
-        with_current = "joint_current/" in file.readline()
-    columns = run_columns(with_current)
+    columns = run_columns(with_current="joint_current/" in _first_line(path))
     table = read_number_table(path, columns, may_be_cut=True)
     _require_clean(table, columns, path)
     breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
