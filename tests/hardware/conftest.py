@@ -1,7 +1,5 @@
 """Virtual Puppers at real pseudo-terminals, and hosts that drive them."""
 
-import resource
-import signal
 import subprocess
 import sys
 import time
@@ -13,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.cli.virtual_pupper import Virtual, make
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import Drive, Sensors
 from motorprior.hardware.motions import ramp
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains
 from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
@@ -151,13 +151,9 @@ def full_disk() -> Callable[[int], AbstractContextManager]:
 
     @contextmanager
     def limited(size: int) -> Iterator[None]:
-        before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-        try:
+        with file_sizes_restored():
+            limit_file_sizes(size)
             yield
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
-            signal.signal(signal.SIGXFSZ, handler)
 
     return limited
 
@@ -195,6 +191,7 @@ class StillBody:
 
     def sense(self) -> Sensors:
         drive = self.drive
-        wanted = np.zeros(12) if drive is None else drive.kp * (drive.target - self.pos) - drive.kd * self.vel
-        limit = 7.0 if drive is None else drive.max_current
-        return Sensors(self.pos.copy(), self.vel.copy(), np.clip(wanted, -limit, limit), np.full(3, 1e-3), np.zeros(3))
+        current = np.zeros(12)
+        if drive is not None:
+            current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
+        return Sensors(self.pos.copy(), self.vel.copy(), current, np.full(3, 1e-3), np.zeros(3))

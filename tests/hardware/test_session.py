@@ -3,10 +3,12 @@
 import contextlib
 import os
 import pty
+import select
 import signal
 import struct
 import threading
 import time
+import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from hypothesis import strategies as st
 from motorprior.cli.motors import load_robot_fleet
 from motorprior.cli.twin_body import TwinBody, draw_motors
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.commands import careful, run_doctor, run_record
+from motorprior.hardware.commands import run_doctor, run_record
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.doctor import examine
@@ -30,6 +32,7 @@ from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest, first_look, look_and_confirm
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.terminal import careful
 from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
@@ -167,6 +170,16 @@ def test_the_doctor_takes_the_current_away_when_asked(virtual: Callable, when: C
     assert {one.check for one in found if not one.well} <= {f"joint {name}" for name in spec.JOINT_NAMES}, "it sank"
     when(pupper, IDLE)
     assert {what for _, what in pupper.events} == {IDLE}
+
+
+def test_a_device_that_is_no_robot_is_sent_nothing():
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    with pytest.raises(RobotFault, match="stale telemetry"):
+        run_doctor(os.ttyname(slave), 1.0, idle=True)
+    assert not select.select([master], [], [], 0.1)[0]
+    os.close(master)
+    os.close(slave)
 
 
 def test_signals_after_the_second_one_are_too_late_to_hinder():

@@ -5,32 +5,29 @@ The command line `motorprior` and, on the robot's own computer, `python -m motor
 
 from __future__ import annotations
 
-import contextlib
-import select
-import sys
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TextIO
 
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware import deploy, record
 from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.pilot import KEYS, pilot
+from motorprior.hardware.pilot import pilot
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.run_facts import RunFacts
 from motorprior.hardware.serial_link import SerialLink, find_ports
-from motorprior.hardware.session import Gains, StopRequest, stop_on_signals
+from motorprior.hardware.session import Gains, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_somebody
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 
 LOG = "run.csv"
-Say = Callable[[str], None]
+_BELIEVED = 0.3
+"""Time in which a robot shows that it is one [s]."""
 
 
 def the_port(port: str | None) -> str:
@@ -69,14 +66,14 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
             steps = deploy.rehearse(robot, policy, stop, settings.seconds or 5.0, say)
         say(f"dry run: {steps} control steps, nothing was sent")
         return {}
-    _require_somebody(settings.yes)
+    require_somebody(settings.yes)
     out = settings.out or _dated("deploy")
     facts, timing = RunFacts(out), Timing()
     robot = Robot(SerialLink(port), recorder=Recorder(out / LOG))
     with robot, stop_on_signals() as stop, facts.kept(robot, timing, policy.control_dt):
 
         def confirm() -> None:
-            ask_to_arm(stop, settings.yes, say)
+            ask_to_arm(stop, settings.yes, WALKING, say)
             more = {"policy": str(path), "provenance": dict(policy.provenance)}
             facts.begin("deploy", port, settings, gains, robot, more)
 
@@ -114,7 +111,7 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
         spec.CONTROL_DT,
         settings.seed,
     )
-    _require_somebody(settings.yes)
+    require_somebody(settings.yes)
     out = settings.out or _dated("record")
     limits = replace(spec.SAFETY, target_speed=settings.speed)
     if not settings.standing:
@@ -124,7 +121,7 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
     with robot, stop_on_signals() as stop, facts.kept(robot, timing, spec.CONTROL_DT):
 
         def confirm() -> None:
-            ask_to_arm(stop, settings.yes, say)
+            ask_to_arm(stop, settings.yes, STANDING if settings.standing else HUNG, say)
             facts.begin("record", port, settings, gains, robot)
 
         record.excite(
@@ -146,6 +143,7 @@ def run_doctor(port: str, seconds: float, idle: bool) -> list[Diagnosis]:
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with Robot(SerialLink(port)) as robot:
         if idle:
+            examine(robot, _BELIEVED)  # an unknown device at the port gets no bytes
             robot.relax()
         return examine(robot, seconds)
 
@@ -161,56 +159,11 @@ def require_well(found: list[Diagnosis]) -> None:
         raise RobotFault("doctor", f"{', '.join(bad)}: not as it should be", remedy="see the remedies above")
 
 
-def ask_to_arm(stop: StopRequest, yes: bool, say: Say) -> None:
-    """Wait until somebody types ``arm``.
-
-    Raises:
-        RobotFault: something else was typed, or a signal came.
-    """
-    if yes:
-        return
-    say(f"Stand clear, one hand at the power switch. Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it.")
-    say("Type arm and press Enter:")
-    while not stop():
-        if select.select([sys.stdin], [], [], 0.1)[0]:
-            if sys.stdin.readline().strip() == "arm":
-                return
-            break
-    raise RobotFault("not armed", "nobody typed arm; nothing was sent", remedy="run the command again when ready")
-
-
-def careful(say: Say, file: TextIO) -> Say:
-    """The same words, unless the terminal or pipe behind ``file`` is gone or full: no reason to stop, or to wait.
-
-    A control loop that waits for a terminal (Ctrl-S, a pager) would be idled by the watchdog.
-    """
-
-    def speak(text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            if _takes_more(file):
-                say(text)
-
-    return speak
-
-
-def _takes_more(file: TextIO) -> bool:
-    try:
-        number = file.fileno()
-    except (OSError, ValueError):  # a notebook's, or a test's: no terminal, never full
-        return True
-    return bool(select.select([], [number], [], 0.0)[1])
-
-
 def _amplitude(settings: RecordSettings) -> float:
     """What the ground lets pass is less than what the air does: feet that are pushed into it look blocked."""
     if settings.amplitude is not None:
         return settings.amplitude
     return 0.1 if settings.standing else 0.4
-
-
-def _require_somebody(yes: bool) -> None:
-    if not yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError("nobody is at the terminal to arm the robot", remedy="give --yes if that is meant")
 
 
 def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:

@@ -130,13 +130,13 @@ class Robot:
                 self._tracking.check(telemetry.pos, target, now)
         return measurement
 
-    def arm(self, kp: float, kd: float, max_current: float, target_speed: float | None = None) -> None:
+    def arm(self, kp: float, kd: float, max_current: float) -> None:
         """Start the watchdog and take hold of the joints where they are.
 
         Raises:
             RobotFault: something is wrong with the robot, the gains, or the watchdog.
         """
-        gate = SafetyGate(self.limits, kp, kd, max_current, target_speed)
+        gate = SafetyGate(self.limits, kp, kd, max_current)
         self._forgiven.clear()
         self._guardian = Guardian(self._link.fileno(), self.limits.watchdog)
         self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
