@@ -4,15 +4,18 @@
 
 The host is this process, the robot another one. Writes a flat map:
     period_jitter_ms/p50|p99|max    |time between two commands - 10 ms|
-    missed_share                    control steps that were skipped or more than 5 ms late
+    missed_share                    control steps that were left out, or whose command left more than 5 ms late
     telemetry_age_ms/p50|p99|max    of the measurement a command was computed from, when the command left
     end_to_end_ms/p50|p99|max       from the moment of that measurement in the robot to the command's arrival in it
     path_m, tilt_rad                how far the robot walked, second by second, and how far it leaned in the end
     faults                          times the walk was ended by a fault, for example a slow host, and begun again
     noisy/...                       the same with 1 % of the frames dropped and 1 % damaged, both ways
     inference_ms/p50|p99            observation, policy and generator, compiled; interpreted_ms where numba is off
+    inference_ms/share_over_1ms     share of the steps that took longer; the same for interpreted_ms
     kill_to_idle_ms/max             SIGKILL of a walking host until the robot is idle; hang_to_idle_ms with SIGSTOP
     reaction_ms/FAULT               from a fault until the robot is idle (unplugged, surge: until the host says so)
+A part that could not be measured (a busy machine, a fault that did not show) costs no other: it is named at the end,
+and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -25,14 +28,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from hardware_reactions import MOST_FAULTS, deploy, reactions, signal_to_idle, virtual_pupper
-from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import Timing
+from hardware_reactions import MOST_FAULTS, WORDS, NotMeasuredError, deploy, reactions, signal_to_idle, virtual_pupper
+from motorprior.exceptions import MotorPriorError, RobotFault
+from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
@@ -40,6 +44,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 
 KILLS = 5
+LAST_LINES = 10
 NOISE = ("--robot.drop", "0.01", "--robot.corrupt", "0.01")
 QUANTILES = {"p50": 50.0, "p99": 99.0, "max": 100.0}
 
@@ -54,10 +59,11 @@ def trot_policy(folder: Path) -> Path:
 
 def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict[str, float]:
     """Clock, age and delay of a walk of so many seconds; one that a fault ends is followed by another."""
-    whole, delays, path, tilt, faults = Timing(), [], 0.0, 0.0, 0
-    while len(whole.sent) * policy.control_dt < seconds - 1.0 and faults < MOST_FAULTS:
+    runs: list[Timing] = []
+    delays, path, tilt, faults, left = [], 0.0, 0.0, 0, seconds
+    while left > 1.0 and faults < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
-        timing, left = Timing(), seconds - len(whole.sent) * policy.control_dt
+        timing = Timing()
         with virtual_pupper(folder, *options) as (port, end):
             try:
                 deploy(port, policy, left, folder / "run.csv", timing)
@@ -65,16 +71,15 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
                 print(f"  {fault}", file=sys.stderr)
                 faults += 1
             life = end()
-        pause = whole.sent[-1] + policy.control_dt - timing.sent[0] if whole.sent and timing.sent else 0.0
-        whole.sent.extend(sent + pause for sent in timing.sent)  # what lies between two walks is no jitter
-        for name in ("delay", "age", "stamp"):
-            getattr(whole, name).extend(getattr(timing, name))
-        whole.skipped += timing.skipped
+        runs.append(timing)
+        left -= len(timing.sent) * policy.control_dt
         if len(timing.sent):
             delays.append(1e3 * end_to_end(timing, life))
         path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
+    if not delays:
+        raise NotMeasuredError("no walk was longer than its ramp")
     delay = np.concatenate(delays)
-    figures = whole.figures(policy.control_dt)
+    figures = clock_figures(runs, policy.control_dt)
     print(f"  {figures}", file=sys.stderr)
     figures |= {f"end_to_end_ms/{name}": float(np.percentile(delay, q)) for name, q in QUANTILES.items()}
     return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults)}
@@ -100,7 +105,8 @@ def inference(policy: Policy, count: int = 5000) -> dict[str, float]:
         before = time.perf_counter()
         walker(measurement)
         took.append(1e3 * (time.perf_counter() - before))
-    return {"p50": float(np.percentile(took, 50)), "p99": float(np.percentile(took, 99))}
+    over = float(np.mean(np.array(took) > 1.0))
+    return {"p50": float(np.percentile(took, 50)), "p99": float(np.percentile(took, 99)), "share_over_1ms": over}
 
 
 def inference_interpreted(policy: Path) -> dict[str, float]:
@@ -112,18 +118,51 @@ def inference_interpreted(policy: Path) -> dict[str, float]:
     return json.loads(done.stdout)
 
 
-def measurements(folder: Path, given: Path | None, seconds: float) -> Iterator[dict[str, float]]:
-    """Part by part."""
-    path = given or trot_policy(folder)
+def parts(folder: Path, path: Path, seconds: float) -> dict[str, Callable[[], dict[str, float]]]:
+    """What to measure, by name; each part gives its figures."""
     policy = Policy.load(path)
-    yield walking(folder, policy, seconds)
-    yield {f"noisy/{key}": value for key, value in walking(folder, policy, seconds, *NOISE).items()}
-    yield {f"inference_ms/{key}": value for key, value in inference(policy).items()}
-    yield {f"interpreted_ms/{key}": value for key, value in inference_interpreted(path).items()}
-    kills = [signal_to_idle(folder, path, signal.SIGKILL) for _ in range(KILLS)]
-    yield {"kill_to_idle_ms/max": max(kills), "kill_to_idle_ms/median": float(np.median(kills))}
-    yield {"hang_to_idle_ms": signal_to_idle(folder, path, signal.SIGSTOP)}
-    yield reactions(folder, path)
+    single = {"hang_to_idle_ms": partial(signal_to_idle, folder, path, signal.SIGSTOP), **reactions(folder, path)}
+    return {
+        "walk": lambda: walking(folder, policy, seconds),
+        "walk with noise": lambda: named("noisy", walking(folder, policy, seconds, *NOISE)),
+        "inference": lambda: named("inference_ms", inference(policy)),
+        "inference, interpreted": lambda: named("interpreted_ms", inference_interpreted(path)),
+        "kill_to_idle_ms": lambda: named("kill_to_idle_ms", kills(folder, path)),
+        **{name: lambda name=name, measure=measure: {name: measure()} for name, measure in single.items()},
+    }
+
+
+def named(prefix: str, figures: dict[str, float]) -> dict[str, float]:
+    """The same figures as PREFIX/NAME."""
+    return {f"{prefix}/{name}": value for name, value in figures.items()}
+
+
+def kills(folder: Path, path: Path) -> dict[str, float]:
+    """SIGKILL of a walking host, several times."""
+    took = [signal_to_idle(folder, path, signal.SIGKILL) for _ in range(KILLS)]
+    return {"max": max(took), "median": float(np.median(took))}
+
+
+def last_words(folder: Path) -> str:
+    """What the other processes said in the end."""
+    words = folder / WORDS
+    lines = words.read_text(errors="replace").splitlines()[-LAST_LINES:] if words.is_file() else []
+    return "".join(f"    {line}\n" for line in lines)
+
+
+def measure(
+    folder: Path, wanted: dict[str, Callable[[], dict[str, float]]], found: Callable[[dict[str, float]], None]
+) -> list[str]:
+    """Part by part, each handed to ``found`` at once; returns the parts that failed, and says why."""
+    failed = []
+    for name, part in wanted.items():
+        (folder / WORDS).unlink(missing_ok=True)
+        try:
+            found(part())
+        except (NotMeasuredError, MotorPriorError, OSError, subprocess.SubprocessError) as error:
+            print(f"not measured: {name}: {error}\n{last_words(folder)}", file=sys.stderr)
+            failed.append(name)
+    return failed
 
 
 def main() -> None:
@@ -134,12 +173,19 @@ def main() -> None:
     parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
     arguments = parser.parse_args()
     figures: dict[str, float] = {}
+
+    def keep(found: dict[str, float]) -> None:
+        figures.update(found)
+        arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
+
     with tempfile.TemporaryDirectory(prefix="motorprior-hardware-") as name:
-        for found in measurements(Path(name), arguments.policy, 60.0 * arguments.minutes):
-            figures |= found
-            arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
+        folder = Path(name)
+        wanted = parts(folder, arguments.policy or trot_policy(folder), 60.0 * arguments.minutes)
+        failed = measure(folder, wanted, keep)
     for key, value in figures.items():
         print(f"{key:32} {value:10.4f}")
+    if failed:
+        raise SystemExit(f"not measured: {', '.join(failed)}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -15,8 +14,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
@@ -25,8 +28,12 @@ from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest
 from motorprior.locomotion.policy import Policy
+from motorprior.logs.robot_run import Mode
 
 MOST_FAULTS = 5
+WORDS = "words.txt"
+"""What the robots and hosts of other processes said, in the folder of the measurement."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 FAULT_AT = 7.0
 """Robot time at which injected faults begin [s]: it walks by then."""
 FAULTS = (
@@ -37,18 +44,26 @@ FAULTS = (
     "tilted",
     "hot_current:RL_hip",
     "mute",
+    "lagging",
+    "restart",
     "hot_motor:FL_knee",
     "flat",
     "numb",
+    "blind",
     "surge:FL_hip",
+    "deaf",
     "unplugged",
 )
-SAID = ("surge", "unplugged")
+SAID = ("surge", "deaf", "unplugged")
 """The robot lost its current by itself, or cannot be reached: what counts is when the host says so."""
 LATE = 0.06
 """A step that takes so long [s] is too late, and the watchdog does not bite yet."""
 STATUS_BEFORE = 6
 """Status lines, two a second, before the host breaks."""
+
+
+class NotMeasuredError(Exception):
+    """The machine is too busy, or a fault did not show."""
 
 
 @contextmanager
@@ -57,7 +72,8 @@ def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[
     link, life = folder / "port", folder / "life.json"
     life.unlink(missing_ok=True)
     command = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--link", str(link), "--json", str(life)]
-    process = subprocess.Popen([*command, "--robot.no-homing", *options], stderr=subprocess.DEVNULL)
+    with open(folder / WORDS, "a") as words:
+        process = subprocess.Popen([*command, "--robot.no-homing", *options], stderr=words)
 
     def end() -> dict:
         process.send_signal(signal.SIGTERM)
@@ -66,7 +82,8 @@ def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[
 
     try:
         while not link.is_symlink():
-            assert process.poll() is None, "the virtual Pupper did not start"
+            if process.poll() is not None:
+                raise NotMeasuredError("the virtual Pupper did not start")
             time.sleep(0.01)
         yield str(link), end
     finally:
@@ -95,25 +112,33 @@ def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience:
         out = Path(tempfile.mkdtemp(dir=folder)) / "run"
         with virtual_pupper(folder) as (port, end):
             command = ["-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out), "--yes"]
-            host = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
-            log = out / "run.csv"
-            while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
-                time.sleep(0.01)
-            before = time.monotonic()
-            if host.poll() is not None:  # this machine was too busy, and the host sat down
-                continue
-            os.kill(host.pid, number)
-            time.sleep(patience)
-            life = end()
-            host.kill()
-            host.wait()
-            return 1e3 * (first_idle(life, before) - before)
-    raise AssertionError("this machine is too busy")
+            with open(folder / WORDS, "a") as words:
+                host = subprocess.Popen([sys.executable, *command], stderr=words)
+            try:
+                if wait_until_it_walks(host, out / "run.csv"):
+                    before = time.monotonic()
+                    os.kill(host.pid, number)
+                    time.sleep(patience)
+                    return 1e3 * (first_idle(end(), before) - before)
+            finally:
+                host.kill()
+                host.wait()
+    raise NotMeasuredError("this machine is too busy")
+
+
+def wait_until_it_walks(host: subprocess.Popen, log: Path) -> bool:
+    """False if the host ended before: this machine was too busy, and it sat down."""
+    while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
+        time.sleep(0.01)
+    return host.poll() is None
 
 
 def first_idle(life: dict, after: float) -> float:
-    """When the robot became idle [s]; infinite if it never did."""
-    return min((at for at, mode in life["modes"] if mode == "idle" and at >= after), default=float("inf"))
+    """When the robot became idle [s]."""
+    times = [at for at, mode in life["modes"] if mode == "idle" and at >= after]
+    if not times:
+        raise NotMeasuredError("the robot was never idle")
+    return min(times)
 
 
 def reaction(folder: Path, policy: Policy, fault: str) -> float:
@@ -122,7 +147,7 @@ def reaction(folder: Path, policy: Policy, fault: str) -> float:
         with virtual_pupper(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
             try:
                 deploy(port, policy, 2.0 * FAULT_AT)
-                raise AssertionError(f"walked on in spite of {fault}")
+                raise NotMeasuredError(f"walked on in spite of {fault}")
             except RobotFault as found:
                 said, kind = time.monotonic(), found.kind
             time.sleep(0.1)
@@ -131,7 +156,7 @@ def reaction(folder: Path, policy: Policy, fault: str) -> float:
         began = life["started"] + FAULT_AT
         if said > began:  # otherwise this machine was too busy, and the host sat down before the fault
             return 1e3 * ((said if fault.partition(":")[0] in SAID else first_idle(life, began)) - began)
-    raise AssertionError("this machine is too busy")
+    raise NotMeasuredError("this machine is too busy")
 
 
 def kill_watchdog(robot: Robot) -> None:
@@ -145,6 +170,11 @@ def raise_an_exception(_: Robot) -> None:
     raise ZeroDivisionError("a bug")
 
 
+def command_nonsense(robot: Robot) -> None:
+    """A policy that says NaN."""
+    robot.send(np.full(12, np.nan), Mode.WALK)
+
+
 def come_late(_: Robot) -> None:
     """A busy computer."""
     time.sleep(LATE)
@@ -152,12 +182,13 @@ def come_late(_: Robot) -> None:
 
 def fill_the_disk(_: Robot) -> None:
     """No file may grow any more."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+    limit_file_sizes(0)
 
 
 HOST_FAULTS: dict[str, Callable[[Robot], None]] = {
     "watchdog_dead": kill_watchdog,
     "exception": raise_an_exception,
+    "not_finite": command_nonsense,
     "slow_host": come_late,
     "full_disk": fill_the_disk,
 }
@@ -178,38 +209,25 @@ def host_reaction(folder: Path, policy: Policy, disaster: Callable[[Robot], None
         log = Path(tempfile.mkdtemp(dir=folder)) / "run.csv"
         with virtual_pupper(folder) as (port, end):
             found = None
-            with unlimited_files_afterwards():
+            with file_sizes_restored():
                 try:
                     deploy(port, policy, 2.0 * FAULT_AT, log, status=status)
                 except (MotorPriorError, ZeroDivisionError) as error:
                     found = error
-            assert found is not None, f"walked on in spite of {disaster.__name__}"
+            if found is None:
+                raise NotMeasuredError(f"walked on in spite of {disaster.__name__}")
             print(f"  {disaster.__name__}: {found}", file=sys.stderr)
             time.sleep(0.1)
             life = end()
         if began < float("inf"):  # otherwise this machine was too busy
             return 1e3 * (first_idle(life, began) - began)
-    raise AssertionError("this machine is too busy")
+    raise NotMeasuredError("this machine is too busy")
 
 
-@contextmanager
-def unlimited_files_afterwards() -> Iterator[None]:
-    """Put the limit of file sizes back, and do not die of it."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
-
-
-def reactions(folder: Path, path: Path) -> dict[str, float]:
-    """reaction_ms/FAULT of every fault, one trial each."""
-    policy, figures = Policy.load(path), {}
-    for fault in FAULTS:
-        figures[f"reaction_ms/{fault.partition(':')[0]}"] = reaction(folder, policy, fault)
-    for name, disaster in HOST_FAULTS.items():
-        figures[f"reaction_ms/{name}"] = host_reaction(folder, policy, disaster)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        figures[f"reaction_ms/{number.name}"] = signal_to_idle(folder, path, number, patience=6.0)
-    return figures
+def reactions(folder: Path, path: Path) -> dict[str, Callable[[], float]]:
+    """How to measure reaction_ms/FAULT of every fault, one trial each."""
+    policy = Policy.load(path)
+    robot = {fault.partition(":")[0]: partial(reaction, folder, policy, fault) for fault in FAULTS}
+    host = {name: partial(host_reaction, folder, policy, disaster) for name, disaster in HOST_FAULTS.items()}
+    signals = {number.name: partial(signal_to_idle, folder, path, number, patience=6.0) for number in SIGNALS}
+    return {f"reaction_ms/{name}": measure for name, measure in (robot | host | signals).items()}

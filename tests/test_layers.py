@@ -120,6 +120,16 @@ def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: st
     assert found == ([breach] if breach else [])
 
 
+def test_the_host_never_imports_the_virtual_robot():
+    """What drives a robot knows nothing of the one that is not there: it cannot treat it better than a real one."""
+    virtual = {"firmware", "injected", "virtual_pupper"}
+    files = {file.stem: file for file in (SOURCE / "hardware").glob("*.py")}
+    assert virtual < set(files) and len(files) > 20
+    for name in set(files) - virtual:
+        found = [what for _, what in imported(ast.parse(files[name].read_text("utf-8")), ["motorprior", "hardware"])]
+        assert not {part for what in found for part in what.split(".")} & virtual, name
+
+
 @pytest.mark.filterwarnings("default::UserWarning")
 def test_files_are_short():
     lengths = {file: len(file.read_text("utf-8").splitlines()) for file in SOURCE.rglob("*.py")}

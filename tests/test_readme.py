@@ -93,6 +93,14 @@ def test_every_command_exists(words: list[str]):
     check(words)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_row_has_lost_its_table(page: Path):
+    """A blank line within a table turns what follows into text."""
+    blocks = re.split(r"\n\s*\n", re.sub(FENCE, "", page.read_text("utf-8")))
+    tables = [block.strip().splitlines() for block in blocks if block.strip().startswith("|")]
+    assert [rows[0] for rows in tables if len(rows) < 3 or not re.fullmatch(r"[|: -]+", rows[1].strip())] == []
+
+
 def test_commands_are_read_out_of_the_text():
     text = "```sh\n$ A=1 make demo ARGS='--seed 1'  # all\n"
     text += "motorprior bench \\\n  --out x > log && make test\n```\n"

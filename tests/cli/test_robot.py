@@ -52,6 +52,24 @@ def test_a_policy_walks_a_virtual_robot_and_leaves_a_log(motorprior: Callable, p
     assert log.num_joints == 12 and 1.3 < log.duration < 1.8, "half a second, and one to come to rest"
 
 
+def test_a_walk_with_currents_trains_torque_regression_and_is_no_hung_recording(
+    motorprior: Callable, refused: Callable, policy: Path, tmp_path: Path
+):
+    """The paper's remedy for the distribution shift: torque from the current, recorded while the policy walks."""
+    walk, robot = tmp_path / "walk", ("--virtual", "--robot.no-homing", "--robot.currents")
+    done = motorprior("deploy", policy, *robot, "--seconds", 1, "--yes", "--out", walk)
+    assert done.code == 0, done.err
+    done = motorprior("logs", "import", walk / "run.csv", "--out", tmp_path / "log")
+    assert done.code == 0, done.err
+    imported = tmp_path / "log" / "run.parquet"
+    done = motorprior("identify", imported, "--preset", "paper", "--steps", 2, "--out", tmp_path / "prior")
+    assert done.code == 0, done.err
+    assert len(MotorPrior.load(tmp_path / "prior" / "prior.safetensors").mean) == 12
+    refused("identify", imported, "--out", tmp_path / "no", words=("no load_inertia",))
+    words = ("no row in which the robot was excited", "run.csv")
+    refused("logs", "import", walk / "run.csv", "--hung", "--out", tmp_path / "no", words=words)
+
+
 def test_an_excitation_becomes_a_log_that_priors_adapt_to_and_are_identified_from(motorprior: Callable, tmp_path: Path):
     out = tmp_path / "rec"
     settings = ("--robot.no-homing", "--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
@@ -108,6 +126,8 @@ def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
         ("virtual-pupper --robot.fleet none", ("no fleet 'none'", "pupper_v2")),
         ("logs import {raw} --hung --out x", ("recordings", "leave them out")),
         ("logs import {raw} --period 0 --out x", ("--period 0",)),
+        ("logs import none.csv --hung --out x", ("none.csv: cannot read",)),
+        ("logs import none.csv --out x", ("none.csv: cannot read",)),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

@@ -1,7 +1,5 @@
 """Virtual Puppers at real pseudo-terminals, and hosts that drive them."""
 
-import resource
-import signal
 import subprocess
 import sys
 import time
@@ -13,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.cli.virtual_pupper import Virtual, make
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import Drive, Sensors
 from motorprior.hardware.motions import ramp
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains
 from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
@@ -35,9 +35,9 @@ QUIET = 0.15
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests against a robot that lives in real time get a second and a third chance: see PATIENT."""
+    """Tests against a robot that lives in real time get a second and a third chance, or what they ask for: PATIENT."""
     for item in items:
-        if "virtual" in getattr(item, "fixturenames", ()):
+        if "virtual" in getattr(item, "fixturenames", ()) and item.get_closest_marker("flaky") is None:
             item.add_marker(pytest.mark.flaky(reruns=2))
 
 
@@ -125,6 +125,12 @@ def when() -> Callable[..., float]:
 
 
 @pytest.fixture
+def sits() -> Callable[[VirtualPupper], bool]:
+    """Whether a robot is about in the pose in which losing current is soft."""
+    return lambda pupper: bool(np.abs(pupper.firmware._sensors.pos * spec.JOINT_SIGNS - spec.CROUCH_POSE).max() < 0.35)
+
+
+@pytest.fixture
 def deploying() -> Iterator[Callable[..., subprocess.Popen]]:
     """See `_deploying`; whatever still runs is killed."""
     started = []
@@ -145,15 +151,17 @@ def full_disk() -> Callable[[int], AbstractContextManager]:
 
     @contextmanager
     def limited(size: int) -> Iterator[None]:
-        before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-        try:
+        with file_sizes_restored():
+            limit_file_sizes(size)
             yield
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
-            signal.signal(signal.SIGXFSZ, handler)
 
     return limited
+
+
+@pytest.fixture
+def patient_limits() -> spec.SafetyLimits:
+    """See PATIENT."""
+    return PATIENT
 
 
 @pytest.fixture
@@ -169,7 +177,7 @@ def still_body() -> "StillBody":
 
 
 class StillBody:
-    """Joints that follow their targets like a first-order low-pass; no ground, no weight."""
+    """Joints that follow their targets like a first-order low-pass of kd/kp; no ground, no weight."""
 
     def __init__(self):
         self.pos, self.vel, self.drive = spec.JOINT_SIGNS * spec.NOMINAL_POSE, np.zeros(12), None
@@ -177,12 +185,13 @@ class StillBody:
     def advance(self, milliseconds: int, drive: Drive) -> None:
         self.drive = drive
         before = self.pos.copy()
-        share = 1.0 - np.exp(-1e-3 * milliseconds / spec.TRACKING_LAG)
-        self.pos = self.pos + share * np.where(drive.kp > 0.0, drive.target - self.pos, 0.0)
+        rate = drive.kp / np.where(drive.kd > 0.0, drive.kd, 1.0)
+        self.pos = self.pos + (1.0 - np.exp(-1e-3 * milliseconds * rate)) * (drive.target - self.pos)
         self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
 
     def sense(self) -> Sensors:
         drive = self.drive
-        wanted = np.zeros(12) if drive is None else drive.kp * (drive.target - self.pos) - drive.kd * self.vel
-        limit = 7.0 if drive is None else drive.max_current
-        return Sensors(self.pos.copy(), self.vel.copy(), np.clip(wanted, -limit, limit), np.full(3, 1e-3), np.zeros(3))
+        current = np.zeros(12)
+        if drive is not None:
+            current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
+        return Sensors(self.pos.copy(), self.vel.copy(), current, np.full(3, 1e-3), np.zeros(3))

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.hardware.firmware import IDLE, POSITION
+from motorprior.logs.robot_run import Mode
 
 
 class Terminal:
@@ -38,6 +39,12 @@ class Terminal:
 
     def hang_up(self) -> None:
         os.close(self._master)
+
+
+def modes_of(log: Path) -> set[Mode]:
+    """What the robot has done so far; the last line may be in the making."""
+    lines = log.read_text().splitlines()[1:-1] if log.is_file() else []
+    return {Mode(int(line.split(",")[1])) for line in lines}
 
 
 @pytest.fixture
@@ -79,7 +86,42 @@ def test_another_word_sends_nothing(virtual: Callable, at_terminal: Callable, tr
     terminal.type("no\n")
     terminal.read_until(b"nobody typed arm")
     assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
-    assert not (tmp_path / "run").exists() or not list((tmp_path / "run").iterdir())
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_was_typed_before_the_question_arms_nothing(
+    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path
+):
+    pupper = virtual()
+    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run")
+    terminal.type("arm\n")
+    terminal.read_until(b"press Enter")
+    terminal.type("no\n")
+    terminal.read_until(b"nobody typed arm")
+    assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
+
+
+@pytest.mark.parametrize("option", ["--standing", None])
+def test_the_words_before_a_recording_are_true(
+    virtual: Callable, at_terminal: Callable, tmp_path: Path, when: Callable, option: str | None
+):
+    """Nobody steers a recording; Ctrl-C sits a standing robot down, and takes the current from a hung one at once."""
+    pupper = virtual(hung=option is None)
+    terminal = at_terminal("record", "--port", pupper.port, "--out", tmp_path / "run", *([option] if option else []))
+    terminal.read_until(b"press Enter")
+    assert b"no key does anything" in terminal.printed and b"q:" not in terminal.printed
+    assert (b"sits down" in terminal.printed) == (option is not None)
+    assert (b"at once" in terminal.printed) == (option is None)
+    terminal.type("arm\n")
+    log = tmp_path / "run" / "run.csv"
+    deadline = time.monotonic() + 20.0
+    while Mode.EXCITE not in modes_of(log):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    terminal.process.send_signal(signal.SIGINT)
+    when(pupper, IDLE, patience=10.0)
+    terminal.process.wait(timeout=10.0)
+    assert (Mode.CROUCH in modes_of(log)) == (option is not None)
 
 
 def test_a_lost_terminal_sits_down_and_idles(
@@ -91,8 +133,7 @@ def test_a_lost_terminal_sits_down_and_idles(
     terminal.hang_up()
     when(pupper, IDLE, patience=10.0)
     terminal.process.wait(timeout=10.0)
-    modes = {line.split(",")[1] for line in (tmp_path / "run" / "run.csv").read_text().splitlines()[1:]}
-    assert modes >= {"1", "2", "4"}, "ramp, walk and crouch"
+    assert modes_of(tmp_path / "run" / "run.csv") >= {Mode.RAMP, Mode.WALK, Mode.CROUCH}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)

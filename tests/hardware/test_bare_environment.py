@@ -13,6 +13,7 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.locomotion import control_step, policy, task, trajectory_generator
+from motorprior.logs.robot_run import read_robot_run
 from motorprior.robots.pupper_v2 import spec
 
 BARE = Path(__file__).with_name("bare_environment.py")
@@ -51,6 +52,26 @@ def test_the_command_itself_knows_what_a_robot_s_computer_can_do():
     assert "`motorprior walk` needs tyro" in done.stderr and "deploy, record, doctor" in done.stderr
 
 
+def test_a_virtual_robot_needs_the_simulator_and_it_says_so():
+    for words in (("doctor", "--virtual"), ("deploy", "a", "--robot.seed", 3)):
+        done = in_bare_environment("motorprior.hardware", *words)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+        assert "needs the simulator -> pip install 'motorprior[full,robot]'" in done.stderr
+
+
+@pytest.mark.parametrize("module", ["motorprior.__main__", "motorprior.hardware"])
+@pytest.mark.parametrize("words", ["deploy a.safetensors", "record", "doctor"])
+def test_without_the_extra_every_command_says_what_to_install(module: str, words: str):
+    """In the full installation, and in one of numpy alone."""
+    hide = "import runpy, sys; sys.modules.update(dict.fromkeys(['msgpack', 'serial'])); sys.argv = sys.argv[1:]; "
+    run = f"{hide}runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
+    command = [sys.executable, "-c", run, "motorprior", *words.split(), "--port", "/dev/null"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
+    said = "pyserial and msgpack not installed -> pip install 'motorprior[robot]'"
+    assert " ".join(done.stderr.split()) == f"error: {said}"
+
+
 def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
     pupper = virtual(currents=True)
     dry = in_bare_environment(
@@ -61,6 +82,15 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
     assert doctor.returncode == 0 and "ok  IMU" in doctor.stderr and "ok  joint RL_knee" in doctor.stderr, doctor.stderr
     assert pupper.received == 0
+
+
+def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
+    pupper, out = virtual(hung=True, currents=True), tmp_path / "run"
+    settings = ("--excitation", "chirp", "--joint", "FR_knee", "--seconds", 1, "--yes", "--out", out)
+    done = in_bare_environment("motorprior.hardware", "record", "--port", pupper.port, *settings)
+    assert done.returncode == 0 and f"recorded {out / 'run.csv'}" in done.stderr, done.stderr
+    log = read_robot_run(out / "run.csv")
+    assert 0.9 < log.duration < 1.1 and log.joint_torque is not None and (out / "run.json").is_file()
 
 
 @pytest.mark.parametrize(

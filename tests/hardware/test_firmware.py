@@ -1,12 +1,17 @@
 """The virtual robot behaves as the firmware is known to."""
 
+import os
+import time
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from motorprior.hardware.firmware import ERROR, HOLDING, HOMING, IDLE, POSITION, Firmware, FirmwareConfig
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.injected import Fault, FaultySensors, NoisyLine, parse_fault
+from motorprior.hardware.injected import CommandCutter, Fault, FaultySensors, NoisyLine, parse_fault
 from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.virtual_pupper import VirtualPupper
 from motorprior.robots.pupper_v2 import spec
 
 NOMINAL = spec.JOINT_SIGNS * spec.NOMINAL_POSE
@@ -140,6 +145,37 @@ def test_a_line_does_what_it_is_told():
     slow.put(b"ab", 1.0)
     assert twice.take(0.0) == b"abab"
     assert (slow.due(), slow.take(1.49), slow.take(1.5), slow.take(9.0)) == (1.5, b"", b"ab", b"")
+
+
+def test_a_command_is_cut_out_of_whatever_chunks_it_came_in():
+    frames = [command_frame(Command(pos=NOMINAL + 0.01 * n)) for n in range(20)]
+    stream, cutter, rng = b"".join(frames), CommandCutter(), np.random.default_rng(0)
+    cuts = [0, *sorted(rng.integers(0, len(stream), 30)), len(stream)]
+    assert [piece for a, b in pairwise(cuts) for piece in cutter.cut(stream[a:b])] == frames
+
+
+def test_bytes_that_are_no_command_are_passed_on_as_they_are():
+    frame, cutter = command_frame(Command(idle=True)), CommandCutter()
+    junk = b"junk" + frame + b"\x00\x00" + frame + b"\r\n"
+    pieces = cutter.cut(junk)
+    assert b"".join(pieces) == junk and pieces.count(frame) == 2
+
+
+def test_noise_hits_every_command_by_itself_even_if_two_were_read_at_once(still_body):
+    """The share of --drop is one of commands, not of what a busy robot happens to read."""
+    line = NoisyLine(drop=0.5, rng=np.random.default_rng(0))
+    pupper = VirtualPupper(still_body, FirmwareConfig(homes=False), to_robot=line)
+    host, arrived = os.open(pupper.port, os.O_WRONLY | os.O_NOCTTY), []
+    pupper.started = pupper._switched_on = time.monotonic()
+    for _ in range(100):
+        before = len(pupper.events)
+        os.write(host, 2 * command_frame(Command(pos=NOMINAL)))
+        while pupper.received < 2 * (len(arrived) + 1) * len(command_frame(Command(pos=NOMINAL))):
+            pupper._turn()
+        arrived.append(sum(what == "target" for _, what in pupper.events[before:]))
+    os.close(host)
+    pupper._unplug()
+    assert 70 < sum(arrived) < 130 and 25 < arrived.count(1) < 75
 
 
 def test_faults_begin_at_their_time(still_body):

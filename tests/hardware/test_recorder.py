@@ -85,6 +85,31 @@ def test_damage_before_the_last_line_is_named(tmp_path: Path):
         read_robot_run(path)
 
 
+@pytest.mark.parametrize("period", [None, 0.002])
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("time", 0.06, r"row 6: time 0\.060 s does not increase after 0\.060 s"),
+        ("time", 0.01, r"row 6: time 0\.010 s does not increase"),
+        ("time", np.nan, "row 6, time is nan"),
+        ("joint_pos/FR_knee", np.nan, "row 6, joint_pos/FR_knee is nan"),
+        ("yaw", np.inf, "row 6, yaw is inf"),
+        ("target_since", np.nan, "row 6, target_since is nan"),
+    ],
+)
+def test_what_cannot_have_been_recorded_is_named(
+    tmp_path: Path, period: float | None, column: str, value: float, words: str
+):
+    path = recorded(tmp_path / "run.csv")
+    header, *rows = path.read_text().splitlines()
+    cells = rows[6].split(",")
+    cells[header.split(",").index(column)] = str(value)
+    rows[6] = ",".join(cells)
+    path.write_text("\n".join([header, *rows]) + "\n")
+    with pytest.raises(LogError, match=f"{words}.*delete the row"):
+        read_robot_run(path, period=period)
+
+
 def test_pauses_and_other_modes_start_new_segments(tmp_path: Path):
     recorder = Recorder(tmp_path / "run.csv")
     for step in range(400):
@@ -102,6 +127,8 @@ def test_a_recording_without_a_moving_robot_is_refused(tmp_path: Path):
     path = recorded(tmp_path / "run.csv", mode=Mode.CROUCH)
     with pytest.raises(LogError, match="no row in which the robot walked"):
         read_robot_run(path)
+    with pytest.raises(LogError, match="no row in which the robot stood up"):
+        read_robot_run(path, (Mode.RAMP,))
 
 
 def test_nothing_is_overwritten_and_nothing_empty_is_left(tmp_path: Path):
@@ -109,7 +136,15 @@ def test_nothing_is_overwritten_and_nothing_empty_is_left(tmp_path: Path):
     with pytest.raises(ArtifactError, match="exists already"):
         Recorder(path)
     Recorder(tmp_path / "b.csv").close()
-    assert not (tmp_path / "b.csv").exists()
+    Recorder(tmp_path / "runs" / "deploy" / "b.csv").close()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a"]
+    (tmp_path / "mine").mkdir()
+    Recorder(tmp_path / "mine" / "b.csv").close()
+    assert (tmp_path / "mine").is_dir(), "somebody else made it"
+    kept = Recorder(tmp_path / "kept" / "run" / "b.csv")
+    (tmp_path / "kept" / "run" / "notes").touch()
+    kept.close()
+    assert (tmp_path / "kept" / "run" / "notes").exists()
 
 
 @pytest.mark.parametrize("room", [0, 100, 5000], ids=["for nothing", "for half a header", "for some lines"])
@@ -133,5 +168,9 @@ def test_idle_time_is_not_recorded(tmp_path: Path):
 def test_a_recording_is_known_by_its_first_line(tmp_path: Path):
     assert is_robot_run(recorded(tmp_path / "run.csv"))
     (tmp_path / "other.csv").write_text("t_s,q_des_0\n")
-    assert not is_robot_run(tmp_path / "other.csv") and not is_robot_run(tmp_path / "none.csv")
+    assert not is_robot_run(tmp_path / "other.csv")
+    with pytest.raises(LogError, match=r"none\.csv: cannot read"):
+        is_robot_run(tmp_path / "none.csv")
+    with pytest.raises(LogError, match=r"none\.csv: cannot read"):
+        read_robot_run(tmp_path / "none.csv")
     assert len(run_columns(True)) == len(run_columns(False)) + 12

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware import safety
-from motorprior.hardware.health import Extras, Pace, Tilt, Tracking
+from motorprior.hardware.health import Extras, FrozenImu, Pace, Tilt, Tracking
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety import SafetyGate
 from motorprior.robots.pupper_v2 import spec
@@ -97,10 +97,21 @@ def test_a_fault_that_leaves_time_lets_the_way_down_pass_slowly():
     gate = armed()
     gate.shut(RobotFault("battery", "empty", safe_state="crouch"))
     gate.let_down()
-    gate.slow_down()
+    gate.slow = True
     command = gate.admit(spec.CROUCH_POSE, 0.01)
     moved = np.abs(spec.JOINT_SIGNS * command.pos - spec.NOMINAL_POSE).max()
     assert moved == pytest.approx(LIMITS.slow_speed * 0.01)
+
+
+def test_slow_ends_and_counts_nothing():
+    gate = armed()
+    gate.slow = True
+    gate.admit(spec.CROUCH_POSE, 0.01)
+    assert gate.slew_clips == 0
+    gate.slow = False
+    assert gate.target is not None
+    moved = gate.target + 0.5
+    np.testing.assert_allclose(spec.JOINT_SIGNS * gate.admit(moved, 0.02).pos, moved)
 
 
 def test_nothing_passes_before_somebody_took_hold():
@@ -126,6 +137,25 @@ def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
         tracking.check(joint + 0.2, wanted, 0.01 * step)
 
 
+@pytest.mark.parametrize(("kp", "kd"), [(10.0, 6.0), (60.0, 1.0)])
+def test_the_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: float):
+    """A soft joint that follows in its own time is well; a stiff one that follows like a soft one is not."""
+
+    def follows(lag: float) -> bool:
+        tracking, joint = Tracking(LIMITS), np.zeros(12)
+        tracking.begin(kd / kp)
+        try:
+            for step in range(300):
+                joint = joint + (1 - np.exp(-0.01 / lag)) * (1.3 - joint)
+                tracking.check(joint, np.full(12, 1.3), 0.01 * step)
+        except RobotFault:
+            return False
+        return True
+
+    assert follows(kd / kp)
+    assert not follows(36.0 * kd / kp)
+
+
 def test_a_joint_that_stands_still_under_a_still_target_is_well():
     tracking = Tracking(LIMITS)
     for step in range(500):
@@ -142,6 +172,32 @@ def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
             wanted[4] = 0.8
             tracking.check(joint, wanted, 0.01 * step)
     assert caught.value.safe_state == "idle"
+
+
+def alive(step: int) -> Telemetry:
+    noise = 1e-3 * (1 + step % 7)
+    return telemetry(roll=noise, pitch=noise, roll_rate=noise)
+
+
+FROZEN = {"the same": telemetry(roll=0.01, pitch=0.02, roll_rate=0.1), "zeros": telemetry()}
+
+
+@pytest.mark.parametrize("frozen", FROZEN.values(), ids=FROZEN)
+def test_an_imu_that_was_alive_and_stops_is_a_fault(frozen: Telemetry):
+    imu = FrozenImu(LIMITS)
+    for step in range(100):
+        imu.check(alive(step), 0.01 * step)
+    with pytest.raises(RobotFault, match="frozen IMU") as caught:
+        for step in range(100, 100 + round(100 * LIMITS.imu_time) + 2):
+            imu.check(frozen, 0.01 * step)
+    assert caught.value.safe_state == "crouch"
+
+
+def test_an_imu_that_never_was_alive_is_none_also_if_a_frame_is_damaged():
+    """A firmware that does not read it: that was said before arming."""
+    imu = FrozenImu(LIMITS)
+    for step in range(2000):
+        imu.check(telemetry(pitch=0.3) if step % 50 == 0 else telemetry(), 0.01 * step)
 
 
 def test_some_late_steps_are_allowed_and_many_are_not():

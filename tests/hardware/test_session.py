@@ -3,10 +3,13 @@
 import contextlib
 import os
 import pty
+import select
 import signal
 import struct
+import threading
 import time
-from collections.abc import Callable
+import tty
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +17,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motorprior.cli.motors import load_robot_fleet
+from motorprior.cli.twin_body import TwinBody, draw_motors
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.commands import careful, run_doctor, run_record
+from motorprior.hardware.commands import run_doctor, run_record
+from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.doctor import examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.firmware import IDLE
-from motorprior.hardware.motions import Walker, ramp
+from motorprior.hardware.firmware import IDLE, FirmwareConfig
+from motorprior.hardware.motions import Walker, played, ramp
 from motorprior.hardware.pilot import Pilot
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest, first_look, look_and_confirm
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.terminal import careful
+from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
@@ -62,6 +70,39 @@ def test_a_robot_that_moves_by_itself_is_not_armed(virtual: Callable, host: Call
     pupper.firmware._target = spec.JOINT_SIGNS * spec.NOMINAL_POSE  # it gets up
     with pytest.raises(RobotFault, match=r"moved .* this host sent nothing.*homed"):
         first_look(robot, True)
+    assert pupper.received == 0
+
+
+@pytest.fixture
+def at_period() -> Iterator[Callable[[int], VirtualPupper]]:
+    """A virtual Pupper whose firmware sends every so many milliseconds, which the command line does not offer."""
+    ends = []
+
+    def start(period: int) -> VirtualPupper:
+        body = TwinBody(draw_motors(load_robot_fleet("pupper_v2"), 0), False, 0)
+        pupper = VirtualPupper(body, FirmwareConfig(telemetry_period=period, homes=False))
+        ends.append(in_thread(pupper))
+        return pupper
+
+    yield start
+    for end in ends:
+        end()
+
+
+@pytest.mark.flaky(reruns=2)
+@pytest.mark.parametrize(("period", "well"), [(20, False), (15, False), (10, True), (5, True)])
+def test_telemetry_slower_than_the_control_period_is_refused(
+    at_period: Callable, host: Callable, period: int, well: bool
+):
+    """By the robot's own clock: what waited in a buffer meanwhile makes no rate."""
+    pupper = at_period(period)
+    robot = host(pupper.port)
+    time.sleep(0.3)
+    if well:
+        first_look(robot, True)
+    else:
+        with pytest.raises(RobotFault, match=r"80 per second are the least.*PRINT_DELAY"):
+            first_look(robot, True)
     assert pupper.received == 0
 
 
@@ -111,12 +152,34 @@ def test_the_doctor_finds_what_is_wrong(virtual: Callable, host: Callable):
     assert ill["currents"].finding == "not sent (position only)" and healthy.received == sick.received == 0
 
 
+@pytest.mark.parametrize(("kind", "said"), [("numb", "have been the same for 0.3"), ("blind", "have been the same")])
+def test_the_doctor_sees_an_imu_that_stopped(virtual: Callable, host: Callable, kind: str, said: str):
+    """Other than zero is not alive: a frozen sensor repeats its last words."""
+    pupper = virtual()
+    robot = host(pupper.port)
+    timer = threading.Timer(0.5, lambda: pupper.break_down(kind))
+    timer.start()
+    (imu,) = (one for one in examine(robot, 1.5) if one.check == "IMU")
+    timer.join()
+    assert not imu.well and said in imu.finding and imu.remedy
+
+
 def test_the_doctor_takes_the_current_away_when_asked(virtual: Callable, when: Callable):
     pupper = virtual()
     found = run_doctor(pupper.port, 1.0, idle=True)
     assert {one.check for one in found if not one.well} <= {f"joint {name}" for name in spec.JOINT_NAMES}, "it sank"
     when(pupper, IDLE)
     assert {what for _, what in pupper.events} == {IDLE}
+
+
+def test_a_device_that_is_no_robot_is_sent_nothing():
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    with pytest.raises(RobotFault, match="stale telemetry"):
+        run_doctor(os.ttyname(slave), 1.0, idle=True)
+    assert not select.select([master], [], [], 0.1)[0]
+    os.close(master)
+    os.close(slave)
 
 
 def test_signals_after_the_second_one_are_too_late_to_hinder():
@@ -238,6 +301,20 @@ def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
     policy = Policy.load(trot)
     assert (gains_for(policy).kp, gains_for(policy).kd) == (50.0, 5.0)
     assert (gains_for(policy, 22.0, 2.2).kp, gains_for(policy, 22.0, 2.2).kd) == (22.0, 2.2)
+
+
+@pytest.mark.flaky(reruns=2)
+def test_a_soft_joint_may_take_its_time(still_body, host: Callable):
+    """With 10 A/rad and 6 A·s/rad a joint needs 0.6 s, not 0.1 s: that is no fault."""
+    pupper = VirtualPupper(still_body, FirmwareConfig(homes=False, with_imu=False))
+    end = in_thread(pupper)
+    robot = host(pupper.port)
+    robot.arm(10.0, 6.0, 7.0)
+    ControlLoop(robot, robot.limits, spec.CONTROL_DT, lambda: False).play(
+        played(np.tile(spec.NOMINAL_POSE - np.tile([0.0, 1.6, 0.0], 4), (150, 1))), Mode.EXCITE
+    )
+    robot.idle()
+    end()
 
 
 def test_gains_reach_the_robot_in_commands_of_their_own_and_again(

@@ -52,6 +52,17 @@ def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
     assert knee == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("roll", "pitch", "words"), [(0.3, 0.0, r"roll is 0\.3. rad"), (0.0, -0.2, r"pitch is 0\.(2.|19) rad")]
+)
+def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pitch: float, words: str):
+    log, _ = moved(0.0, 0.01)
+    sway = 0.1 * np.sin(np.linspace(0.0, 20.0, log.num_rows))[:, None]
+    with_loads(replace(log, base_orientation=np.array([0.02, -0.02]) + sway))
+    with pytest.raises(LogError, match=f"{words} off level.*hang the robot up"):
+        with_loads(replace(log, base_orientation=np.array([roll, pitch]) + sway))
+
+
 def test_another_robot_is_refused():
     log, _ = moved(0.0, 0.01)
     for other in (replace(log, joint_vel=None), log.joint(0)):

@@ -11,13 +11,13 @@ import tyro
 
 from motorprior.cli.console import CONSOLE, table
 from motorprior.cli.robot_choice import RobotChoice
-from motorprior.hardware.settings import DeploySettings
+from motorprior.hardware.settings import DeploySettings, require_robot_extra
 from motorprior.locomotion.policy import Policy
 
 
 @dataclass(frozen=True)
 class Deploy:
-    """Walk a robot: doctor, arm, stand up, walk, sit down, record."""
+    """Walk a robot: look at it, arm, stand up, walk, sit down, record."""
 
     policy: tyro.conf.Positional[Path]
     """Policy that `motorprior walk` wrote."""
@@ -31,9 +31,12 @@ def run_deploy_command(config: Deploy) -> None:
     """Deploy and print how well the clock was kept.
 
     Raises:
+        ConfigError: pyserial or msgpack is not installed.
         ConfigError, ArtifactError, RobotFault: see `hardware.commands.run_deploy`.
     """
-    from motorprior.hardware.commands import careful, run_deploy
+    require_robot_extra()
+    from motorprior.hardware.commands import run_deploy
+    from motorprior.hardware.terminal import careful
 
     Policy.load(config.policy)  # before a virtual robot is started for nothing
     say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)

@@ -9,6 +9,7 @@ import tyro
 
 from motorprior.cli.console import table
 from motorprior.cli.robot_choice import RobotChoice
+from motorprior.hardware.settings import require_robot_extra
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,10 @@ def run_doctor_command(config: Doctor) -> None:
     """Print every finding.
 
     Raises:
+        ConfigError: pyserial or msgpack is not installed.
         RobotFault: after the table, if something is not as it should be.
     """
+    require_robot_extra()
     from motorprior.hardware.commands import require_well, run_doctor
 
     with config.choice.open() as port:

@@ -13,7 +13,7 @@ from motorprior.logs.checks import check_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log, write_log
 from motorprior.logs.pupper_import import read_pupper_log
-from motorprior.logs.robot_run import is_robot_run, read_robot_run
+from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 
 
@@ -36,8 +36,8 @@ class LogsImport:
     period: float | None = None
     """Sample period of the result [s], for recordings of a robot; as recorded if not given."""
     hung: bool = False
-    """The robot hung in the air with its body level: add the load of every motor, which `adapt` needs. Every 2 ms
-    unless --period says otherwise."""
+    """A recording of `motorprior record` for which the robot hung in the air with its body level: add the load of every
+    motor, which `adapt` needs. Every 2 ms unless --period says otherwise."""
 
 
 def read_any(path: Path) -> MotorLog:
@@ -106,9 +106,9 @@ def _imported(path: Path, config: LogsImport) -> MotorLog:
             "--period and --hung are for recordings of `motorprior record` and `deploy`", where=path,
             remedy="leave them out",
         )  # fmt: skip
-    log = read_robot_run(path, period=config.period or spec.PHYSICS_DT)
+    period = config.period or spec.PHYSICS_DT
     if not config.hung:
-        return log
+        return read_robot_run(path, period=period)
     from motorprior.simulation.hung_load import with_loads
 
-    return with_loads(log)
+    return with_loads(read_robot_run(path, (Mode.EXCITE,), period))

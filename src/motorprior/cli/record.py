@@ -10,7 +10,7 @@ import tyro
 
 from motorprior.cli.console import CONSOLE
 from motorprior.cli.robot_choice import RobotChoice
-from motorprior.hardware.settings import RecordSettings
+from motorprior.hardware.settings import RecordSettings, require_robot_extra
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,12 @@ def run_record_command(config: Record) -> None:
     """Record, and say where.
 
     Raises:
+        ConfigError: pyserial or msgpack is not installed.
         ConfigError, ArtifactError, RobotFault: see `hardware.commands.run_record`.
     """
-    from motorprior.hardware.commands import careful, run_record
+    require_robot_extra()
+    from motorprior.hardware.commands import run_record
+    from motorprior.hardware.terminal import careful
 
     say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
     settings, choice = config.settings, config.choice

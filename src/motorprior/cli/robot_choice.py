@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 from motorprior.cli.virtual_pupper import Virtual, living
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.settings import require_robot_extra
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,6 @@ class RobotChoice:
             ConfigError: both a port and a virtual robot, none, or several ports.
             RobotFault: the virtual robot did not start.
         """
-        require_robot_extra()
         if self.virtual and self.port is not None:
             raise ConfigError(f"--port {self.port} and --virtual", remedy="give one of them")
         if not self.virtual and self.robot != Virtual():

@@ -7,6 +7,7 @@ import numpy as np
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Fleet
 from motorprior.hardware.firmware import Drive, Sensors
+from motorprior.hardware.servo_law import servo_current
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.live_robot import LiveRobot
 
@@ -55,8 +56,7 @@ class TwinBody:
         pos, vel = spec.JOINT_SIGNS * state.joint_pos, spec.JOINT_SIGNS * state.joint_vel
         current = np.zeros(spec.NUM_JOINTS)
         if (drive := self._drive) is not None:
-            wanted = drive.kp * (drive.target - pos) - drive.kd * vel
-            current = np.clip(wanted, -drive.max_current, drive.max_current)
+            current = servo_current(drive.target, pos, vel, drive.kp, drive.kd, drive.max_current)
         return Sensors(pos, vel, current, state.attitude, state.rates)
 
 

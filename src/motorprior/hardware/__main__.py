@@ -13,9 +13,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from motorprior.exceptions import MotorPriorError
-from motorprior.hardware.commands import careful, require_well, run_deploy, run_doctor, run_record, the_port
-from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.exceptions import ConfigError, MotorPriorError
+from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
+from motorprior.hardware.terminal import Say, careful
 
 SECONDS = 3.0
 IDLE_FIRST = "take the current from the motors first, so that legs can be moved by hand; a standing robot sinks"
@@ -63,11 +63,12 @@ def _texts(settings: type) -> dict[str, str]:
 
 def main() -> None:
     """Run a command line; exit code 2 and one line on bad input or a robot fault."""
-    arguments = vars(parser().parse_args())
     say = careful(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
-    command, port, policy = arguments.pop("command"), arguments.pop("port"), arguments.pop("policy", None)
     try:
-        _run(command, the_port(port), policy, arguments, say)
+        _require_no_virtual_robot(sys.argv[1:])
+        arguments = vars(parser().parse_args())
+        require_robot_extra()
+        _run(arguments.pop("command"), arguments.pop("port"), arguments.pop("policy", None), arguments, say)
     except (MotorPriorError, OSError) as error:
         say(f"error: {error}")
         raise SystemExit(2) from None
@@ -75,7 +76,21 @@ def main() -> None:
         raise SystemExit(130) from None
 
 
-def _run(command: str, port: str, policy: Path | None, arguments: dict[str, Any], say: Any) -> None:
+def _require_no_virtual_robot(words: list[str]) -> None:
+    """Refuse what is a command elsewhere, but not on a computer without a simulator.
+
+    Raises:
+        ConfigError: a virtual robot was asked for.
+    """
+    asked = [word for word in words if word == "--virtual" or word.startswith("--robot.")]
+    if asked:
+        raise ConfigError(f"{asked[0]} needs the simulator", remedy="pip install 'motorprior[full,robot]'")
+
+
+def _run(command: str, given: str | None, policy: Path | None, arguments: dict[str, Any], say: Say) -> None:
+    from motorprior.hardware.commands import require_well, run_deploy, run_doctor, run_record, the_port
+
+    port = the_port(given)
     if command == "deploy" and policy is not None:
         figures = run_deploy(policy, port, DeploySettings(**arguments), say)
         for name, value in figures.items():

@@ -5,31 +5,29 @@ The command line `motorprior` and, on the robot's own computer, `python -m motor
 
 from __future__ import annotations
 
-import contextlib
-import select
-import sys
-from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TextIO
 
-from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware import deploy, record
+from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.pilot import KEYS, pilot
+from motorprior.hardware.pilot import pilot
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot import Robot
+from motorprior.hardware.run_facts import RunFacts
 from motorprior.hardware.serial_link import SerialLink, find_ports
-from motorprior.hardware.session import Gains, StopRequest, stop_on_signals
+from motorprior.hardware.session import Gains, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_somebody
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
 
-LOG, FACTS = "run.csv", "run.json"
-Say = Callable[[str], None]
+LOG = "run.csv"
+_BELIEVED = 0.3
+"""Time in which a robot shows that it is one [s]."""
 
 
 def the_port(port: str | None) -> str:
@@ -68,24 +66,25 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
             steps = deploy.rehearse(robot, policy, stop, settings.seconds or 5.0, say)
         say(f"dry run: {steps} control steps, nothing was sent")
         return {}
-    _require_somebody(settings.yes)
+    require_somebody(settings.yes)
     out = settings.out or _dated("deploy")
-    with Robot(SerialLink(port), recorder=Recorder(out / LOG)) as robot, stop_on_signals() as stop:
+    facts, timing = RunFacts(out), Timing()
+    robot = Robot(SerialLink(port), recorder=Recorder(out / LOG))
+    with robot, stop_on_signals() as stop, facts.kept(robot, timing, policy.control_dt):
 
         def confirm() -> None:
-            ask_to_arm(stop, settings.yes, say)
-            facts = {"policy": str(path), "provenance": dict(policy.provenance)}
-            _write_facts(out, "deploy", port, settings, gains, facts)
+            ask_to_arm(stop, settings.yes, WALKING, say)
+            more = {"policy": str(path), "provenance": dict(policy.provenance)}
+            facts.begin("deploy", port, settings, gains, robot, more)
 
         run = deploy.walk(
             robot, policy, gains, stop,
             seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            pilot=lambda: pilot(settings.throttle), status=say,
+            pilot=lambda: pilot(settings.throttle), status=say, timing=timing,
         )  # fmt: skip
-    figures = run.timing.figures(policy.control_dt)
+        facts.outcome = run.stopped_by
     say(f"stopped by {run.stopped_by or 'nobody'}; {out / LOG}")
-    write_json(out / "figures.json", figures)
-    return figures
+    return clock_figures([timing], policy.control_dt)
 
 
 def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
@@ -112,21 +111,25 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
         spec.CONTROL_DT,
         settings.seed,
     )
-    _require_somebody(settings.yes)
+    require_somebody(settings.yes)
     out = settings.out or _dated("record")
-    limits = spec.SAFETY if settings.standing else replace(spec.SAFETY, max_tilt=float("inf"))  # it may hang askew
+    limits = replace(spec.SAFETY, target_speed=settings.speed)
+    if not settings.standing:
+        limits = replace(limits, max_tilt=float("inf"))  # it may hang askew
+    facts, timing = RunFacts(out), Timing()
     robot = Robot(SerialLink(port), limits, Recorder(out / LOG))
-    with robot, stop_on_signals() as stop:
+    with robot, stop_on_signals() as stop, facts.kept(robot, timing, spec.CONTROL_DT):
 
         def confirm() -> None:
-            ask_to_arm(stop, settings.yes, say)
-            _write_facts(out, "record", port, settings, gains, {})
+            ask_to_arm(stop, settings.yes, STANDING if settings.standing else HUNG, say)
+            facts.begin("record", port, settings, gains, robot)
 
         record.excite(
             robot, targets, settings.speed, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
-            confirm=confirm, status=say,
+            confirm=confirm, status=say, timing=timing,
         )  # fmt: skip
+        facts.outcome = stop.reason or "time"
     return out / LOG
 
 
@@ -140,6 +143,7 @@ def run_doctor(port: str, seconds: float, idle: bool) -> list[Diagnosis]:
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with Robot(SerialLink(port)) as robot:
         if idle:
+            examine(robot, _BELIEVED)  # an unknown device at the port gets no bytes
             robot.relax()
         return examine(robot, seconds)
 
@@ -155,56 +159,11 @@ def require_well(found: list[Diagnosis]) -> None:
         raise RobotFault("doctor", f"{', '.join(bad)}: not as it should be", remedy="see the remedies above")
 
 
-def ask_to_arm(stop: StopRequest, yes: bool, say: Say) -> None:
-    """Wait until somebody types ``arm``.
-
-    Raises:
-        RobotFault: something else was typed, or a signal came.
-    """
-    if yes:
-        return
-    say(f"Stand clear, one hand at the power switch. Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it.")
-    say("Type arm and press Enter:")
-    while not stop():
-        if select.select([sys.stdin], [], [], 0.1)[0]:
-            if sys.stdin.readline().strip() == "arm":
-                return
-            break
-    raise RobotFault("not armed", "nobody typed arm; nothing was sent", remedy="run the command again when ready")
-
-
-def careful(say: Say, file: TextIO) -> Say:
-    """The same words, unless the terminal or pipe behind ``file`` is gone or full: no reason to stop, or to wait.
-
-    A control loop that waits for a terminal (Ctrl-S, a pager) would be idled by the watchdog.
-    """
-
-    def speak(text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            if _takes_more(file):
-                say(text)
-
-    return speak
-
-
-def _takes_more(file: TextIO) -> bool:
-    try:
-        number = file.fileno()
-    except (OSError, ValueError):  # a notebook's, or a test's: no terminal, never full
-        return True
-    return bool(select.select([], [number], [], 0.0)[1])
-
-
 def _amplitude(settings: RecordSettings) -> float:
     """What the ground lets pass is less than what the air does: feet that are pushed into it look blocked."""
     if settings.amplitude is not None:
         return settings.amplitude
     return 0.1 if settings.standing else 0.4
-
-
-def _require_somebody(yes: bool) -> None:
-    if not yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError("nobody is at the terminal to arm the robot", remedy="give --yes if that is meant")
 
 
 def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:
@@ -223,18 +182,3 @@ def _require_gains(gains: Gains) -> None:
 
 def _dated(command: str) -> Path:
     return Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
-
-
-def _write_facts(out: Path, command: str, port: str, settings: Any, gains: Gains, more: dict[str, Any]) -> None:
-    """Everything that a reader of the recording may ask later."""
-    plain = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(settings).items()}
-    facts = {
-        "command": command,
-        "port": port,
-        "robot": spec.ROBOT_NAME,
-        "started": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "settings": plain,
-        "gains": asdict(gains),
-        "safety": asdict(spec.SAFETY),
-    }
-    write_json(out / FACTS, facts | more)

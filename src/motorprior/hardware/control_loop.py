@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,43 +29,50 @@ class Timing:
 
     Attributes:
         sent: when its command left.
-        delay: of its beginning behind its time.
+        late: behind its time, when its command left.
         age: of the measurement it acted on, when its command left.
         stamp: the robot's time stamp of that measurement.
         skipped: steps that were left out because the one before took too long.
+        broken_off: how late the step was that a fault ended instead of a command; None if there was none.
     """
 
     sent: array = field(default_factory=lambda: array("d"))
-    delay: array = field(default_factory=lambda: array("d"))
+    late: array = field(default_factory=lambda: array("d"))
     age: array = field(default_factory=lambda: array("d"))
     stamp: array = field(default_factory=lambda: array("d"))
     skipped: int = 0
+    broken_off: float | None = None
 
-    def add(self, sent: float, delay: float, measurement: Measurement) -> None:
+    def add(self, sent: float, late: float, measurement: Measurement) -> None:
         """One more step."""
         self.sent.append(sent)
-        self.delay.append(delay)
+        self.late.append(late)
         self.age.append(sent - measurement.sampled)
         self.stamp.append(1e-3 * measurement.telemetry.ts)
 
-    def figures(self, period: float) -> dict[str, float]:
-        """Jitter of the period, share of missed deadlines, age of the telemetry.
 
-        period_jitter_ms/Q: quantile Q of |time between two commands - period|. missed_share: steps that were skipped or
-        whose command left more than half a period late. telemetry_age_ms/Q: of the measurement acted on.
-        """
-        if len(self.sent) < 2:
-            return {}
-        jitter = 1e3 * np.abs(np.diff(self.sent) - period)
-        age, delay = 1e3 * np.asarray(self.age), np.asarray(self.delay)
-        late = int(np.count_nonzero(delay > 0.5 * period)) + self.skipped
-        quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
-        return {
-            **{f"period_jitter_ms/{name}": float(np.percentile(jitter, q)) for name, q in quantiles.items()},
-            "missed_share": late / (len(self.sent) + self.skipped),
-            **{f"telemetry_age_ms/{name}": float(np.percentile(age, q)) for name, q in quantiles.items()},
-            "control_steps": float(len(self.sent)),
-        }
+def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
+    """Jitter of the period, share of missed deadlines, age of the telemetry, over one or more runs.
+
+    period_jitter_ms/Q: quantile Q of |time between two commands - period|. missed_share: steps that were skipped or
+    whose command left more than half a period late. telemetry_age_ms/Q: of the measurement acted on. A step that a
+    fault ended counts in the first two as if its command had left when the fault was found: the worst step of a run
+    must not be missing. What lies between two runs is no jitter.
+    """
+    runs = [run for run in runs if len(run.sent) >= 2]
+    if not runs:
+        return {}
+    broken_off = [run.broken_off for run in runs if run.broken_off is not None]
+    jitter = np.concatenate([*(np.diff(run.sent) - period for run in runs), broken_off])
+    late, age = np.concatenate([*(run.late for run in runs), broken_off]), np.concatenate([run.age for run in runs])
+    skipped = sum(run.skipped for run in runs)
+    quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
+    return {
+        **{f"period_jitter_ms/{name}": 1e3 * float(np.percentile(np.abs(jitter), q)) for name, q in quantiles.items()},
+        "missed_share": (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped),
+        **{f"telemetry_age_ms/{name}": 1e3 * float(np.percentile(age, q)) for name, q in quantiles.items()},
+        "control_steps": float(sum(len(run.sent) for run in runs)),
+    }
 
 
 class ControlLoop:
@@ -108,15 +115,18 @@ class ControlLoop:
         measurement, self.timing = None, timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
-            self._robot.listen(self._deadline)
-            delay = time.monotonic() - self._deadline
-            self._pace.check(delay)
-            measurement = self._robot.check()
-            target = motion(measurement)
-            if target is None:
-                return measurement
-            sent = self._robot.send(target, mode)
-            self.timing.add(sent, delay, measurement)
+            try:
+                self._robot.listen(self._deadline)
+                measurement = self._robot.check()
+                target = motion(measurement)
+                if target is None:
+                    return measurement
+                sent = self._robot.send(target, mode)
+            except Exception:
+                self.timing.broken_off = max(0.0, time.monotonic() - self._deadline)
+                raise
+            self.timing.add(sent, sent - self._deadline, measurement)
+            self._pace.check(sent - self._deadline)
             after_step(measurement)
             self._next_deadline(measurement)
         return measurement
@@ -128,7 +138,7 @@ class ControlLoop:
         self._deadline += self._period - min(_LARGEST_SHIFT, max(-_LARGEST_SHIFT, wanted))
         behind = time.monotonic() - self._deadline
         if behind > 0.0:
-            self._pace.check(behind + self._period)  # this step took so long that the next one is left out
             skipped = math.ceil(behind / self._period)
             self._deadline += skipped * self._period
             self.timing.skipped += skipped
+            self._pace.check(behind + self._period)  # this step took so long that the next one is left out

@@ -175,7 +175,7 @@ def _status_line(robot: Robot, walker: Walker, status: Callable[[str], None]) ->
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
-            f"{0.01 * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  throttle "
+            f"{spec.CONTROL_DT * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  throttle "
             f"{walker.throttle:.1f}  telemetry {age:.0f} ms old, damaged {robot.rejected + stream.impossible}{battery}"
         )
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.health import is_imu_alive
+from motorprior.hardware.health import FrozenImu, is_imu_alive
+from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot import Robot
 from motorprior.robots.pupper_v2 import spec
 
@@ -41,28 +42,25 @@ def examine(robot: Robot, seconds: float) -> list[Diagnosis]:
         RobotFault: the port is gone, or nothing came that can be read.
     """
     started, before = time.monotonic(), robot.stream.accepted
-    ages, poses, worst_age = [], [], 0.0
+    ages, heard, worst_age = [], [], 0.0
     while time.monotonic() < started + seconds:
         robot.listen(time.monotonic() + 0.005)
         latest = robot.stream.latest
         if latest is not None:
             worst_age = max(worst_age, time.monotonic() - latest.sampled)
             ages.append(latest.arrival - latest.sampled)
-            poses.append(latest.telemetry.pos)
-    latest = robot.stream.latest
-    if latest is None:
-        heard = f"{len(robot.text)} lines of text" if robot.text else "nothing that is a frame"
+            heard.append(latest.telemetry)
+    if not heard:
+        text = f"{len(robot.text)} lines of text" if robot.text else "nothing that is a frame"
         raise RobotFault(
-            "stale telemetry", f"{heard} in {seconds:g} s", remedy="check power, cable and the firmware's version"
+            "stale telemetry", f"{text} in {seconds:g} s", remedy="check power, cable and the firmware's version"
         )
-    telemetry = latest.telemetry
     return [
         _frames(robot, (robot.stream.accepted - before) / seconds),
         Diagnosis("telemetry", f"{1e3 * np.median(ages):.1f} ms on the way, {1e3 * worst_age:.0f} ms old at most",
                   worst_age < spec.SAFETY.telemetry_age, "close other programs, use another cable or port"),
-        Diagnosis("IMU", f"roll {telemetry.roll:+.3f} rad, pitch {telemetry.pitch:+.3f} rad", is_imu_alive(telemetry),
-                  "flash a firmware that reads the IMU; without it a fall cannot be seen"),
-        *_joints(np.array(poses)),
+        _imu(heard),
+        *_joints(np.array([telemetry.pos for telemetry in heard])),
         *_extras(robot),
         Diagnosis("text", robot.text[-1] if robot.text else "none", not any("ERROR" in line for line in robot.text),
                   "switch the robot off and on with its legs free"),
@@ -77,6 +75,19 @@ def _frames(robot: Robot, rate: float) -> Diagnosis:
         rate > 0.9 / spec.CONTROL_DT and damaged <= 0.01 * stream.accepted + 1,
         f"the policy needs {1 / spec.CONTROL_DT:.0f} per second; use another cable or port",
     )
+
+
+def _imu(heard: list[Telemetry]) -> Diagnosis:
+    """Alive, and not the same for longer than a walk would allow."""
+    frozen, last = FrozenImu(spec.SAFETY), heard[-1]
+    finding = f"roll {last.roll:+.3f} rad, pitch {last.pitch:+.3f} rad"
+    try:
+        for telemetry in heard:
+            frozen.check(telemetry, 1e-3 * telemetry.ts)
+    except RobotFault as fault:
+        return Diagnosis("IMU", f"{finding}; {fault.problem}", False, fault.remedy or "")
+    remedy = "flash a firmware that reads the IMU; without it a fall cannot be seen"
+    return Diagnosis("IMU", finding, is_imu_alive(last), remedy)
 
 
 def _joints(poses: np.ndarray) -> list[Diagnosis]:

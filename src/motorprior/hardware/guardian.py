@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import select
 import subprocess
@@ -15,6 +16,9 @@ from motorprior.hardware.protocol import IDLE
 
 _START = 10.0
 """Longest start of an interpreter [s]."""
+_PIPE, _BEAT = 4096, 40 * b"."
+"""A pipe of one page [bytes], and beats that fill it in about a second when nobody reads them: a watchdog that sleeps
+is found out. Where pages are larger, or a pipe cannot be made smaller, it takes up to 16 s."""
 
 
 class Guardian:
@@ -30,6 +34,9 @@ class Guardian:
 
     def __init__(self, port: int, timeout: float):
         beat_end, self._beats = os.pipe()
+        if hasattr(fcntl, "F_SETPIPE_SZ"):  # Linux
+            with contextlib.suppress(OSError):
+                fcntl.fcntl(self._beats, fcntl.F_SETPIPE_SZ, _PIPE)
         self._reports, report_end = os.pipe()
         script = str(Path(__file__).with_name("watchdog.py"))
         idle = command_frame(IDLE).hex()
@@ -56,10 +63,10 @@ class Guardian:
         """Say that the host is alive.
 
         Raises:
-            RobotFault: the watchdog has taken over the port, is dead, or has not read a beat for minutes.
+            RobotFault: the watchdog has taken over the port, is dead, or has not read a beat for a second.
         """
         try:
-            os.write(self._beats, b".")
+            os.write(self._beats, _BEAT)
         except (BrokenPipeError, BlockingIOError):
             raise _dead() from None
         ready, _, _ = select.select([self._reports], [], [], 0.0)
@@ -72,6 +79,10 @@ class Guardian:
         """Say goodbye; the robot must be idle by now."""
         with contextlib.suppress(OSError):
             os.write(self._beats, b"q")
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Close the pipe without a word: as after the death of the host, the watchdog sends idle for a second."""
         os.close(self._beats)
         try:
             self._process.wait(timeout=2.0)

@@ -41,10 +41,15 @@ class Tilt:
 
 
 class FrozenImu:
-    """An IMU that was alive says the same number again and again: a fall would not be seen."""
+    """An IMU that was alive says the same numbers again and again, or zeros: a fall would not be seen.
+
+    An IMU that never was alive is the business of `is_imu_alive`. To have been alive takes ``imu_time``: one damaged
+    frame of a firmware that reads no IMU is not life.
+    """
 
     def __init__(self, limits: SafetyLimits):
-        self._limits = limits
+        self._limits, self._lives = limits, _Lasting(limits.imu_time)
+        self._was_alive = False
         self._last: tuple[float, ...] = ()
         self._since = 0.0
 
@@ -52,7 +57,8 @@ class FrozenImu:
         """Raise once all six values have been the same for ``imu_time``."""
         values = (telemetry.roll, telemetry.pitch, telemetry.yaw)
         values += (telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate)
-        if values != self._last or not is_imu_alive(telemetry):
+        self._was_alive = self._lives(is_imu_alive(telemetry), now) or self._was_alive
+        if values != self._last or not self._was_alive:
             self._last, self._since = values, now
         elif now - self._since >= self._limits.imu_time:
             raise RobotFault(
@@ -66,15 +72,17 @@ class FrozenImu:
 class Tracking:
     """A joint is not where its target has been leading it.
 
-    reference += (1 - exp(-dt / lag)) (target - reference), lag = kd / kp: what a joint with these gains does.
+    reference += (1 - exp(-dt / lag)) (target - reference), lag = kd / kp of the gains that were sent: what a joint
+    with these gains does.
     """
 
     def __init__(self, limits: SafetyLimits):
         self._limits = limits
-        self.forget()
+        self.begin(spec.TRACKING_LAG)
 
-    def forget(self) -> None:
-        """Begin anew at the next measurement: the motors had no current until now."""
+    def begin(self, lag: float) -> None:
+        """Begin anew at the next measurement, with ``lag`` [s]: the motors had no current until now."""
+        self._lag = lag
         self._reference: np.ndarray | None = None
         self._last, self._away = 0.0, np.zeros(spec.NUM_JOINTS)
         self._windows: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -84,7 +92,7 @@ class Tracking:
         if self._reference is None:
             self._reference, self._last = joint_pos.copy(), now
         step, self._last = max(0.0, now - self._last), now
-        self._reference += (1.0 - math.exp(-step / spec.TRACKING_LAG)) * (target - self._reference)
+        self._reference += (1.0 - math.exp(-step / self._lag)) * (target - self._reference)
         error = np.abs(joint_pos - self._reference)
         self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
         worst = int(np.argmax(self._away))
@@ -176,22 +184,20 @@ class Pace:
 
     def __init__(self, limits: SafetyLimits, period: float):
         self._limits, self._period, self._recent = limits, period, [False] * 100
-        self._count = self.late = 0
+        self._count = 0
 
-    def check(self, delay: float) -> None:
-        """Count one control step that came ``delay`` [s] after its time.
+    def check(self, late: float) -> None:
+        """Count one control step whose command left ``late`` [s] after its time.
 
         Raises:
             RobotFault: one step far too late, or too many late ones; the robot sits down.
         """
-        missed = delay > 0.5 * self._period
-        self.late += missed
-        self._recent[self._count % len(self._recent)] = missed
+        self._recent[self._count % len(self._recent)] = late > 0.5 * self._period
         self._count += 1
-        if delay > self._limits.tick_delay or sum(self._recent) > self._limits.late_ticks:
+        if late > self._limits.tick_delay or sum(self._recent) > self._limits.late_ticks:
             raise RobotFault(
                 "slow host",
-                f"a control step came {1e3 * delay:.0f} ms late, {sum(self._recent)} of the last hundred were late",
+                f"a control step came {1e3 * late:.0f} ms late, {sum(self._recent)} of the last hundred were late",
                 safe_state="crouch",
                 remedy="close other programs on this computer",
             )

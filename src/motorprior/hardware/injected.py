@@ -10,16 +10,19 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.firmware import Sensors
+from motorprior.hardware.framing import COMMAND_FRAMING
 from motorprior.robots.pupper_v2 import spec
 
 KINDS = (
     *("frozen", "jumping", "stalled", "dead", "hot_current", "hot_motor", "surge"),
-    *("tilted", "numb", "flat", "mute", "unplugged"),
+    *("tilted", "numb", "blind", "flat", "mute", "lagging", "deaf", "restart", "unplugged"),
 )
 _WITH_JOINT = KINDS[:7]
 _FORM = re.compile(r"(?P<kind>\w+?)(:(?P<joint>\w+))?(@(?P<at>[0-9.]+))?$")
 JUMP = 0.8
 """[rad] to either side, in turn at every frame."""
+LAG = 0.5
+"""[s] by which telemetry comes later, for every second that the fault lasts: buffers fill up."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,9 @@ class Fault:
 
     Attributes:
         kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C), surge (12 A:
-            the firmware gives up), tilted (the IMU says 1 rad), numb (the IMU repeats itself), flat (17 V), mute (no
-            telemetry), unplugged.
+            the firmware gives up), tilted (the IMU says 1 rad), numb (the IMU repeats itself), blind (the IMU says 0),
+            flat (17 V), mute (no telemetry), lagging (telemetry comes later and later), deaf (it reads no bytes any
+            more), restart (it starts anew, its clock at 0), unplugged.
         at: time since the robot started [s].
         joint: index, where the kind has one.
     """
@@ -92,6 +96,8 @@ class FaultySensors:
                 attitude[0] = 1.0
             elif fault.kind == "numb":
                 attitude, rates = np.full(3, 0.01), np.zeros(3)
+            elif fault.kind == "blind":
+                attitude, rates = np.zeros(3), np.zeros(3)
             elif fault.kind == "flat":
                 battery = 17.0
         return Sensors(pos, vel, current, attitude, rates, temperature, battery)
@@ -99,7 +105,7 @@ class FaultySensors:
 
 @dataclass
 class NoisyLine:
-    """A line that drops, damages, repeats and delays pieces of what goes over it.
+    """A line that drops, damages, repeats and delays pieces of what goes over it: frames, see `CommandCutter`.
 
     Attributes:
         drop: chance that a piece is lost.
@@ -136,3 +142,37 @@ class NoisyLine:
     def due(self) -> float:
         """When the next piece comes out [s]."""
         return min((at for at, _ in self._waiting), default=float("inf"))
+
+
+class CommandCutter:
+    """Cuts what a host sends into its frames, so that noise hits each by itself however the bytes were read.
+
+    Bytes that are no frame are passed on as they are, up to the next start; a part of a frame is kept until the rest
+    comes, as the firmware's own reader does.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def cut(self, data: bytes) -> list[bytes]:
+        """What ``data`` completes, in order; joined, every byte that came but those of a part of a frame."""
+        self._rest += data
+        pieces = []
+        while (size := self._next_size()) > 0:
+            pieces.append(self._rest[:size])
+            self._rest = self._rest[size:]
+        return pieces
+
+    def _next_size(self) -> int:
+        """Length of the first piece [bytes]; 0 while it is not complete."""
+        start, rest = COMMAND_FRAMING.start, self._rest
+        head = len(start) + COMMAND_FRAMING.length_bytes
+        if not rest.startswith(start):
+            at = rest.find(start)
+            return at if at > 0 else len(rest)
+        if len(rest) < head:
+            return 0
+        length = int.from_bytes(rest[len(start) : head], "big")
+        if not 0 < length <= COMMAND_FRAMING.largest:
+            return len(start)
+        return head + length if len(rest) >= head + length else 0

@@ -12,6 +12,7 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.motions import ramp
 from motorprior.hardware.robot import Robot
+from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains, first_look
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
@@ -22,9 +23,10 @@ FAULT = 1
 
 
 class PupperBackend:
-    """Holds targets in real time: `step` returns one control period after the step before.
+    """The door for the Gymnasium environment `locomotion.env.PupperWalkEnv` on a real robot; `deploy` does not use it.
 
-    Whoever steps must come back in time: after 80 ms without a step the watchdog takes the current away.
+    Holds targets in real time: `step` returns one control period after the step before. Whoever steps must come back in
+    time: after 80 ms without a step the watchdog takes the current away.
 
     Attributes:
         fault: why the robot is idle, None while it is well.
@@ -59,7 +61,9 @@ class PupperBackend:
             assert target is not None, "armed"
             loop = ControlLoop(self._robot, limits, self._period, lambda: False)
             motion = ramp(target, spec.NOMINAL_POSE, limits.slow_speed, self._period, hold=0.3)
+            self._robot.gate.slow = True
             self._last = loop.play(motion, Mode.RAMP)
+            self._robot.gate.slow = False
         except RobotFault as fault:
             self._give_up(fault)
             raise
@@ -96,6 +100,7 @@ class PupperBackend:
         if telemetry.cur is not None:
             torque = spec.TORQUE_CONSTANT * telemetry.cur
         elif target is not None:
-            current = self._gains.kp * (target - telemetry.pos) - self._gains.kd * telemetry.vel
-            torque = spec.TORQUE_CONSTANT * np.clip(current, -self._gains.max_current, self._gains.max_current)
+            gains = self._gains
+            current = servo_current(target, telemetry.pos, telemetry.vel, gains.kp, gains.kd, gains.max_current)
+            torque = spec.TORQUE_CONSTANT * current
         return backend_state(telemetry, torque, 0 if self.fault is None else FAULT)

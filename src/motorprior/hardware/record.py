@@ -28,6 +28,7 @@ def excite(
     need_imu: bool,
     confirm: Callable[[], None] = lambda: None,
     status: Callable[[str], None] = lambda _: None,
+    timing: Timing | None = None,
 ) -> Timing:
     """Look, arm, ramp to the nominal pose, play (steps, 12) targets [rad], and let go.
 
@@ -41,12 +42,13 @@ def excite(
         need_imu: refuse a robot whose IMU is not read.
         confirm: the arm step; raises if the user does not want to.
         status: gets a line every five seconds.
+        timing: filled with the excitation's, also if a fault ends it.
 
     Raises:
         RobotFault: why it ended early; the robot is idle and the recording is kept.
     """
     look_and_confirm(robot, confirm, need_imu)
-    timing, done = Timing(), 0
+    timing, done = timing or Timing(), 0
 
     def count(_: Measurement) -> None:
         nonlocal done
@@ -55,10 +57,8 @@ def excite(
             status(f"{done * spec.CONTROL_DT:6.1f} of {len(targets) * spec.CONTROL_DT:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        nonlocal timing
         robot.gate.target_speed = min(speed, robot.gate.target_speed)
-        loop.play(played(targets), Mode.EXCITE, count)
-        timing = loop.timing
+        loop.play(played(targets), Mode.EXCITE, count, timing)
 
     run_armed(robot, gains, stop, work, crouch=not hung)
     return timing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import deque
 from pathlib import Path
@@ -22,7 +23,7 @@ class Recorder:
     the control loop, so a loss of power costs the last seconds.
 
     Args:
-        path: file to create; its folder is made.
+        path: file to create; its folder is made, if it was not there.
 
     Raises:
         ArtifactError: the file exists already, or cannot be written.
@@ -30,6 +31,7 @@ class Recorder:
 
     def __init__(self, path: Path):
         self.path = path
+        self._made = [folder for folder in path.parents if not folder.exists()]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
@@ -67,10 +69,13 @@ class Recorder:
         self.rows += 1
 
     def close(self) -> None:
-        """End the file; one that holds nothing is removed."""
+        """End the file; one that holds nothing is removed, with the folders made for it that hold nothing else."""
         os.close(self._file)
         if self.rows == 0:
             self.path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                for folder in self._made:
+                    folder.rmdir()
 
     def _append(self, line: str) -> None:
         data = line.encode()

@@ -39,7 +39,8 @@ class Robot:
         stream: believed telemetry and its counters, in the library's signs.
         text: the last lines that the robot printed.
         sent: commands with a target since it was armed.
-        received: messages, text included.
+        position_clips: see `SafetyGate`; of the last time that it was armed, known once it is idle.
+        slew_clips: see `SafetyGate`; the same.
 
     Args:
         link: open port; closed with the robot.
@@ -52,7 +53,7 @@ class Robot:
         self.limits = limits = limits or spec.SAFETY
         self.stream = TelemetryStream(limits)
         self.text: list[str] = []
-        self.sent = 0
+        self.sent = self.position_clips = self.slew_clips = 0
         self._gate: SafetyGate | None = None
         self._guardian: Guardian | None = None
         self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(limits)
@@ -129,20 +130,20 @@ class Robot:
                 self._tracking.check(telemetry.pos, target, now)
         return measurement
 
-    def arm(self, kp: float, kd: float, max_current: float, target_speed: float | None = None) -> None:
+    def arm(self, kp: float, kd: float, max_current: float) -> None:
         """Start the watchdog and take hold of the joints where they are.
 
         Raises:
             RobotFault: something is wrong with the robot, the gains, or the watchdog.
         """
-        gate = SafetyGate(self.limits, kp, kd, max_current, target_speed)
+        gate = SafetyGate(self.limits, kp, kd, max_current)
         self._forgiven.clear()
         self._guardian = Guardian(self._link.fileno(), self.limits.watchdog)
         self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
         measurement = self.check()
         gate.take_hold(measurement.telemetry.pos, time.monotonic())
         self._gate, self.sent = gate, 0
-        self._tracking.forget()
+        self._tracking.begin(kd / kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
         """Hold (12,) position targets [rad]; returns when the command left [s].
@@ -170,13 +171,20 @@ class Robot:
             self._guardian = None
 
     def idle(self) -> None:
-        """Take the current from all motors, whatever state this host is in. Says it several times: frames get lost."""
+        """Take the current from all motors, whatever state this host is in. Says it several times: frames get lost.
+
+        Where the port does not take it, the watchdog goes on saying it for a second.
+        """
         if self._gate is not None:
+            self.position_clips, self.slew_clips = self._gate.position_clips, self._gate.slew_clips
             self._send_idle(self._gate.idle())
             self._gate = None
         if self._guardian is not None:
-            self._guardian.release()
-            self._guardian = None
+            guardian, self._guardian = self._guardian, None
+            if self._link.unsent:
+                guardian.abandon()
+            else:
+                guardian.release()
         if self._recorder is not None:
             self._recorder.released()
 

@@ -19,8 +19,10 @@ class SafetyGate:
     """Position, slew, gain and current limits; every command of a host passes here.
 
     Attributes:
-        position_clips: targets brought inside the joint limits.
-        slew_clips: targets slowed down.
+        target_speed: fastest change of a target [rad/s].
+        slow: ``slow_speed`` of the limits holds instead: on the way up and down.
+        position_clips: joints' targets brought inside the joint limits.
+        slew_clips: joints' targets slowed down, while not slow: the ramps keep to ``slow_speed`` themselves.
 
     Args:
         limits: bounds.
@@ -45,6 +47,7 @@ class SafetyGate:
         self._fault: RobotFault | None = None
         self._descending = False
         self.target_speed = limits.target_speed if target_speed is None else min(target_speed, limits.target_speed)
+        self.slow = False
         self.position_clips = self.slew_clips = 0
 
     @property
@@ -80,9 +83,10 @@ class SafetyGate:
         inside = np.clip(wanted, spec.JOINT_LOWER, spec.JOINT_UPPER)
         self.position_clips += int(np.count_nonzero(inside != wanted))
         # A late step may make up for at most two periods: a target must not leap after a pause.
-        reach = self.target_speed * min(max(0.0, now - self._time), 2.0 * spec.CONTROL_DT)
+        speed = self._limits.slow_speed if self.slow else self.target_speed
+        reach = speed * min(max(0.0, now - self._time), 2.0 * spec.CONTROL_DT)
         near = np.clip(inside, self._target - reach, self._target + reach)
-        self.slew_clips += int(np.count_nonzero(near != inside))
+        self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))
         self._target, self._time = near, now
         return Command(pos=to_wire(near))
 
@@ -106,10 +110,6 @@ class SafetyGate:
     def let_down(self) -> None:
         """Let the way down to a crouch pass; only after a fault that leaves time for it."""
         self._descending = self._fault is None or self._fault.safe_state == "crouch"
-
-    def slow_down(self) -> None:
-        """From here on no target is faster than ``slow_speed``."""
-        self.target_speed = min(self.target_speed, self._limits.slow_speed)
 
     def idle(self) -> Command:
         """No current; always allowed."""

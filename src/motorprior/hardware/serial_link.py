@@ -24,7 +24,6 @@ class SerialLink:
 
     Attributes:
         rejected: frames that were damaged.
-        received: bytes.
 
     Args:
         port: path of the device, for example /dev/ttyACM0.
@@ -43,12 +42,16 @@ class SerialLink:
             raise RobotFault("no port", f"cannot open {self.port} ({_reason(error)})", remedy=_remedy(error)) from error
         self._reader = telemetry_reader()
         self._unsent = bytearray()
-        self.received = 0
 
     @property
     def rejected(self) -> int:
         """Starts of frames that were none."""
         return self._reader.rejected
+
+    @property
+    def unsent(self) -> int:
+        """Bytes that the port has not taken yet."""
+        return len(self._unsent)
 
     def fileno(self) -> int:
         """The open file, for the watchdog to inherit."""
@@ -72,7 +75,6 @@ class SerialLink:
         if not data:
             raise self._gone("end of file")
         now = time.monotonic()
-        self.received += len(data)
         return [(now, message) for message in self._reader.feed(data)]
 
     def send(self, command: Command) -> float:

@@ -1,6 +1,6 @@
 """From a port to a moving robot and safely back: what deployment and recording have in common.
 
-    open, doctor, arm, ramp to the nominal pose, [walk or excite], crouch, idle
+    open, first look, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 
 Every way out leads through the last two, or through idle alone where a fault leaves no time to sit down.
 """
@@ -29,8 +29,9 @@ from motorprior.robots.pupper_v2 import spec
 
 _FIRST_LOOK = 0.5
 """Time to listen before arming [s]."""
-_FEWEST_FRAMES = 20
-"""In the first look; a firmware sends 50 or 100."""
+_FEWEST_FRAMES = 0.8 / spec.CONTROL_DT
+"""Per second of the robot's own clock, so that neither old frames out of a buffer nor a busy host count; the rest may
+get lost."""
 _RANGE_SLACK = 0.1
 """A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
 _HOLD = 0.5
@@ -104,14 +105,18 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
             fault.
     """
-    before = robot.stream.accepted
     robot.listen(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
-    pose = robot.check().telemetry.pos
+    first, before = robot.check().telemetry, robot.stream.accepted
     robot.listen(time.monotonic() + 0.8 * _FIRST_LOOK)
     measurement = robot.check()
     telemetry, frames = measurement.telemetry, robot.stream.accepted - before
-    if frames < _FEWEST_FRAMES:
-        raise RobotFault("stale telemetry", f"{frames} frames in {_FIRST_LOOK:g} s", remedy="see `motorprior doctor`")
+    seconds = 1e-3 * (telemetry.ts - first.ts)
+    if frames < max(2.0, _FEWEST_FRAMES * seconds):
+        raise RobotFault(
+            "stale telemetry",
+            f"{frames} frames in {seconds:.2f} s, {_FEWEST_FRAMES:.0f} per second are the least",
+            remedy="see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period",
+        )
     if need_imu and not is_imu_alive(telemetry):
         raise RobotFault(
             "no IMU",
@@ -127,7 +132,7 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
             f"{spec.JOINT_LOWER[worst]:+.2f} to {spec.JOINT_UPPER[worst]:+.2f}",
             remedy="switch the robot on with its legs free so that it finds its end stops",
         )
-    moved = np.abs(telemetry.pos - pose)
+    moved = np.abs(telemetry.pos - first.pos)
     if moved.max() > _STILL:
         raise RobotFault(
             "moving",
@@ -180,27 +185,28 @@ def run_armed(
     Raises:
         RobotFault: the fault that ended the run; the robot is idle.
     """
-    worked = False
+    way_down = _WayDown(robot, control_dt)
     with no_garbage_collection(), real_time_priority():
         try:
             robot.arm(gains.kp, gains.kd, gains.max_current)
             loop = ControlLoop(robot, robot.limits, control_dt, stop)
+            robot.gate.slow = True
             loop.play(_to_nominal(robot, control_dt), Mode.RAMP)
             if not stop():
-                worked = True
+                robot.gate.slow, way_down.wind_down = False, wind_down
                 work(loop)
             if crouch:
-                _sit_down(robot, control_dt, wind_down if worked else None)
+                way_down.take()
         except Exception as error:
-            fault = error if isinstance(error, RobotFault) else _fault_of(error)
+            fault = error if isinstance(error, RobotFault) else fault_of(error)
             if crouch and fault.safe_state == "crouch":
-                _try_to_sit_down(robot, control_dt, fault, wind_down if worked else None)
+                way_down.take_after(fault)
             raise
         finally:
             robot.idle()
 
 
-def _fault_of(error: Exception) -> RobotFault:
+def fault_of(error: Exception) -> RobotFault:
     """What a program's error is for the robot; one that cannot be recorded can still come to rest."""
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
@@ -212,25 +218,37 @@ def _to_nominal(robot: Robot, control_dt: float) -> Motion:
     return ramp(target, spec.NOMINAL_POSE, robot.limits.slow_speed, control_dt, _HOLD)
 
 
-def _sit_down(robot: Robot, control_dt: float, wind_down: Callable[[], Motion] | None) -> None:
-    """Come to rest and crouch, on a clock of its own: what ended the motion must not end this."""
-    robot.gate.let_down()
-    robot.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
-    patient = replace(robot.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
-    loop = ControlLoop(robot, patient, control_dt, lambda: False)
-    if wind_down is not None:
-        loop.play(wind_down(), Mode.WALK)
-    robot.gate.slow_down()
-    target = robot.gate.target
-    assert target is not None, "armed"
-    loop.play(ramp(target, spec.CROUCH_POSE, robot.limits.slow_speed, control_dt), Mode.CROUCH)
+class _WayDown:
+    """Come to rest, crouch. A fault on the way goes on with what is left of it: who sits down does not walk again.
 
+    Attributes:
+        wind_down: a motion that comes to rest; None where nothing moves, not any more, or cannot be trusted.
+    """
 
-def _try_to_sit_down(
-    robot: Robot, control_dt: float, fault: RobotFault, wind_down: Callable[[], Motion] | None
-) -> None:
-    """Crouch after a fault; a second fault on the way leaves idle, which follows anyway."""
-    with contextlib.suppress(MotorPriorError):
-        robot.gate.shut(fault)
-        robot.forgive(fault.kind)
-        _sit_down(robot, control_dt, None if fault.kind in _NOT_TO_BE_TRUSTED else wind_down)
+    def __init__(self, robot: Robot, control_dt: float):
+        self._robot, self._control_dt = robot, control_dt
+        self.wind_down: Callable[[], Motion] | None = None
+
+    def take(self) -> None:
+        """Sit down, on a clock of its own: what ended the motion must not end this."""
+        robot = self._robot
+        robot.gate.let_down()
+        robot.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
+        patient = replace(robot.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
+        loop = ControlLoop(robot, patient, self._control_dt, lambda: False)
+        if self.wind_down is not None:
+            loop.play(self.wind_down(), Mode.WALK)
+        self.wind_down = None
+        robot.gate.slow = True
+        target = robot.gate.target
+        assert target is not None, "armed"
+        loop.play(ramp(target, spec.CROUCH_POSE, robot.limits.slow_speed, self._control_dt), Mode.CROUCH)
+
+    def take_after(self, fault: RobotFault) -> None:
+        """Sit down after a fault; a second fault on the way leaves idle, which follows anyway."""
+        with contextlib.suppress(MotorPriorError):
+            self._robot.gate.shut(fault)
+            self._robot.forgive(fault.kind)
+            if fault.kind in _NOT_TO_BE_TRUSTED:
+                self.wind_down = None
+            self.take()

@@ -29,7 +29,8 @@ class DeploySettings:
     """How to walk.
 
     Attributes:
-        out: folder for run.csv, every measurement and command, and run.json; runs/deploy/<date> if not given.
+        out: folder for run.csv (measurements, and the target then in force), run.json (settings, gains, limits,
+            outcome) and figures.json (how well the clock was kept); runs/deploy/<date> if not given.
         seconds: time to walk [s]; until told to stop if not given.
         throttle: share of the trained intensity of the gait to begin with, 0..1 [-].
         kp: position gain to send [A/rad]; the robot's own if not given.
@@ -56,7 +57,8 @@ class RecordSettings:
     """What to play.
 
     Attributes:
-        out: folder for run.csv, ready for `motorprior logs import`, and run.json; runs/record/<date> if not given.
+        out: folder for run.csv, ready for `motorprior logs import`, run.json and figures.json; runs/record/<date> if
+            not given.
         excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot.
         joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].

@@ -14,7 +14,7 @@ import tty
 from collections.abc import Callable, Sequence
 
 from motorprior.hardware.firmware import Body, Drive, Firmware, FirmwareConfig, Sensors
-from motorprior.hardware.injected import Fault, FaultySensors, NoisyLine
+from motorprior.hardware.injected import LAG, CommandCutter, Fault, FaultySensors, NoisyLine
 from motorprior.hardware.real_time import real_time_priority
 
 _READ_SIZE = 4096
@@ -50,15 +50,18 @@ class VirtualPupper:
         self._body = _FaultyBody(body, self._faults)
         sensors = FaultySensors(self._faults)
         self.events: list[tuple[float, str]] = []
-        self.firmware = Firmware(self._body, config, self._note, lambda sensed: sensors(sensed, self._body.now))
-        self._to_host, self._to_robot = to_host or NoisyLine(), to_robot or NoisyLine()
+        self._switch_on = lambda: Firmware(
+            self._body, config, self._note, lambda sensed: sensors(sensed, self._body.now)
+        )
+        self.firmware = self._switch_on()
+        self._to_host, self._to_robot, self._cutter = to_host or NoisyLine(), to_robot or NoisyLine(), CommandCutter()
         self._period = 1e-3 * config.telemetry_period
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
         self.received = 0
-        self.started = 0.0
+        self.started = self._switched_on = 0.0
         self._stop = threading.Event()
         self._plugged = True
 
@@ -75,7 +78,7 @@ class VirtualPupper:
         """Live until `stop`, or until ``ended`` says so."""
         try:
             with real_time_priority():
-                self.started = time.monotonic()
+                self.started = self._switched_on = time.monotonic()
                 while not self._stop.is_set() and not ended():
                     self._turn()
         finally:
@@ -83,23 +86,31 @@ class VirtualPupper:
 
     def _turn(self) -> None:
         """Wait for bytes or for the next telemetry, and bring the robot up to date."""
+        if self._lasts("restart") > 0.0:
+            self._restart()
         ahead = self._period - (1e-3 * self.firmware.now) % self._period
-        wake = self.started + 1e-3 * self.firmware.now + ahead
+        wake = self._switched_on + 1e-3 * self.firmware.now + ahead
         wake = min(wake, self._to_host.due(), self._to_robot.due())
-        readers = [self._master] if self._plugged else []
+        readers = [self._master] if self._plugged and not self._lasts("deaf") else []
         ready, _, _ = select.select(readers, [], [], max(0.0, wake - time.monotonic()))
         data = self._read() if ready else b""
         now = time.monotonic()
-        elapsed = int(1e3 * (now - self.started)) - self.firmware.now
+        elapsed = int(1e3 * (now - self._switched_on)) - self.firmware.now
         for piece in self._advance(max(0, elapsed)):
-            self._to_host.put(piece, now)
-        self._to_robot.put(data, now)
+            self._to_host.put(piece, now + LAG * self._lasts("lagging"))
+        for piece in self._cutter.cut(data):
+            self._to_robot.put(piece, now)
         self.firmware.receive(self._to_robot.take(now))
-        if self._happened("unplugged"):
+        if self._lasts("unplugged"):
             self._unplug()
         out = self._to_host.take(now)
-        if out and self._plugged and not self._happened("mute"):
+        if out and self._plugged and not self._lasts("mute"):
             self._write(out)
+
+    def _restart(self) -> None:
+        """Switched off and on: another firmware, its clock at 0."""
+        self._faults[:] = [fault for fault in self._faults if fault.kind != "restart"]
+        self.firmware, self._switched_on = self._switch_on(), time.monotonic()
 
     def _advance(self, milliseconds: int) -> list[bytes]:
         """Let the robot live; what it sends, one piece per telemetry period."""
@@ -125,8 +136,9 @@ class VirtualPupper:
         except BlockingIOError:
             return
 
-    def _happened(self, kind: str) -> bool:
-        return any(fault.kind == kind and self._body.now >= fault.at for fault in self._faults)
+    def _lasts(self, kind: str) -> float:
+        """For how long a fault has been there [s]; 0 if it has not begun."""
+        return max((0.0, *(self._body.now - fault.at + 1e-3 for fault in self._faults if fault.kind == kind)))
 
     def _unplug(self) -> None:
         if self._plugged:

@@ -7,7 +7,7 @@ library only, leaves the terminal's session and ignores its signals, so that wha
 
     python -I -S watchdog.py PORT_FD BEAT_FD REPORT_FD TIMEOUT IDLE_FRAME_HEX
 
-Beats: any byte; "q" ends it without a word. Reports: "r" ready, "t" tripped.
+Beats: any bytes; "q" ends it without a word. Reports: "r" ready, "t" tripped.
 """
 
 import contextlib

@@ -20,6 +20,7 @@ MOTOR = "DJI M2006 P36 + C610"
 _GAP = 0.055
 """A pause longer than this [s] starts a new segment; single lost frames do not."""
 _SHORTEST_SEGMENT = 4
+_LONGEST_HEADER = 10_000
 _SERIES = ("position_target", "joint_pos", "joint_vel", "joint_current")
 _BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
@@ -33,6 +34,9 @@ class Mode(IntEnum):
     CROUCH = 4
 
 
+_DOING = {Mode.RAMP: "stood up", Mode.WALK: "walked", Mode.EXCITE: "was excited", Mode.CROUCH: "sat down"}
+
+
 def run_columns(with_current: bool) -> tuple[str, ...]:
     """Names of the columns: time, mode, when the target in force came into force, series per joint, body.
 
@@ -43,18 +47,27 @@ def run_columns(with_current: bool) -> tuple[str, ...]:
 
 
 def is_robot_run(path: Path) -> bool:
-    """Whether a file begins like a recording of a robot."""
+    """Whether a file begins like a recording of a robot.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    return _first_line(path).startswith("time,mode,")
+
+
+def _first_line(path: Path) -> str:
+    """The names of the columns; of a file that has no lines, its beginning."""
     try:
-        with open(path, "rb") as file:
-            return file.read(10) == b"time,mode,"
-    except OSError:
-        return False
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.readline(_LONGEST_HEADER)
+    except OSError as error:
+        raise LogError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
 
 def read_robot_run(
     path: Path, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
 ) -> MotorLog:
-    """The rows of a recording in which the motors worked.
+    """The rows of a recording in which the robot walked or was excited, or did what ``modes`` say.
 
     A pause, or another mode, starts a new segment; segments of fewer than 4 rows are left out. Where the robot sent
     currents, joint_torque = current · torque constant: the motor's own estimate, without the friction of its gear.
@@ -66,25 +79,39 @@ def read_robot_run(
             target from the very moment it came into force. As recorded if not given.
 
     Raises:
-        LogError: not a recording, damaged before its last line, or without a row of these modes.
+        LogError: not a recording, damaged before its last line, without a row of these modes, a time that does not
+            increase, or numbers that are not finite.
     """
-    with open(path, encoding="utf-8", errors="replace") as file:
-        with_current = "joint_current/" in file.readline()
-    columns = run_columns(with_current)
+    columns = run_columns(with_current="joint_current/" in _first_line(path))
     table = read_number_table(path, columns, may_be_cut=True)
+    _require_clean(table, columns, path)
     breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
     breaks |= np.diff(table[:, 1], prepend=0.0) != 0.0
     segment = np.cumsum(breaks)
     long_enough = np.bincount(segment)[segment] >= _SHORTEST_SEGMENT
     rows = np.isin(table[:, 1], modes) & long_enough
     if not rows.any():
+        wanted = " or ".join(_DOING[mode] for mode in modes)
         raise LogError(
-            "no row in which the robot walked or was excited", where=path, remedy="record longer, or give another file"
+            f"no row in which the robot {wanted}", where=path, remedy="give a recording in which it did, for a second"
         )
     parts = [table[rows & (segment == index)] for index in np.unique(segment[rows])]
     if period is not None:
         parts = [_on_grid(part, period, path) for part in parts]
     return checked(_as_log(parts, columns, path), where=path)
+
+
+def _require_clean(table: np.ndarray, columns: tuple[str, ...], path: Path) -> None:
+    """What splines and segments rely on, with the row of the file."""
+    remedy = "delete the row, or copy the file again from the robot"
+    if not np.isfinite(table).all():
+        row, column = np.argwhere(~np.isfinite(table))[0]
+        problem = f"row {row}, {columns[column]} is {table[row, column]}, not a finite number"
+        raise LogError(problem, where=path, remedy=remedy)
+    if (stuck := np.flatnonzero(np.diff(table[:, 0]) <= 0.0)).size:
+        before, now = table[stuck[0] : stuck[0] + 2, 0]
+        problem = f"row {stuck[0] + 1}: time {now:.3f} s does not increase after {before:.3f} s"
+        raise LogError(problem, where=path, remedy=remedy)
 
 
 def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], path: Path) -> MotorLog:

@@ -22,9 +22,12 @@ import mujoco
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import BASE_AXES, MotorLog, checked
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
+
+LEVEL = 0.15
+"""A body that leans by more than this [rad], by its median, is not level: it would turn gravity by a seventh."""
 
 
 def with_loads(log: MotorLog) -> MotorLog:
@@ -33,11 +36,12 @@ def with_loads(log: MotorLog) -> MotorLog:
     Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run` with a period.
 
     Raises:
-        LogError: not the 12 joints of this robot, or without velocities.
+        LogError: not the 12 joints of this robot, without velocities, or of a robot that was not level.
     """
     if log.joint_names != spec.JOINT_NAMES or log.joint_vel is None:
         problem = "no velocities" if log.joint_vel is None else f"joints {log.joint_names}"
         raise LogError(problem, where=log.source, remedy="give a recording of the robot")
+    _require_level(log)
     model = mujoco.MjModel.from_xml_string(mjcf(hung=True))
     data = mujoco.MjData(model)
     inertia, external = np.empty_like(log.joint_pos), np.empty_like(log.joint_pos)
@@ -51,6 +55,18 @@ def with_loads(log: MotorLog) -> MotorLog:
         inertia[part] = mean
     loads = {"load_inertia": inertia, "external_torque": external, "joint_torque": None}
     return checked(replace(log, **loads), where=log.source)
+
+
+def _require_level(log: MotorLog) -> None:
+    if log.base_orientation is None:
+        return
+    lean = np.median(np.abs(log.base_orientation), axis=0)
+    for axis, angle in zip(BASE_AXES, lean, strict=True):
+        if angle > LEVEL:
+            raise LogError(
+                f"{axis} is {angle:.2f} rad off level, by its median", where=log.source,
+                remedy=f"hang the robot up with its body level, to {LEVEL:g} rad, and record again",
+            )  # fmt: skip
 
 
 def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:

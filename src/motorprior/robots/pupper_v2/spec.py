@@ -109,7 +109,7 @@ CROUCH_POSE = np.tile([0.0, 1.3, -2.2], 4)
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """What the host lets pass to this robot, and what it calls a fault. Every bound stands here, with its reason.
+    """What the host lets pass to this robot, and what it calls a fault, with the reasons.
 
     Attributes:
         target_speed: fastest change of a position target [rad/s]. Walking policies reach 58 rad/s when a swing begins

@@ -1,0 +1,110 @@
+"""What a run leaves beside its recording: run.json and figures.json, whatever ends it."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from motorprior.artifacts import write_json
+from motorprior.exceptions import ArtifactError, RobotFault
+from motorprior.hardware.control_loop import Timing, clock_figures
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.session import Gains, fault_of
+from motorprior.robots.pupper_v2 import spec
+
+FACTS, FIGURES = "run.json", "figures.json"
+
+
+class RunFacts:
+    """Everything that a reader of a recording may ask later.
+
+    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "pilot",
+    the name of a signal, or the kind of a fault and its message. Infinite limits, those not applied, are null.
+
+    Attributes:
+        outcome: what ended the run, unless an error did.
+    """
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._facts: dict[str, Any] | None = None
+        self.outcome = ""
+
+    def begin(
+        self, command: str, port: str, settings: Any, gains: Gains, robot: Robot, more: dict[str, Any] | None = None
+    ) -> None:
+        """Write what is known before the first command.
+
+        Args:
+            command: "deploy" or "record".
+            port: path of the port.
+            settings: dataclass of what the person chose.
+            gains: to send.
+            robot: for the limits in force.
+            more: further facts.
+
+        Raises:
+            ArtifactError: it cannot be written.
+        """
+        self._facts = {
+            "command": command,
+            "port": port,
+            "robot": spec.ROBOT_NAME,
+            "started": _now(),
+            "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
+            "gains": asdict(gains),
+            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(robot.limits).items()},
+            **(more or {}),
+        }
+        write_json(self._folder / FACTS, self._facts)
+
+    @contextlib.contextmanager
+    def kept(self, robot: Robot, timing: Timing, period: float) -> Iterator[None]:
+        """Write how the run ended when this is left, if it had begun; the robot is idle by then.
+
+        Raises:
+            ArtifactError: it cannot be written, and nothing else went wrong.
+        """
+        try:
+            yield
+        except BaseException as error:
+            with contextlib.suppress(ArtifactError):  # what ended the run matters more
+                self._end(robot, timing, period, error)
+            raise
+        self._end(robot, timing, period, None)
+
+    def _end(self, robot: Robot, timing: Timing, period: float, error: BaseException | None) -> None:
+        if self._facts is None:
+            return
+        stream = robot.stream
+        ending = {
+            "ended": _now(),
+            "outcome": self.outcome if error is None else _kind(error),
+            "message": None if error is None else str(error),
+            "position_clips": robot.position_clips,
+            "slew_clips": robot.slew_clips,
+            "commands": robot.sent,
+            "frames": {
+                "believed": stream.accepted,
+                "repeated": stream.repeated,
+                "impossible": stream.impossible,
+                "damaged": robot.rejected,
+            },
+        }
+        write_json(self._folder / FACTS, self._facts | ending)
+        write_json(self._folder / FIGURES, clock_figures([timing], period))
+
+
+def _kind(error: BaseException) -> str:
+    if isinstance(error, RobotFault):
+        return error.kind
+    return fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(timespec="seconds")

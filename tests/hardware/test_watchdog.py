@@ -1,0 +1,78 @@
+"""The watchdog is there when the host is not, and the host hears when the watchdog is not.
+
+The one test with a clock in it stands here: the 100 ms after the death of the host are what the watchdog is for.
+"""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.firmware import IDLE
+from motorprior.hardware.guardian import Guardian
+from motorprior.hardware.serial_link import SerialLink
+from motorprior.hardware.virtual_pupper import VirtualPupper
+from motorprior.logs.robot_run import Mode, read_robot_run
+
+KILLS, ATTEMPTS, WALKED = 3, 6, 30
+SECONDS_ASLEEP = 17
+"""A watchdog that sleeps is found out within a second where memory comes in pages of 4 kB, and at the latest after so
+many [s]."""
+
+
+def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_next_host(virtual: Callable):
+    link = SerialLink(virtual().port)
+    guardian = Guardian(link.fileno(), 0.08)
+    os.kill(guardian.pid, signal.SIGSTOP)
+    with pytest.raises(RobotFault, match="dead or asleep"):
+        for _ in range(SECONDS_ASLEEP * 100):
+            guardian.beat()
+    guardian.release()
+    link.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(guardian.pid, 0)
+
+
+def walked(log: Path) -> int:
+    """Rows of walking in a recording that is being written."""
+    lines = log.read_text().splitlines()[1:] if log.is_file() else []
+    return sum(line.split(",", 2)[1:2] == [str(int(Mode.WALK))] for line in lines)
+
+
+def kill_while_walking(pupper: VirtualPupper, walking: subprocess.Popen, log: Path) -> float | None:
+    """SIGKILL to a host that walks; when [s], None if this machine was too busy for a walk, and the host said so."""
+    give_up = time.monotonic() + 60.0
+    while walked(log) < WALKED:
+        if walking.poll() is not None:
+            return None
+        assert time.monotonic() < give_up, "it never walked"
+        time.sleep(0.02)
+    os.kill(walking.pid, signal.SIGKILL)
+    return time.monotonic()
+
+
+@pytest.mark.flaky(reruns=0)  # the median of three is chance enough
+def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
+    virtual: Callable, deploying: Callable, trot: Path, tmp_path: Path, when: Callable
+):
+    """SIGKILL while walking, three times; the median counts, since other processes share this machine."""
+    took = []
+    for number in range(ATTEMPTS):
+        pupper, log = virtual(), tmp_path / str(number) / "run.csv"
+        killed = kill_while_walking(pupper, deploying(pupper.port, trot, log.parent), log)
+        if killed is None:
+            continue
+        took.append(when(pupper, IDLE, killed) - killed)
+        time.sleep(0.15)
+        assert pupper.events[-1][1] == IDLE, "nothing moves it again"
+        assert read_robot_run(log, (Mode.WALK,)).num_rows >= WALKED, "the recording survives"
+        if len(took) == KILLS:
+            break
+    assert len(took) == KILLS, "this machine is too busy"
+    assert np.median(took) < 0.1
