@@ -36,7 +36,7 @@ import numpy as np
 
 from hardware_reactions import MOST_FAULTS, WORDS, NotMeasuredError, deploy, reactions, signal_to_idle, virtual_pupper
 from motorprior.exceptions import MotorPriorError, RobotFault
-from motorprior.hardware.control_loop import Timing, clock_figures
+from motorprior.hardware.control_loop import Timing, clock_figures, quantiles_ms
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
@@ -46,7 +46,6 @@ from motorprior.robots.pupper_v2 import spec
 KILLS = 5
 LAST_LINES = 10
 NOISE = ("--robot.drop", "0.01", "--robot.corrupt", "0.01")
-QUANTILES = {"p50": 50.0, "p99": 99.0, "max": 100.0}
 
 
 def trot_policy(folder: Path) -> Path:
@@ -74,14 +73,13 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         runs.append(timing)
         left -= len(timing.sent) * policy.control_dt
         if len(timing.sent):
-            delays.append(1e3 * end_to_end(timing, life))
+            delays.append(end_to_end(timing, life))
         path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
     if not delays:
         raise NotMeasuredError("no walk was longer than its ramp")
-    delay = np.concatenate(delays)
     figures = clock_figures(runs, policy.control_dt)
     print(f"  {figures}", file=sys.stderr)
-    figures |= {f"end_to_end_ms/{name}": float(np.percentile(delay, q)) for name, q in QUANTILES.items()}
+    figures |= quantiles_ms("end_to_end_ms", np.concatenate(delays))
     return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults)}
 
 

@@ -125,7 +125,7 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
             facts.begin("record", port, settings, gains, robot)
 
         record.excite(
-            robot, targets, settings.speed, gains, stop,
+            robot, targets, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
             confirm=confirm, status=say, timing=timing,
         )  # fmt: skip

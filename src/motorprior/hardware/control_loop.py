@@ -66,13 +66,18 @@ def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
     jitter = np.concatenate([*(np.diff(run.sent) - period for run in runs), broken_off])
     late, age = np.concatenate([*(run.late for run in runs), broken_off]), np.concatenate([run.age for run in runs])
     skipped = sum(run.skipped for run in runs)
-    quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
     return {
-        **{f"period_jitter_ms/{name}": 1e3 * float(np.percentile(np.abs(jitter), q)) for name, q in quantiles.items()},
+        **quantiles_ms("period_jitter_ms", np.abs(jitter)),
         "missed_share": (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped),
-        **{f"telemetry_age_ms/{name}": 1e3 * float(np.percentile(age, q)) for name, q in quantiles.items()},
+        **quantiles_ms("telemetry_age_ms", age),
         "control_steps": float(sum(len(run.sent) for run in runs)),
     }
+
+
+def quantiles_ms(name: str, seconds: np.ndarray) -> dict[str, float]:
+    """NAME/p50, NAME/p99 and NAME/max of times [s], in ms."""
+    quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
+    return {f"{name}/{key}": 1e3 * float(np.percentile(seconds, q)) for key, q in quantiles.items()}
 
 
 class ControlLoop:

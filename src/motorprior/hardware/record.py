@@ -20,7 +20,6 @@ _STATUS_EVERY = 500
 def excite(
     robot: Robot,
     targets: np.ndarray,
-    speed: float,
     gains: Gains,
     stop: StopRequest,
     *,
@@ -33,9 +32,8 @@ def excite(
     """Look, arm, ramp to the nominal pose, play (steps, 12) targets [rad], and let go.
 
     Args:
-        robot: idle; it has the recorder.
+        robot: idle; it has the recorder, and the limits that the gate keeps.
         targets: from `excitation_targets`.
-        speed: fastest target that the gate lets pass [rad/s].
         gains: to send.
         stop: ends it early.
         hung: the robot hangs in the air: it need not crouch.
@@ -57,7 +55,6 @@ def excite(
             status(f"{done * spec.CONTROL_DT:6.1f} of {len(targets) * spec.CONTROL_DT:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        robot.gate.target_speed = min(speed, robot.gate.target_speed)
         loop.play(played(targets), Mode.EXCITE, count, timing)
 
     run_armed(robot, gains, stop, work, crouch=not hung)

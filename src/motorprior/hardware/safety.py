@@ -19,7 +19,6 @@ class SafetyGate:
     """Position, slew, gain and current limits; every command of a host passes here.
 
     Attributes:
-        target_speed: fastest change of a target [rad/s].
         slow: ``slow_speed`` of the limits holds instead: on the way up and down.
         position_clips: joints' targets brought inside the joint limits.
         slew_clips: joints' targets slowed down, while not slow: the ramps keep to ``slow_speed`` themselves.
@@ -29,15 +28,12 @@ class SafetyGate:
         kp: [A/rad] and kd: [A·s/rad], gains to send.
         kd: see kp.
         max_current: [A] to send.
-        target_speed: fastest change of a target [rad/s], if lower than the limits'.
 
     Raises:
         RobotFault: gains or a current beyond the limits, negative or not finite.
     """
 
-    def __init__(
-        self, limits: SafetyLimits, kp: float, kd: float, max_current: float, target_speed: float | None = None
-    ):
+    def __init__(self, limits: SafetyLimits, kp: float, kd: float, max_current: float):
         _require_gain("kp", kp, limits.highest_kp, "A/rad")
         _require_gain("kd", kd, limits.highest_kd, "A·s/rad")
         _require_gain("max_current", max_current, limits.max_current, "A")
@@ -46,7 +42,6 @@ class SafetyGate:
         self._time = 0.0
         self._fault: RobotFault | None = None
         self._descending = False
-        self.target_speed = limits.target_speed if target_speed is None else min(target_speed, limits.target_speed)
         self.slow = False
         self.position_clips = self.slew_clips = 0
 
@@ -83,7 +78,7 @@ class SafetyGate:
         inside = np.clip(wanted, spec.JOINT_LOWER, spec.JOINT_UPPER)
         self.position_clips += int(np.count_nonzero(inside != wanted))
         # A late step may make up for at most two periods: a target must not leap after a pause.
-        speed = self._limits.slow_speed if self.slow else self.target_speed
+        speed = self._limits.slow_speed if self.slow else self._limits.target_speed
         reach = speed * min(max(0.0, now - self._time), 2.0 * spec.CONTROL_DT)
         near = np.clip(inside, self._target - reach, self._target + reach)
         self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))
