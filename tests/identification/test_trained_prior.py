@@ -11,7 +11,7 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record
 from motorprior.cli.validate import nominal_pd
-from motorprior.identification.adapt import window_losses
+from motorprior.identification.adapt import adapt, window_losses
 from motorprior.identification.outliers import Outliers, latent_names, outliers
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
@@ -46,7 +46,8 @@ def judged(prior: tuple[Identified, float]) -> Outliers:
         values[row] = factor * getattr(fleet.center(1), name)[0]
         new = replace(new, **{name: values})
     data = training_data(record(new, PRESETS["adapt"], 5000, 9, fleet), RECIPE, "log")
-    return outliers(found.network, found.mean, data, RECIPE, temperature)
+    modes = adapt(found.network, data, RECIPE, temperature).mean
+    return outliers(found.network, found.mean, modes, data, RECIPE, temperature)
 
 
 @pytest.mark.parametrize("kind", ["impacts", "chirp"])

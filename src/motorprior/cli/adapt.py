@@ -101,7 +101,7 @@ def adapt_and_judge(prior: MotorPrior, path: Path, log: MotorLog, where: str) ->
     reason = ["it fits its log badly"] * len(badly)
     if len(prior.mean) < 2:
         return Adapted(found, badly, tuple(reason))
-    far = outliers(prior.network, prior.mean, data, preset, temperature)
+    far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
     for motor in np.flatnonzero(far.chance < badly):
         reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
     return Adapted(found, np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))

@@ -60,7 +60,12 @@ def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
 
 
 def adapt(
-    network: LatentNetwork, data: TrainingData, preset: Preset, temperature: float, steps: int = STEPS
+    network: LatentNetwork,
+    data: TrainingData,
+    preset: Preset,
+    temperature: float,
+    steps: int = STEPS,
+    start: np.ndarray | None = None,
 ) -> Posterior:
     """Posterior of every motor in ``data``, whose scales must be the network's.
 
@@ -70,11 +75,12 @@ def adapt(
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         steps: Adam steps towards the mode.
+        start: (M, Z) where to start; from a search if not given.
     """
     windows = jnp.asarray(tiled_windows(data, preset))
     fit = _Fit(*motor_loss(network, preset, data.has_torque), windows, temperature)
-    start = fit.best_starts(network.num_latents)
-    modes = fit.polish(start, fit.descend(start, steps))
+    first = fit.best_starts(network.num_latents) if start is None else as_latents(start)
+    modes = fit.polish(first, fit.descend(first, steps))
     losses = fit.functions.losses(fit.parameters, modes, windows)
     return Posterior(
         np.asarray(modes, np.float64), fit.covariance(modes), np.asarray(losses, np.float64), windows.shape[1]

@@ -2,7 +2,8 @@
 
 The loss of a fit tells little: motors of one fleet differ in it by a factor of two. So every new motor is fitted anew,
 by `adapt`, under a Gaussian WIDER times as wide as the training motors, in the decoder's own latents (of preset
-rollout the logarithms of the constants), and compared with theirs, of M motors with mean m and deviation s,
+rollout the logarithms of the constants), downhill from where the prior had it (a search of its own would end in other
+valleys), and compared with the training motors, M with mean m and deviation s,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   P = min(1, Z·min over latents of P(|Student's t with M - 1| > |t|))
 
@@ -46,13 +47,19 @@ class Outliers:
 
 
 def outliers(
-    network: LatentNetwork, trained: np.ndarray, data: TrainingData, preset: Preset, temperature: float
+    network: LatentNetwork,
+    trained: np.ndarray,
+    found: np.ndarray,
+    data: TrainingData,
+    preset: Preset,
+    temperature: float,
 ) -> Outliers:
     """How far from the training motors each motor of ``data`` is.
 
     Args:
         network: of the prior.
         trained: (M, Z) the training motors' posterior means, M >= 2.
+        found: (N, Z) the new motors', from `adapt`.
         data: logs of the new motors.
         preset: the prior's recipe.
         temperature: as for `adapt`.
@@ -60,9 +67,10 @@ def outliers(
     known = network.decoder_latents(trained)
     mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SMALLEST)
     wide = Copula(np.eye(len(mean)), mean + WIDER * spread * SCORES[:, None])
-    found = adapt(replace(network, copula=wide), data, preset, temperature)
-    variance = WIDER**2 * np.diagonal(found.covariance, axis1=1, axis2=2)
-    deviation = WIDER * found.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)
+    start = (network.decoder_latents(found) - mean) / (WIDER * spread)
+    freed = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
+    variance = WIDER**2 * np.diagonal(freed.covariance, axis1=1, axis2=2)
+    deviation = WIDER * freed.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)
     chances = 2.0 * student_t.sf(np.abs(deviation), len(known) - 1)
     worst = chances.argmin(axis=1)
     rows, names = np.arange(len(worst)), latent_names(network)
