@@ -31,6 +31,15 @@ def test_age_is_what_a_frame_waited_beyond_the_quickest_way():
     assert late is not None and late.arrival - late.sampled == pytest.approx(0.04)
 
 
+def test_a_damaged_stamp_that_looks_possible_makes_no_other_frame_look_old():
+    """25 ms ahead: any real frame could be, once; the three that follow look overtaken, no later one looks late."""
+    stream = running()
+    assert stream.take(frame(1025.0), 6.003) is not None
+    assert [stream.take(frame(1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)] == [True, True, False]
+    later = stream.take(frame(1040.0), 6.043)
+    assert later is not None and later.arrival - later.sampled == pytest.approx(0.0)
+
+
 def test_a_drifting_clock_is_followed():
     """100 ppm for ten minutes are 60 ms."""
     stream, ages = TelemetryStream(spec.SAFETY), []

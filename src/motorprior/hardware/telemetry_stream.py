@@ -3,9 +3,10 @@
 Without a checksum a damaged frame can look right, so a frame is believed only if the robot could have moved there
 since the last one. The robot's clock is tied to the host's by the quickest frames:
 
-    host time of a frame = ts + min over the last 5 to 10 s of (arrival - ts)
+    host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), not after its arrival
 
-so the age of a measurement includes what it waited in buffers, less the shortest way that any frame took.
+so the age of a measurement includes what it waited in buffers, less the shortest way that frames took. The smallest may
+be that of a damaged stamp, which would make every frame of the next seconds look old.
 """
 
 from __future__ import annotations
@@ -42,22 +43,25 @@ class Measurement:
 
 
 class ClockTie:
-    """Offset between the robot's clock and the host's: a minimum over a moving window, so drift is followed."""
+    """Offset between the robot's clock and the host's over a moving window, so that drift is followed."""
 
     def __init__(self) -> None:
-        self._since, self._current, self._previous = -math.inf, math.inf, math.inf
+        self._since = -math.inf
+        self._current: list[float] = []
+        self._previous: list[float] = []
 
     @property
     def offset(self) -> float:
         """Host's clock minus robot's [s]; infinite before the first frame."""
-        return min(self._current, self._previous)
+        smallest = sorted((*self._current, *self._previous))[:2]
+        return smallest[-1] if smallest else math.inf
 
     def host_time(self, ts: float, arrival: float) -> float:
         """When something stamped ``ts`` [s] happened, on the clock of ``arrival`` [s]."""
         if arrival - self._since > _WINDOW:
-            self._since, self._previous, self._current = arrival, self._current, math.inf
-        self._current = min(self._current, arrival - ts)
-        return ts + self.offset
+            self._since, self._previous, self._current = arrival, self._current, []
+        self._current = sorted((*self._current, arrival - ts))[:2]
+        return min(arrival, ts + self.offset)
 
 
 class TelemetryStream:
