@@ -6,7 +6,7 @@ compiled anew.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -83,7 +83,7 @@ def motor_loss(network: LatentNetwork, preset: Preset, has_torque: bool) -> tupl
     return _compiled(preset, scales, has_torque), import_parameters(network)
 
 
-@cache
+@lru_cache(maxsize=4)
 def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> MotorLoss:
     return MotorLoss(preset, dict(zip(_SCALES, scales, strict=True)), has_torque)
 
