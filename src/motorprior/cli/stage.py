@@ -21,6 +21,8 @@ from motorprior.exceptions import ArtifactError
 
 MARKER = "stage.json"
 _STAGES = ("bench", "identify", "validate", "replay", "walk", "transfer")
+_NEEDS = {"identify": ("bench",), "validate": ("bench",)}
+"""Stages whose own module another one's numbers depend on: which motors stood on a bench."""
 _PRESENTATION = (
     *("transfer/plots*", "transfer/gait_picture*", "transfer/report*"),
     *(f"cli/{name}.py" for name in ("main", "console", "bounds", "stage", "logs", "speed")),
@@ -72,8 +74,7 @@ def code_digest(stage: str) -> str:
 
 def package_digest(stage: str, package: Path) -> str:
     """`code_digest` of the package in some folder."""
-    later = _STAGES[_STAGES.index(stage) + 1 :] if stage in _STAGES else ()
-    others = [f"cli/{name}.py" for name in later]
+    others = [f"cli/{name}.py" for name in _STAGES if name != stage and name not in _NEEDS.get(stage, ())]
     parts = []
     for path in sorted(package.rglob("*.py")):
         inner = path.relative_to(package)
