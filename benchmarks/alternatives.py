@@ -41,7 +41,7 @@ from motorprior.bench.record import record
 from motorprior.cli.bench import training_motors
 from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.network import Parameters
-from motorprior.identification.objectives import POSITION_SCALE, VELOCITY_SCALE
+from motorprior.identification.objectives import POSITION_SCALE, VELOCITY_SCALE, huber
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.train import identify
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, TrainingData, draw, training_data
@@ -165,7 +165,7 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
             z = trained[1][motors]
             windows = series[motors[:, None], starts[:, None] + jnp.arange(rows)]
             q, dq = run(trained[0], windows, z)
-            errors = jnp.sqrt(1.0 + (q / POSITION_SCALE) ** 2) + jnp.sqrt(1.0 + (dq / VELOCITY_SCALE) ** 2) - 2.0
+            errors = huber(q / POSITION_SCALE) + huber(dq / VELOCITY_SCALE)
             return jnp.mean(errors) + 1e-4 * jnp.mean(jnp.sum(trained[1] ** 2, axis=1))
 
         def step(both, batch, loss=loss):
@@ -173,10 +173,8 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
             return (optax.apply_updates(both[0], updates), moments), None
 
         drawn = draw(np.random.default_rng([1, part]), data, preset, steps // len(lengths))
-        keep = np.isin(drawn[1], data.starts[data.starts <= data.series.shape[1] - rows])
-        starts = jnp.where(keep, drawn[1], data.starts[0])
         (state, moments), _ = jax.jit(lambda both, batches, step=step: jax.lax.scan(step, both, batches))(
-            (state, moments), (jnp.asarray(drawn[0]), starts)
+            (state, moments), tuple(jnp.asarray(rows) for rows in drawn)
         )
     return jax.block_until_ready(state)
 

@@ -19,7 +19,7 @@ import tyro
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.record import bench_preset, record
-from motorprior.cli.adapt import FALSE_ALARMS, adapt_and_judge
+from motorprior.cli.adapt import FALSE_ALARMS, adapt_to, judge
 from motorprior.cli.validate import load_priors
 from motorprior.identification.validate import HELD_OUT_SEED, bench_errors
 
@@ -58,10 +58,11 @@ def measure(path: Path) -> dict[str, float]:
             motors = replace(own, **{constant: factor * getattr(own, constant) for constant, factor in change.items()})
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
-            found = adapt_and_judge(prior, path, log, name)
-            model = {"model": lambda index, z=found.posterior.mean: LatentActuator(prior.network, z[index])}
+            found = adapt_to(prior, path, log, name)
+            chance = judge(prior, path, log, name, found).chance
+            model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
             error = bench_errors(motors, model, facts.seed)["impacts"]["model"]
-            figures[f"noticed/{name}/{seconds:g}"] = float(np.mean(found.chance < FALSE_ALARMS))
+            figures[f"noticed/{name}/{seconds:g}"] = float(np.mean(chance < FALSE_ALARMS))
             figures[f"rmse_mrad/{name}/{seconds:g}"] = 1e3 * float(np.median(error))
     return figures
 

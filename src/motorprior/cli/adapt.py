@@ -57,17 +57,15 @@ def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
 
 
 @dataclass(frozen=True)
-class Adapted:
-    """What a log says of its M motors.
+class Judged:
+    """How odd the M motors of a log are.
 
     Attributes:
-        posterior: of their latents.
         chance: (M,) that a motor of the prior's fleet seems as odd: twice the smaller of the chances that it fits its
             log as badly (`reference.surprise`) and that it lies as far out (`outliers`).
         reason: M times what is oddest.
     """
 
-    posterior: Posterior
     chance: np.ndarray
     reason: tuple[str, ...]
 
@@ -85,26 +83,24 @@ def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Poster
     return adapt(prior.network, data, preset, temperature)
 
 
-def adapt_and_judge(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Adapted:
-    """`adapt_to`, and whether the motors are like those that the prior was trained on.
+def judge(prior: MotorPrior, path: Path, log: MotorLog, where: str, found: Posterior) -> Judged:
+    """Whether the motors that `adapt_to` ``found`` in this log are like those that the prior was trained on.
 
     Raises:
         LogError, ArtifactError: see `adapt_to`.
     """
-    from motorprior.identification.adapt import adapt
     from motorprior.identification.outliers import outliers
     from motorprior.identification.reference import pieces, surprise
 
     preset, data, temperature, which = _prepared(prior, path, log, where)
-    found = adapt(prior.network, data, preset, temperature)
     badly = surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
     reason = ["it fits its log badly"] * len(badly)
     if len(prior.mean) < 2:
-        return Adapted(found, badly, tuple(reason))
+        return Judged(badly, tuple(reason))
     far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
     for motor in np.flatnonzero(far.chance < badly):
         reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
-    return Adapted(found, np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
+    return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
 
 
 def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[Preset, TrainingData, float, str]:
@@ -138,9 +134,9 @@ def run_adapt(config: Adapt) -> None:
     if is_finished(config.out, wanted):
         return
     with bar(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as progress:
-        judged = adapt_and_judge(prior, config.prior, log, str(config.log))
+        found = adapt_to(prior, config.prior, log, str(config.log))
+        judged = judge(prior, config.prior, log, str(config.log), found)
         progress.advance()
-    found = judged.posterior
     rows = [
         [name, f"{loss:.3f}", f"{chance:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
         for name, loss, chance, mean in zip(log.joint_names, found.loss, judged.chance, found.mean, strict=True)

@@ -13,7 +13,7 @@ from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.record import bench_preset, preset_of_period, record
-from motorprior.cli.adapt import FALSE_ALARMS, adapt_and_judge, adapt_to
+from motorprior.cli.adapt import FALSE_ALARMS, adapt_to, judge
 from motorprior.cli.bench import BenchFacts
 from motorprior.identification.adapt import Posterior
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
@@ -68,6 +68,7 @@ def adaptation_figures(
     path: Path,
     facts: BenchFacts,
     seconds: tuple[float, ...],
+    known: Posterior,
     seed: int,
     progress: Callable[[], None],
 ) -> dict[str, float]:
@@ -78,6 +79,7 @@ def adaptation_figures(
         path: its file.
         facts: of its bench.
         seconds: lengths of log.
+        known: the prior adapted to ADAPTED_SECONDS of log.
         seed: of the held-out excitation.
         progress: called after every length.
 
@@ -93,14 +95,16 @@ def adaptation_figures(
     motors, figures = held_out_motors(facts), {}
     covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
-        found = adapt_and_judge(prior, path, held_out_log(prior, motors, facts, length), _WHERE)
-        model: ModelOfMotors = lambda index, z=found.posterior.mean: LatentActuator(prior.network, z[index])  # noqa: E731
+        log = held_out_log(prior, motors, facts, length)
+        found = known if length == ADAPTED_SECONDS else adapt_to(prior, path, log, _WHERE)
+        chance = judge(prior, path, log, _WHERE, found).chance
+        model: ModelOfMotors = lambda index, z=found.mean: LatentActuator(prior.network, z[index])  # noqa: E731
         error = bench_errors(motors, {"prior": model}, seed)["impacts"]["prior"]
         figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
-        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(found.chance < FALSE_ALARMS))
-        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(found.chance < UNLIKELY))
+        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(chance < FALSE_ALARMS))
+        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(chance < UNLIKELY))
         if length == covered:
-            figures |= coverage(prior.network, prior.metrics, found.posterior, motors, seed)
+            figures |= coverage(prior.network, prior.metrics, found, motors, seed)
         progress()
     return figures
 

@@ -192,7 +192,7 @@ def _held_out_figures(
         if "rollout" in known:
             prior, path = priors["rollout"], paths["rollout"]
             figures |= held_out.adaptation_figures(
-                prior, path, facts, config.adapt_seconds, config.seed, progress.advance
+                prior, path, facts, config.adapt_seconds, known["rollout"], config.seed, progress.advance
             )
             figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
     return figures

@@ -84,7 +84,7 @@ def torque_objective(preset: Preset, scales: dict[str, float], has_torque: bool,
     return Objective(residuals, jnp.square, lambda r: jnp.full_like(r, 2.0), 1.0)
 
 
-def _huber(x: jnp.ndarray) -> jnp.ndarray:
+def huber(x: jnp.ndarray) -> jnp.ndarray:
     """√(1 + x²) - 1: quadratic near 0, linear far out, so that one lost window does not rule a batch."""
     return jnp.sqrt(1.0 + x**2) - 1.0
 
@@ -105,7 +105,7 @@ def rollout_objective(preset: Preset, scales: dict[str, float], has_torque: bool
         scaled = [position / POSITION_SCALE, velocity / VELOCITY_SCALE, torque / TORQUE_SCALE]
         return jnp.concatenate(scaled[: 3 if has_torque else 2])
 
-    return Objective(residuals, _huber, lambda r: (1.0 + r**2) ** -1.5, 3.0 if has_torque else 2.0)
+    return Objective(residuals, huber, lambda r: (1.0 + r**2) ** -1.5, 3.0 if has_torque else 2.0)
 
 
 OBJECTIVES = {"torque": torque_objective, "rollout": rollout_objective}
