@@ -8,7 +8,7 @@ The host is this process, the robot another one. Writes a flat map:
     telemetry_age_ms/p50|p99|max    of the measurement a command was computed from, when the command left
     end_to_end_ms/p50|p99|max       from the moment of that measurement in the robot to the command's arrival in it
     path_m, tilt_rad                how far the robot walked, second by second, and how far it leaned in the end
-    faults                          times the walk was ended by a fault, for example a slow host, and begun again
+    faults, fault/KIND              times the walk was ended by a fault, for example a slow host, and begun again
     noisy/...                       the same with 1 % of the frames dropped and 1 % damaged, both ways
     inference_ms/p50|p99            observation, policy and generator, compiled; interpreted_ms where numba is off
     inference_ms/share_over_1ms     share of the steps that took longer; the same for interpreted_ms
@@ -28,6 +28,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -59,8 +60,9 @@ def trot_policy(folder: Path) -> Path:
 def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict[str, float]:
     """Clock, age and delay of a walk of so many seconds; one that a fault ends is followed by another."""
     runs: list[Timing] = []
-    delays, path, tilt, faults, left = [], 0.0, 0.0, 0, seconds
-    while left > 1.0 and faults < MOST_FAULTS:
+    delays, path, tilt, left = [], 0.0, 0.0, seconds
+    faults: Counter[str] = Counter()
+    while left > 1.0 and faults.total() < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
         timing = Timing()
         with virtual_pupper(folder, *options) as (port, end):
@@ -68,7 +70,7 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
                 deploy(port, policy, left, folder / "run.csv", timing)
             except RobotFault as fault:
                 print(f"  {fault}", file=sys.stderr)
-                faults += 1
+                faults[fault.kind] += 1
             life = end()
         runs.append(timing)
         left -= len(timing.sent) * policy.control_dt
@@ -80,7 +82,8 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
     figures = clock_figures(runs, policy.control_dt)
     print(f"  {figures}", file=sys.stderr)
     figures |= quantiles_ms("end_to_end_ms", np.concatenate(delays))
-    return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults)}
+    figures |= {f"fault/{kind}": float(count) for kind, count in sorted(faults.items())}
+    return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults.total())}
 
 
 def end_to_end(timing: Timing, life: dict) -> np.ndarray:

@@ -1,0 +1,98 @@
+"""How much noise on the line a walking robot stands, in simulated time: hours in minutes, the same figures every time.
+
+    python benchmarks/noise.py --hours 2 --json noise.json
+
+The host's own code walks virtual Puppers (`simulated_port.py`) while the line loses and damages frames, both ways.
+Walks of ten minutes, and of two seconds: these are for the arming, when gains go over the line. For each share of lost and of
+damaged frames:
+    SHARE/walked_h                hours under way
+    SHARE/faults_per_hour         walks ended by a fault, per hour; SHARE/fault/KIND how many of which kind
+    SHARE/m_per_minute            way walked
+    SHARE/armed, SHARE/armings_failed   short walks, and those ended by a fault
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from hardware import trot_policy
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.control_loop import Timing
+from motorprior.hardware.deploy import gains_for, walk
+from motorprior.hardware.robot import Robot
+from motorprior.hardware.session import StopRequest
+from motorprior.locomotion.policy import Policy
+from simulated_port import SimulatedPort, on_its_clock
+
+SHARES = (0.01, 0.03, 0.1)
+LONG, SHORT, ARMINGS = 600.0, 2.0, 300
+ROBOTS = 8
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Attributes: seconds under way, path [m], fault (its kind, or None)."""
+
+    seconds: float
+    path: float
+    fault: str | None
+
+
+def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
+    """One walk of so many seconds, or until a fault ends it."""
+    loaded, timing, fault = Policy.load(policy), Timing(), None
+    port = SimulatedPort(life % ROBOTS, life, drop=share, corrupt=share)
+    with on_its_clock(port), Robot(port) as robot:
+        try:
+            walk(robot, loaded, gains_for(loaded), StopRequest(), seconds=seconds, timing=timing)
+        except RobotFault as error:
+            fault = error.kind
+    return Walk(len(timing.sent) * loaded.control_dt, port.body.path, fault)
+
+
+def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
+    """What a share of noise did."""
+    hours = sum(one.seconds for one in long) / 3600.0
+    kinds = Counter(one.fault for one in (*long, *short) if one.fault is not None)
+    return {
+        "walked_h": hours,
+        "faults_per_hour": sum(one.fault is not None for one in long) / hours,
+        "m_per_minute": sum(one.path for one in long) / (60.0 * hours),
+        "armed": float(len(short)),
+        "armings_failed": float(sum(one.fault is not None for one in short)),
+        **{f"fault/{kind}": float(count) for kind, count in sorted(kinds.items())},
+    }
+
+
+def main() -> None:
+    """Measure all shares."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=2.0, help="to walk with each share of noise [h]")
+    parser.add_argument("--json", type=Path, required=True, help="file for the figures")
+    parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    arguments = parser.parse_args()
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
+        policy = arguments.policy or trot_policy(Path(folder))
+        for share in SHARES:
+            count = max(1, round(3600.0 * arguments.hours / LONG))
+            long = list(pool.map(partial(noisy_walk, policy, share, LONG), range(count)))
+            short = list(pool.map(partial(noisy_walk, policy, share, SHORT), range(count, count + ARMINGS)))
+            found |= {f"{share:g}/{name}": value for name, value in figures(long, short).items()}
+            arguments.json.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
+    for key, value in found.items():
+        print(f"{key:32} {value:10.4f}")
+
+
+if __name__ == "__main__":
+    main()

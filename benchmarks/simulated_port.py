@@ -1,0 +1,115 @@
+"""A virtual Pupper at a port whose clock moves only when somebody waits: hours of a life in minutes, repeatable.
+
+What runs is the host's own code, the firmware and the twin. What does not: the operating system (the port, priorities,
+the watchdog process) and its delays, which `hardware.py` measures in real time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from unittest import mock
+
+import numpy as np
+
+from motorprior.cli.motors import load_robot_fleet
+from motorprior.cli.twin_body import TwinBody, draw_motors
+from motorprior.hardware import robot, session
+from motorprior.hardware.firmware import Firmware, FirmwareConfig
+from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.injected import CommandCutter, NoisyLine
+from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.serial_link import SerialLink
+
+WAY = 1e-4
+"""From the robot to the host [s]."""
+
+
+class SimulatedPort(SerialLink):
+    """What `SerialLink` is to a host, and the robot behind it.
+
+    Attributes:
+        now: the time on both ends [s].
+        body: of the robot.
+
+    Args:
+        number: of the virtual robot, that is, of its motors.
+        life: seed of its sensors' noise and of the line's.
+        hung: it hangs in the air.
+        rate: telemetry frames per second.
+        drop: share of frames that are lost, both ways.
+        corrupt: share of frames that are damaged, both ways.
+    """
+
+    def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
+        self,
+        number: int,
+        life: int = 0,
+        *,
+        hung: bool = False,
+        rate: int = 100,
+        drop: float = 0.0,
+        corrupt: float = 0.0,
+    ):
+        self.port, self.now = f"simulated Pupper {number}", 0.0
+        self.body = TwinBody(draw_motors(load_robot_fleet("pupper_v2"), number), hung, life)
+        self._period = 1000 // rate
+        self._firmware = Firmware(self.body, FirmwareConfig(self._period, homes=False))
+        self._to_host, self._to_robot = (
+            NoisyLine(drop, corrupt, rng=np.random.default_rng([number, life, way])) for way in (0, 1)
+        )
+        self._cutter, self._reader = CommandCutter(), telemetry_reader()
+
+    @property
+    def unsent(self) -> int:
+        """The robot takes every byte at once."""
+        return 0
+
+    def fileno(self) -> int:
+        """No file: for a guardian that is none."""
+        return -1
+
+    def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
+        """See `SerialLink.wait`."""
+        next_frame = 1e-3 * (self._firmware.now + self._period - self._firmware.now % self._period) + WAY
+        self.now = max(self.now, min(until, next_frame))
+        self._live()
+        return [(self.now, message) for message in self._reader.feed(self._to_host.take(self.now))]
+
+    def send(self, command: Command) -> float:
+        """See `SerialLink.send`."""
+        self._live()
+        for piece in self._cutter.cut(command_frame(command)):
+            self._to_robot.put(piece, self.now)
+        self._firmware.receive(self._to_robot.take(self.now))
+        return self.now
+
+    def forget_unsent(self) -> None:
+        """Nothing waits."""
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def sleep(self, seconds: float) -> None:
+        """`time.sleep` on this clock."""
+        self.now += seconds
+
+    def _live(self) -> None:
+        """Bring the robot up to date."""
+        milliseconds = int(1e3 * (self.now - WAY) + 1e-6)
+        while (left := milliseconds - self._firmware.now) > 0:
+            piece = self._firmware.advance(min(left, self._period - self._firmware.now % self._period))
+            self._to_host.put(piece, self.now)
+
+
+@contextmanager
+def on_its_clock(port: SimulatedPort) -> Iterator[None]:
+    """The host's clock is the port's while this is open, and nothing that lives in real time is started."""
+    with (
+        mock.patch.object(time, "monotonic", lambda: port.now),
+        mock.patch.object(time, "sleep", port.sleep),
+        mock.patch.object(robot, "Guardian", lambda *_: mock.Mock()),
+        mock.patch.object(session, "real_time_priority", nullcontext),
+    ):
+        yield

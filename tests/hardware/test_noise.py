@@ -1,0 +1,55 @@
+"""Noise on the line, in simulated time: minutes of walking in seconds, and the same ones every time."""
+
+from pathlib import Path
+
+import pytest
+
+from motorprior.hardware.robot import Robot
+from motorprior.logs.robot_run import Mode
+from motorprior.robots.pupper_v2 import spec
+from noise import figures, noisy_walk
+from simulated_port import SimulatedPort, on_its_clock
+
+
+@pytest.mark.parametrize("life", [0, 1])
+def test_with_three_percent_lost_and_three_damaged_it_walks_on(trot: Path, life: int):
+    """A gain or current limit that is repeated while it walks, and damaged, ended such walks within a minute or two."""
+    walk = noisy_walk(trot, 0.03, 180.0, life)
+    assert walk.fault is None
+    assert walk.seconds == pytest.approx(180.0, abs=0.1) and walk.path > 6.0
+
+
+def test_a_walk_in_simulated_time_repeats_to_the_last_bit(trot: Path):
+    assert noisy_walk(trot, 0.05, 3.0, 2) == noisy_walk(trot, 0.05, 3.0, 2)
+
+
+def test_a_line_that_loses_nearly_everything_is_a_fault(trot: Path):
+    """And the figures say which."""
+    walk = noisy_walk(trot, 0.6, 10.0, 0)
+    assert walk.fault == "stale telemetry"
+    assert figures([noisy_walk(trot, 0.0, 1.0, 0)], [walk])["fault/stale telemetry"] == 1.0
+
+
+class _Wiretap(SimulatedPort):
+    """Keeps what was sent."""
+
+    def __init__(self) -> None:
+        super().__init__(0)
+        self.keys: list[str] = []
+
+    def send(self, command):
+        self.keys += [name for name, value in vars(command).items() if value is not None]
+        return super().send(command)
+
+
+def test_gains_go_over_the_line_with_the_first_targets_only():
+    port = _Wiretap()
+    with on_its_clock(port), Robot(port) as robot:
+        robot.listen(0.1)
+        robot.arm(spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
+        for _ in range(50):
+            robot.send(spec.NOMINAL_POSE, Mode.RAMP)
+            robot.listen(port.now + 0.01)
+        sent = list(port.keys)
+    law = ["kp", "kd", "max_current", "pos"]
+    assert sent == 3 * law + 47 * ["pos"]
