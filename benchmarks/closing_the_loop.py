@@ -3,20 +3,23 @@
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
-docs/hardware.md, for each robot: 60 s of recording in the air, `logs import --hung`, `adapt`, and three policies:
-    before      trained on samples of the prior (`walk`), the same for all robots
-    trained_on  the same one, trained on (`walk --start`) on the posterior of this robot's motors
-    anew        trained on that posterior from the beginning
-Each walks `--walks` times for 10 s, with other noise of the sensors. Printed and written to figures_SPEED_SEED.json,
-for each robot and policy, and over all robots: median way in 10 s [m], in straight pieces of a second, which a curve does
-not shorten; median displacement from the start [m], which it does; share of the walks that ended in a fault. Finished
-parts are kept.
+docs/hardware.md. For each robot 60 s of recording in the air, `logs import --hung`, `adapt`; for each seed of the
+training, policies:
+    before    trained on samples of the prior (`walk`), the same for all robots
+    longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
+    adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
+    anew      trained on that posterior from the beginning, with --anew
+Each walks `--walks` times for 10 s, with other noise of the sensors. Printed and written to figures_SPEED.json: of each
+pair of robot and seed the median way in 10 s [m], in straight pieces of a second, which a curve does not shorten, the
+median displacement from the start [m], which it does, and the share of the walks that a fault ended; over the pairs the
+median, and median, quartiles and sign of what a policy gains over the control. Finished trainings are kept.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,6 +39,7 @@ from motorprior.search.ars import ArsConfig
 from simulated_port import SimulatedPort, on_its_clock
 
 SECONDS, RECORDED = 10.0, 60.0
+CONTROL = "longer"
 
 
 @dataclass(frozen=True)
@@ -83,32 +87,33 @@ class Training:
     max_speed: float
 
     def policy(self, folder: Path, kind: str, posterior: Path | None = None, start: Path | None = None) -> Path:
-        """A policy in ``folder``; the file."""
+        """A policy in ``folder``, trained on the prior or a posterior, anew or from ``start``; the file."""
         out = folder / f"{kind}_{self.max_speed:g}_{self.seed}"
-        motors, iterations = (
-            MotorChoice(prior=self.prior, posterior=posterior),
-            self.further if start else self.iterations,
-        )
+        motors = MotorChoice(prior=self.prior, posterior=posterior)
+        iterations = self.iterations if start is None else self.further
         task, search = TaskWeights(max_speed=self.max_speed), ArsConfig(seed=self.seed)
         run_walk(Walk(out, motors, start, iterations, search=search, task=task), name=out.name)
         return out / POLICY
 
 
-def policies(number: int, folder: Path, training: Training, before: Path, anew: bool) -> dict[str, Path]:
-    """The policies of a robot."""
-    posterior = folder / "adapted" / POSTERIOR
-    log = record(number, folder)
+def posterior_of(number: int, folder: Path, prior: Path) -> Path:
+    """The posterior of robot ``number``'s motors, found from a recording; one that looks odd is taken anyway."""
+    posterior, log = folder / "adapted" / POSTERIOR, record(number, folder)
     try:
-        run_adapt(Adapt(training.prior, log, posterior.parent))
+        run_adapt(Adapt(prior, log, posterior.parent))
     except LogError as error:
         print(f"robot {number}: {error}")
-        run_adapt(Adapt(training.prior, log, posterior.parent, anyway=True))
-    found = {"before": before, "trained_on": training.policy(folder, "trained_on", posterior, before)}
-    return found | ({"anew": training.policy(folder, "anew", posterior)} if anew else {})
+        run_adapt(Adapt(prior, log, posterior.parent, anyway=True))
+    return posterior
+
+
+def walked(number: int, policies: dict[str, Path], walks: int) -> dict[str, list[Outcome]]:
+    """Every policy on robot ``number``, with the same noise for each."""
+    return {name: [deploy(number, policy, life) for life in range(walks)] for name, policy in policies.items()}
 
 
 def summary(walks: list[Outcome]) -> dict[str, float]:
-    """Medians over walks."""
+    """Over the walks of one policy on one robot."""
     return {
         "path_m": float(np.median([one.path for one in walks])),
         "displacement_m": float(np.median([one.displacement for one in walks])),
@@ -116,63 +121,57 @@ def summary(walks: list[Outcome]) -> dict[str, float]:
     }
 
 
-def compared(found: dict[int, dict[str, list[Outcome]]]) -> dict[str, float]:
-    """Over robots: the median of their medians, and of how each robot's policy differs from ``before`` on it."""
-    figures: dict[str, float] = {}
-    for name in next(iter(found.values())):
-        per_robot = [summary(walks[name]) for walks in found.values()]
+def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
+    """Over pairs of robot and seed: each policy's figures, and what it gains over the control on the same pair."""
+    figures: dict[str, float] = {"pairs": float(len(pairs))}
+    for name in pairs[0]:
+        of_name, of_control = ([summary(pair[which]) for pair in pairs] for which in (name, CONTROL))
+        figures[f"{name}/fault_share"] = float(np.mean([one["fault_share"] for one in of_name]))
         for key in ("path_m", "displacement_m"):
-            values = np.array([one[key] for one in per_robot])
-            figures[f"{name}/{key}"] = float(np.median(values))
-            if name != "before":
-                gain = values - np.array([summary(walks["before"])[key] for walks in found.values()])
-                figures |= {
-                    f"{name}/gain_{key}": float(np.median(gain)),
-                    f"{name}/gain_{key}/least": float(gain.min()),
-                    f"{name}/gain_{key}/most": float(gain.max()),
-                    f"{name}/robots_better_{key}": float(np.count_nonzero(gain > 0)),
-                }
-        figures[f"{name}/fault_share"] = float(np.mean([one["fault_share"] for one in per_robot]))
+            figures[f"{name}/{key}"] = float(np.median([one[key] for one in of_name]))
+            if name != CONTROL:
+                gain = [one[key] - other[key] for one, other in zip(of_name, of_control, strict=True)]
+                for share, value in zip((25, 50, 75), np.percentile(gain, (25, 50, 75)), strict=True):
+                    figures[f"{name}/gain_{key}/p{share}"] = float(value)
+                figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(np.array(gain) > 0.0))
     return figures
 
 
 def main() -> None:
-    """Close the loop on every robot."""
+    """Close the loop on every robot, with every seed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--prior", type=Path, required=True, help="prior of the robots' fleet")
     parser.add_argument("--out", type=Path, required=True, help="folder for everything")
     parser.add_argument("--robots", type=int, default=8, help="virtual Puppers")
+    parser.add_argument("--seeds", type=int, default=3, help="of the training")
     parser.add_argument("--walks", type=int, default=5, help="of each policy on each robot")
-    parser.add_argument("--seed", type=int, default=0, help="of the training")
     parser.add_argument("--iterations", type=int, default=200, help="of the training from the beginning")
     parser.add_argument("--further", type=int, default=100, help="of the training on")
-    parser.add_argument("--max-speed", type=float, default=0.5, help="speed beyond which nothing more is earned [m/s]")
+    parser.add_argument("--max-speed", type=float, default=0.8, help="speed beyond which nothing more is earned [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     given = parser.parse_args()
-    training = Training(given.prior, given.seed, given.iterations, given.further, given.max_speed)
-    before = training.policy(given.out, "before")
-    found: dict[int, dict[str, list[Outcome]]] = {}
-    for number in range(given.robots):
-        folder = given.out / f"robot_{number}"
-        choices = policies(number, folder, training, before, given.anew)
-        found[number] = {
-            name: [deploy(number, policy, life) for life in range(given.walks)] for name, policy in choices.items()
-        }
-        for name, walks in found[number].items():
-            print(
-                f"robot {number} {name:10}",
-                *(f"{key} {value:.2f}" for key, value in summary(walks).items()),
-                flush=True,
-            )
-    walks = {
-        number: {name: [asdict(walk) for walk in walks] for name, walks in by.items()} for number, by in found.items()
-    }
-    figures = compared(found)
-    (given.out / f"figures_{given.max_speed:g}_{given.seed}.json").write_text(
-        json.dumps({"figures": figures, "walks": walks}, indent=1) + "\n"
-    )
+    pairs, told = [], []
+    for seed in range(given.seeds):
+        training = Training(given.prior, seed, given.iterations, given.further, given.max_speed)
+        before = training.policy(given.out, "before")
+        longer = training.policy(given.out, CONTROL, start=before)
+        for number in range(given.robots):
+            folder = given.out / f"robot_{number}"
+            posterior = posterior_of(number, folder, given.prior)
+            policies = {"before": before, CONTROL: longer}
+            policies["adapted"] = training.policy(folder, "adapted", posterior, before)
+            if given.anew:
+                policies["anew"] = training.policy(folder, "anew", posterior)
+            pairs.append(walked(number, policies, given.walks))
+            for name, walks in pairs[-1].items():
+                words = (f"{key} {value:.2f}" for key, value in summary(walks).items())
+                print(f"robot {number} seed {seed} {name:8}", *words, flush=True)
+                told.append({"robot": number, "seed": seed, "policy": name, "walks": [asdict(walk) for walk in walks]})
+    figures = compared(pairs)
+    path = given.out / f"figures_{given.max_speed:g}.json"
+    path.write_text(json.dumps({"figures": figures, "pairs": told}, indent=1) + "\n")
     for key, value in figures.items():
-        print(f"{key:32} {value:8.3f}")
+        print(f"{key:40} {value:8.3f}")
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
     python benchmarks/noise.py --hours 2 --json noise.json
 
 The host's own code walks virtual Puppers (`simulated_port.py`) while the line loses and damages frames, both ways.
-Walks of ten minutes, and of two seconds: these are for the arming, when gains go over the line. For each share of lost and of
-damaged frames:
+Walks of ten minutes, and of two seconds: these are for the arming, when gains go over the line. For each share of lost
+and of damaged frames:
     SHARE/walked_h                hours under way
     SHARE/faults_per_hour         walks ended by a fault, per hour; SHARE/fault/KIND how many of which kind
     SHARE/m_per_minute            way walked

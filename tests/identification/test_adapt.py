@@ -1,6 +1,7 @@
 """The posterior of z for new motors: recovered truth on motors whose z is known."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def log_of(motors: LatentActuator, segments: int) -> TrainingData:
         case = trial(np.random.default_rng([9, segment, 1]), "impacts", 500, motors.num_motors, BENCH, hold=True)
         parts.append((case, run(motors, case)))
     count = 500 * segments
-    joined = {
+    joined: dict[str, Any] = {
         name: np.concatenate([getattr(response, name) for _, response in parts])
         for name in ("joint_pos", "joint_vel", "joint_torque")
     }

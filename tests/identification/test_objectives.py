@@ -19,6 +19,7 @@ from motorprior.identification.objectives import (
     torque_objective,
 )
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.windows import Measured
 
 TAPS = (0, 1, 3)
 NETWORK = replace(PRESETS["latent_network"], taps=TAPS, num_neurons=8, num_latents=2, window=40)
@@ -58,7 +59,7 @@ def recorded(given: Parameters, preset=NETWORK):
 
 
 def loss(objective, given: Parameters, windows, preset=NETWORK, has_torque=False, bounded=False) -> float:
-    made = objective(preset, SCALES, has_torque, bounded)
+    made = objective(preset, SCALES, Measured(has_torque), bounded)
     return float(made.loss(given, jnp.asarray(windows, jnp.float32), jnp.asarray(Z, jnp.float32)))
 
 
@@ -108,7 +109,7 @@ def test_bounded_gradients_change_no_loss(preset):
 
 def test_gauss_newton_is_the_hessian_where_the_model_is_perfect():
     given = parameters()
-    objective = rollout_objective(NETWORK, SCALES, True, False)
+    objective = rollout_objective(NETWORK, SCALES, Measured(True), False)
     # all windows are of motor 1, whose latent both get
     alone = jnp.asarray(recorded(given)[[1, 1]], jnp.float32)
     z = jnp.asarray(Z[1], jnp.float32)
@@ -121,7 +122,7 @@ def test_gauss_newton_is_the_hessian_where_the_model_is_perfect():
 @ROLLOUTS
 def test_gauss_newton_is_never_negative_and_always_finite(preset):
     given = parameters(preset)
-    objective = rollout_objective(preset, SCALES, True, False)
+    objective = rollout_objective(preset, SCALES, Measured(True), False)
     windows = jnp.asarray(recorded(given, preset) + 0.2, jnp.float32)
     found = np.asarray(objective.gauss_newton(given, windows, jnp.asarray([0.4, -0.7])))
     assert np.all(np.isfinite(found)) and np.abs(found).max() > 0.0

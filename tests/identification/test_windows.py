@@ -18,6 +18,7 @@ LENGTHS = (25, 9, 10, 40)
 def a_log(lengths=LENGTHS, joints=2, **changes):
     rows, rng = sum(lengths), np.random.default_rng(0)
     series = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
+    channels: dict[str, Any] = {name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series}
     log = MotorLog(
         time=np.arange(rows) * 0.002,
         segment=np.repeat(np.arange(len(lengths)), lengths),
@@ -25,7 +26,7 @@ def a_log(lengths=LENGTHS, joints=2, **changes):
         robot="bench",
         motor="m",
         source="test",
-        **{name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series},
+        **channels,
     )
     return replace(log, **changes)
 
@@ -87,8 +88,8 @@ def test_a_window_begins_with_the_history_or_the_warm_up_whichever_is_longer(war
 
 def test_a_rollout_needs_no_torque_and_says_whether_it_has_one():
     data = training_data(a_log(joint_torque=None), PRESET, "log")
-    assert np.all(data.series[..., 3] == 0.0) and not data.has_torque
-    assert training_data(a_log(), PRESET, "log").has_torque
+    assert np.all(data.series[..., 3] == 0.0) and not data.measured.torque
+    assert training_data(a_log(), PRESET, "log").measured.torque
 
 
 def test_a_rollout_finds_the_velocities_of_a_log_of_positions_within_each_segment():

@@ -75,7 +75,7 @@ def test_a_missing_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("header", "problem"),
     [
-        ({"schema_version": 2}, "log schema version 2, this motorprior reads 1"),
+        ({"schema_version": 1}, "log schema version 1, this motorprior reads 2"),
         ({"schema_version": None}, "log schema version None"),
         ({"motor": None}, r"missing keys \['motor'\]"),
         ({"colour": "red"}, r"unknown keys \['colour'\]"),
@@ -86,6 +86,8 @@ def test_a_missing_file_is_refused(tmp_path):
         ({"joint_names": ["left"]}, "unknown columns"),
         ({"joint_names": "left"}, "joint_names 'left' is not understood"),
         ({"robot": 3}, "robot 3 is not text"),
+        ({"encoder": None}, r"missing keys \['encoder'\]"),
+        ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(written, header, problem):

@@ -116,8 +116,9 @@ def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple
     data = training_data(log, preset, where)
     # A prior that never saw torques judges by positions, whatever the log has.
     knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"
-    data = replace(data, has_torque=data.has_torque and knows_torque)
-    which = ending(data.has_torque) if knows_torque else ""
+    measured = replace(data.measured, torque=data.measured.torque and knows_torque)
+    data = replace(data, measured=measured)
+    which = ending(measured.torque) if knows_torque else ""
     return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 

@@ -26,8 +26,8 @@ _IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
 """The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
 _LAW_FIRST = 3
 """The first so many targets come with the gains: any command may get lost, and what a firmware holds before the first
-one is its own idea of a current limit. Later ones do not: no checksum guards them, and while one damaged target is mended
-by the next, a damaged gain or current limit throws a walking robot over (`benchmarks/noise.py`)."""
+one is its own idea of a current limit. Later ones do not: no checksum guards them, and while the next target mends a
+damaged one, a damaged gain or current limit throws a walking robot over (`benchmarks/noise.py`)."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 

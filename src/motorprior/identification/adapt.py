@@ -78,7 +78,7 @@ def adapt(
         start: (M, Z) where to start; from a search if not given.
     """
     windows = jnp.asarray(tiled_windows(data, preset))
-    fit = _Fit(*motor_loss(network, preset, data.has_torque), windows, temperature)
+    fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
     first = fit.best_starts(network.num_latents) if start is None else as_latents(start)
     modes = fit.polish(first, fit.descend(first, steps))
     losses = fit.functions.losses(fit.parameters, modes, windows)
@@ -92,12 +92,12 @@ def laplace_covariance(
 ) -> np.ndarray:
     """(M, Z, Z) covariance of motors whose modes z (M, Z) are known; see the module."""
     windows = jnp.asarray(tiled_windows(data, preset))
-    return _Fit(*motor_loss(network, preset, data.has_torque), windows, temperature).covariance(as_latents(z))
+    return _Fit(*motor_loss(network, preset, data.measured), windows, temperature).covariance(as_latents(z))
 
 
 def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
     """(M, N) loss of every window that does not overlap the next, motors at latents z (M, Z)."""
-    functions, parameters = motor_loss(network, preset, data.has_torque)
+    functions, parameters = motor_loss(network, preset, data.measured)
     windows = jnp.asarray(tiled_windows(data, preset))
     return np.asarray(functions.window_losses(parameters, as_latents(z), windows), np.float64)
 

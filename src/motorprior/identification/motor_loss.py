@@ -18,6 +18,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.network import Parameters, import_parameters
 from motorprior.identification.objectives import OBJECTIVES
 from motorprior.identification.presets import Preset
+from motorprior.identification.windows import Measured
 
 LEARNING_RATE = 0.1
 """Peak of the descent's cosine schedule."""
@@ -30,11 +31,11 @@ class MotorLoss:
     Args:
         preset: recipe of the objective.
         scales: of the network, by name.
-        has_torque: the windows hold measured torques.
+        measured: what the windows hold.
     """
 
-    def __init__(self, preset: Preset, scales: dict[str, float], has_torque: bool):
-        bounded, free = (OBJECTIVES[preset.objective](preset, scales, has_torque, flag) for flag in (True, False))
+    def __init__(self, preset: Preset, scales: dict[str, float], measured: Measured):
+        bounded, free = (OBJECTIVES[preset.objective](preset, scales, measured, flag) for flag in (True, False))
 
         def loss(parameters: Parameters, z: jnp.ndarray, windows: jnp.ndarray) -> jnp.ndarray:
             return bounded.loss(parameters, windows, jnp.broadcast_to(z, (windows.shape[0], z.shape[0])))
@@ -77,15 +78,15 @@ class MotorLoss:
         """(parameters, z, windows, picked (steps, batch), temperature, count) -> z after Adam on those windows."""
 
 
-def motor_loss(network: LatentNetwork, preset: Preset, has_torque: bool) -> tuple[MotorLoss, Parameters]:
+def motor_loss(network: LatentNetwork, preset: Preset, measured: Measured) -> tuple[MotorLoss, Parameters]:
     """The compiled functions that fit a network, and its parameters, their first argument."""
     scales = tuple(float(getattr(network, name)) for name in _SCALES)
-    return _compiled(preset, scales, has_torque), import_parameters(network)
+    return _compiled(preset, scales, measured), import_parameters(network)
 
 
 @lru_cache(maxsize=4)
-def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> MotorLoss:
-    return MotorLoss(preset, dict(zip(_SCALES, scales, strict=True)), has_torque)
+def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> MotorLoss:
+    return MotorLoss(preset, dict(zip(_SCALES, scales, strict=True)), measured)
 
 
 def as_latents(z: np.ndarray) -> jnp.ndarray:

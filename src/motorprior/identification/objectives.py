@@ -12,7 +12,7 @@ import numpy as np
 from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.network import Parameters, decoder_latents, motor_bias, scaled_torque
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import POS, TARGET, TORQUE, VEL
+from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, Measured
 
 POSITION_SCALE = 0.01
 VELOCITY_SCALE = 0.3
@@ -61,16 +61,16 @@ def kl_to_standard_normal(mean: jnp.ndarray, log_var: jnp.ndarray) -> jnp.ndarra
     return 0.5 * jnp.sum(jnp.exp(log_var) + mean**2 - 1.0 - log_var, axis=-1)
 
 
-def torque_objective(preset: Preset, scales: dict[str, float], has_torque: bool, bounded: bool) -> Objective:
+def torque_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
     """Mean squared error of the torque, one step, divided by torque_scale²: the paper's loss.
 
     Args:
         preset: recipe.
         scales: of the inputs and the torque.
-        has_torque: always true here.
+        measured: with torques, always.
         bounded: no meaning here; see `rollout_objective`.
     """
-    del bounded, has_torque
+    del bounded, measured
     taps = np.asarray(preset.taps)
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
@@ -89,23 +89,23 @@ def huber(x: jnp.ndarray) -> jnp.ndarray:
     return jnp.sqrt(1.0 + x**2) - 1.0
 
 
-def rollout_objective(preset: Preset, scales: dict[str, float], has_torque: bool, bounded: bool) -> Objective:
+def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
     """Simulate the loaded joint over the window and compare positions and velocities, and torques if the log has them.
 
     Args:
         preset: recipe.
         scales: of the inputs and the torque.
-        has_torque: the windows hold measured torques.
+        measured: what the windows hold.
         bounded: limit what each window adds to a gradient: for training, in reverse mode only.
     """
-    rollout = closed_loop(preset, scales, bounded)
+    rollout = closed_loop(preset, scales, bounded, measured.at_rotor)
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         position, velocity, torque = rollout(parameters, windows, z)
         scaled = [position / POSITION_SCALE, velocity / VELOCITY_SCALE, torque / TORQUE_SCALE]
-        return jnp.concatenate(scaled[: 3 if has_torque else 2])
+        return jnp.concatenate(scaled[: 3 if measured.torque else 2])
 
-    return Objective(residuals, huber, lambda r: (1.0 + r**2) ** -1.5, 3.0 if has_torque else 2.0)
+    return Objective(residuals, huber, lambda r: (1.0 + r**2) ** -1.5, 3.0 if measured.torque else 2.0)
 
 
 OBJECTIVES = {"torque": torque_objective, "rollout": rollout_objective}

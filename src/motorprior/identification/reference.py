@@ -45,8 +45,8 @@ def reference_metrics(
     """
     metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":
-        if data.has_torque:
-            blind = replace(data, has_torque=False)
+        if data.measured.torque:
+            blind = replace(data, measured=replace(data.measured, torque=False))
             metrics |= loss_metrics(window_losses(network, blind, preset, mean), preset, ending(False))
         metrics |= _residual_metrics(LatentActuator(network, mean), log)
     return metrics

@@ -128,7 +128,7 @@ def _finite(loss: float, step: int) -> float:
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """A jitted function that makes one chunk of Adam steps and returns the mean loss."""
-    objective = OBJECTIVES[preset.objective](preset, data.scales, data.has_torque, bounded=True)
+    objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
     def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:

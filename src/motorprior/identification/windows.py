@@ -12,6 +12,20 @@ from motorprior.logs.motor_log import MotorLog
 
 
 @dataclass(frozen=True)
+class Measured:
+    """What a log says of a motor besides its targets.
+
+    Attributes:
+        torque: joint_torque.
+        at_rotor: joint_pos and joint_vel are those of an encoder on the rotor, to which the gear's play is invisible;
+            the joint's own otherwise.
+    """
+
+    torque: bool
+    at_rotor: bool = False
+
+
+@dataclass(frozen=True)
 class TrainingData:
     """M motors, R rows each.
 
@@ -20,14 +34,14 @@ class TrainingData:
             has none), external_torque, load_inertia. For a rollout the velocities are those of half a period before
             and the torques means about the sample, as a semi-implicit step takes them.
         starts: (S,) first rows of the windows that lie inside one segment.
-        has_torque: whether the log has joint_torque.
+        measured: what the log has.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
     """
 
     series: np.ndarray
     starts: np.ndarray
     scales: dict[str, float]
-    has_torque: bool
+    measured: Measured
 
 
 _REMEDIES = {
@@ -63,7 +77,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=_window_starts(log, preset, where),
         scales=_scales(log, where),
-        has_torque=log.joint_torque is not None,
+        measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
 
 

@@ -23,6 +23,7 @@ JOINT_SERIES = {
 """Channels of shape (T, J) and their unit, as it is spelled in column names."""
 
 BASE_AXES = ("roll", "pitch")
+ENCODERS = ("joint", "rotor")
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
     "load_inertia * joint_acc = joint_torque + external_torque"
@@ -50,6 +51,8 @@ class MotorLog:
         external_torque: (T, J) torque of everything but the motor on the joint [N·m], or None.
         segment: (T,) index of the contiguous recording a row belongs to, or None for a single one.
         base_orientation: (T, 2) roll and pitch of the robot's base [rad], or None.
+        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", to which the gear's play and wind-up
+            are invisible (angles at the output shaft, too).
     """
 
     time: np.ndarray
@@ -65,6 +68,7 @@ class MotorLog:
     external_torque: np.ndarray | None = None
     segment: np.ndarray | None = None
     base_orientation: np.ndarray | None = None
+    encoder: str = "joint"
 
     @property
     def num_joints(self) -> int:
@@ -138,9 +142,11 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
 
     Raises:
         LogError: wrong shape or joint count, a value that is not finite (row, column, value), time that
-            does not increase within a segment (row, both values), a load inertia that is not positive, or
-            fewer than 2 rows in a segment.
+            does not increase within a segment (row, both values), a load inertia that is not positive,
+            fewer than 2 rows in a segment, or an unknown place of the encoder.
     """
+    if log.encoder not in ENCODERS:
+        raise LogError(f"encoder {log.encoder!r}", where=where, remedy=f"give {' or '.join(ENCODERS)}")
     log = _as_arrays(log, where)
     _check_shapes(log, where)
     _check_finite(log, where)

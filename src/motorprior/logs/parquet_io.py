@@ -17,13 +17,13 @@ from motorprior.artifacts import atomic_path, require_keys
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import BASE_AXES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 METADATA_KEY = b"motorprior"
 REWRITE = "write the log anew with this version of motorprior"
 _OPTIONAL = ("segment", "base_orientation")
 _HEADER_KEYS = (
     *("schema_version", "units", "sign_convention", "robot", "motor"),
-    *("source", "joint_names", "channels"),
+    *("source", "joint_names", "channels", "encoder"),
 )
 
 
@@ -59,7 +59,7 @@ def read_log(path: str | Path) -> MotorLog:
     wanted = _column_names(header["channels"], tuple(header["joint_names"]))
     _require_columns(table, [name for names in wanted.values() for name in names], path)
     values: dict[str, Any] = {channel: _stack(table, channel, names) for channel, names in wanted.items()}
-    values |= {key: header[key] for key in ("robot", "motor", "source")}
+    values |= {key: header[key] for key in ("robot", "motor", "source", "encoder")}
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
 
@@ -102,6 +102,7 @@ def _header(log: MotorLog) -> dict[str, Any]:
         "source": log.source,
         "joint_names": list(log.joint_names),
         "channels": _present(log),
+        "encoder": log.encoder,
     }
 
 
@@ -149,7 +150,7 @@ def _check_header(header: dict[str, Any], path: Path) -> None:
     for key, wanted in (("units", _units()), ("sign_convention", SIGN_CONVENTION)):
         if header[key] != wanted:
             raise LogError(f"{key} {header[key]!r}, expected {wanted!r}", where=path, remedy=REWRITE)
-    for key in ("robot", "motor", "source"):
+    for key in ("robot", "motor", "source", "encoder"):
         if not isinstance(header[key], str):
             raise LogError(f"header: {key} {header[key]!r} is not text", where=path, remedy=REWRITE)
     for key, allowed in (("joint_names", None), ("channels", (*JOINT_SERIES, *_OPTIONAL))):

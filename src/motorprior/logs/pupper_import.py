@@ -16,7 +16,7 @@ from motorprior.logs.checks import require_plausible_angles
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
 from motorprior.logs.restricted_unpickler import load_plain
-from motorprior.robots.pupper_v2.spec import JOINT_NAMES
+from motorprior.robots.pupper_v2.spec import ENCODER, JOINT_NAMES
 
 ROBOT = "pupper_v2"
 MOTOR = "DJI M2006 P36 + C610"
@@ -61,6 +61,7 @@ def read_pupper_log(path: str | Path) -> MotorLog:
         robot=ROBOT,
         motor=MOTOR,
         source=str(path),
+        encoder=ENCODER,
     )
     return checked(log, where=path)
 

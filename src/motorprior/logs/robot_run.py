@@ -14,7 +14,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
-from motorprior.robots.pupper_v2.spec import JOINT_NAMES, ROBOT_NAME, TORQUE_CONSTANT
+from motorprior.robots.pupper_v2.spec import ENCODER, JOINT_NAMES, ROBOT_NAME, TORQUE_CONSTANT
 
 MOTOR = "DJI M2006 P36 + C610"
 _GAP = 0.055
@@ -131,6 +131,7 @@ def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], path: Path) -> Mo
         robot=ROBOT_NAME,
         motor=MOTOR,
         source=str(path),
+        encoder=ENCODER,
     )
 
 

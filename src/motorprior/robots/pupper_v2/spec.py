@@ -39,6 +39,9 @@ TORQUE_CONSTANT = 0.18
 TORQUE_LIMIT = MAX_CURRENT * TORQUE_CONSTANT
 """Current limit [A] on the robot (2022 deployment), torque constant [N·m/A] at the output, and their product."""
 
+ENCODER = "rotor"
+"""Where joint angles and velocities are measured: 8192 counts per turn of the rotor (DJI M2006 with C610)."""
+
 GRAVITY = 9.81
 FOOT_FRICTION = 0.45
 """Sliding friction of the rubber foot [-]; push-up logs of the real robot identify 0.23-0.45."""

@@ -1,0 +1,100 @@
+"""Logs of encoders on the rotors, as a Pupper's: the joint behind the gear's play is hidden."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor import PARAMETERS, ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.identification.network import export, initial_parameters
+from motorprior.identification.objectives import rollout_objective
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.windows import Measured
+
+PRESET = replace(PRESETS["rollout"], window=100)
+SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}
+MOTORS, DT = 3, PRESET.period
+INERTIA = np.array([0.0008, 0.002, 0.004])
+PLAY, ZERO, KP = (PARAMETERS.index(name) for name in ("backlash", "encoder_zero", "kp"))
+AT_ROTOR, AT_JOINT = Measured(torque=False, at_rotor=True), Measured(torque=False)
+HIDDEN = ("backlash", "encoder_zero")
+
+
+@pytest.fixture(scope="module")
+def parameters():
+    """A silent network: the physics are all there is."""
+    return initial_parameters(np.random.default_rng(0), PRESET)
+
+
+@pytest.fixture(scope="module")
+def z() -> np.ndarray:
+    """Motors of the central play, which is what a rotor's encoder is taken to hide; their zeros differ."""
+    drawn = 0.3 * np.random.default_rng(2).standard_normal((MOTORS, len(PARAMETERS)))
+    drawn[:, PLAY] = 0.0
+    return drawn
+
+
+@pytest.fixture(scope="module")
+def windows(parameters, z) -> jnp.ndarray:
+    """(MOTORS, rows, 6) what the rotors' encoders saw of these motors, each under a load."""
+    rng, rows = np.random.default_rng(1), PRESET.history + PRESET.window
+    targets = np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0)
+    external = np.cumsum(rng.normal(0.0, 0.01, (rows, MOTORS)), axis=0)
+    network = export(parameters, PRESET, SCALES)
+    arrays = LatentActuator(network, z).arrays(DT)
+    zero = network.constants(z)["encoder_zero"]
+    assert np.abs(zero).max() > 0.005, "zeros that would be seen"
+    q, dq, torque, seen = targets[0] - zero, np.zeros(MOTORS), np.zeros(MOTORS), []
+    reset_actuator(arrays, targets[0], q)
+    for row in range(rows):
+        motor = arrays.memory[1:]
+        seen.append((motor[ROTOR_POS] + zero, motor[ROTOR_VEL].copy()))
+        step_actuator(arrays, DT, targets[row], q, dq, torque)
+        dq = (dq + DT * (torque + external[row]) / INERTIA) / (1.0 + DT * arrays.damping / INERTIA)
+        q = q + DT * dq
+    pos, vel = np.array(seen).transpose(1, 0, 2)
+    channels = (targets, pos, vel, np.zeros_like(pos), external, np.broadcast_to(INERTIA, pos.shape))
+    return jnp.asarray(np.stack(channels, axis=-1).transpose(1, 0, 2), jnp.float32)
+
+
+def loss(parameters, windows, z, measured: Measured) -> float:
+    objective = rollout_objective(PRESET, SCALES, measured, bounded=False)
+    return float(objective.loss(parameters, windows, jnp.asarray(z, jnp.float32)))
+
+
+def test_a_perfect_model_replays_what_the_rotors_did(parameters, windows, z):
+    """Read as the joint's, the same angles cost a hundred times as much."""
+    assert loss(parameters, windows, z, AT_ROTOR) < 1e-5
+    assert loss(parameters, windows, z, AT_JOINT) > 1e-3
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_a_rotor_says_nothing_of_zero_and_play_and_something_of_the_rest(parameters, windows, z, name: str):
+    moved = z.copy()
+    moved[:, PARAMETERS.index(name)] += 0.5
+    if name == "torque_limit":
+        pytest.skip("these motors do not reach their limits")
+    before, after = (loss(parameters, windows, one, AT_ROTOR) for one in (z, moved))
+    assert (after == before) if name in HIDDEN else (after > before)
+
+
+def test_what_is_hidden_has_no_gradient_either(parameters, windows, z):
+    objective = rollout_objective(PRESET, SCALES, AT_ROTOR, bounded=True)
+    slope = jax.grad(lambda latents: objective.loss(parameters, windows, latents))(jnp.asarray(z + 0.1, jnp.float32))
+    assert np.all(np.asarray(slope)[:, [PLAY, ZERO]] == 0.0)
+    assert np.all(np.asarray(slope)[:, KP] != 0.0)
+
+
+def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):
+    preset = replace(PRESETS["one_network"], window=100, warm_up=PRESET.warm_up)
+    given = initial_parameters(np.random.default_rng(0), preset)
+    nothing = jnp.zeros((MOTORS, 0), jnp.float32)
+    one, other = (
+        float(rollout_objective(preset, SCALES, seen, False).loss(given, windows, nothing))
+        for seen in (AT_ROTOR, AT_JOINT)
+    )
+    assert one == other
