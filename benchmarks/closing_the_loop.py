@@ -51,14 +51,14 @@ class Outcome:
     fault: str | None
 
 
-def record(number: int, folder: Path) -> Path:
+def record(number: int, folder: Path, seconds: float = RECORDED) -> Path:
     """The recording of robot ``number``, hung, as a motor log."""
     log = folder / "log" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(number, hung=True, rate=200)
         with on_its_clock(port), mock.patch.object(commands, "SerialLink", lambda _: port):
             recorded = commands.run_record(
-                port.port, RecordSettings(folder / "recorded", seconds=RECORDED, yes=True), print
+                port.port, RecordSettings(folder / "recorded", seconds=seconds, yes=True), print
             )
         run_logs_import(LogsImport((recorded,), log.parent, hung=True))
     return log

@@ -10,10 +10,13 @@ import pytest
 from motorprior.actuator.geared_motor import PARAMETERS, ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.objectives import rollout_objective
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.reference import measured_pos
 from motorprior.identification.windows import Measured
+from motorprior.logs.motor_log import MotorLog
 
 PRESET = replace(PRESETS["rollout"], window=100)
 SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}
@@ -98,3 +101,18 @@ def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):
         for seen in (AT_ROTOR, AT_JOINT)
     )
     assert one == other
+
+
+@pytest.mark.parametrize(("encoder", "place"), [("rotor", "encoder_pos"), ("joint", "joint_pos")])
+def test_a_prior_is_compared_with_a_log_where_the_log_measures(parameters, z, encoder: str, place: str):
+    rng, rows = np.random.default_rng(1), 300
+    trial = Trial(
+        np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0), np.zeros((rows, MOTORS)), INERTIA, DT
+    )  # fmt: skip
+    simulated = run(LatentActuator(export(parameters, PRESET, SCALES), z), trial)
+    assert np.abs(simulated.encoder_pos - simulated.joint_pos).max() > 0.005, "zero and play lie between"
+    log = MotorLog(
+        time=DT * np.arange(rows), position_target=trial.position_target, joint_pos=simulated.joint_pos,
+        joint_names=("a", "b", "c"), robot="bench", motor="m", source="test", encoder=encoder,
+    )  # fmt: skip
+    np.testing.assert_array_equal(measured_pos(simulated, log), getattr(simulated, place))

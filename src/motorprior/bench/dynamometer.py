@@ -14,7 +14,7 @@ from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.physical import SUBSTEP, PhysicalActuator
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class Response:
-    """(steps, n) joint_pos [rad], joint_vel [rad/s] and mean joint_torque [N·m] of the step that follows."""
+    """(steps, n) joint_pos [rad], joint_vel [rad/s] and mean joint_torque [N·m] of the step that follows; encoder_pos
+    [rad], what the motors' own encoders read, on the rotor where a motor has one."""
 
     joint_pos: np.ndarray
     joint_vel: np.ndarray
     joint_torque: np.ndarray
+    encoder_pos: np.ndarray
 
 
 @njit(cache=True, nogil=True)
@@ -54,13 +56,14 @@ def _simulate(
     start_offset: float,
     out: np.ndarray,
 ) -> None:
-    """Fill out (3, steps, n); ``fine`` integration steps per sample."""
+    """Fill out (4, steps, n); ``fine`` integration steps per sample."""
     steps, n = targets.shape
     h = dt / fine
     q, dq, torque = targets[0] + start_offset, np.zeros(n), np.zeros(n)
     reset_actuator(arrays, targets[0], q)
     for step in range(steps):
         out[0, step], out[1, step], out[2, step] = q, dq, 0.0
+        measure_joint_pos(arrays, q, out[3, step])
         for _ in range(fine):
             step_actuator(arrays, h, targets[step], q, dq, torque)
             for j in range(n):
@@ -79,7 +82,7 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     finest = SUBSTEP if isinstance(actuator, PhysicalActuator) else 0.002
     fine = max(1, int(np.ceil(trial.dt / finest - 1e-9)))
     steps, n = trial.position_target.shape
-    out = np.zeros((3, steps, n))
+    out = np.zeros((4, steps, n))
     _simulate(
         actuator.arrays(trial.dt / fine),
         trial.load_inertia + actuator.armature,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.bench.dynamometer import run
+from motorprior.bench.dynamometer import Response, run
 from motorprior.identification.adapt import window_losses
 from motorprior.identification.baselines import trials
 from motorprior.identification.presets import Preset
@@ -40,7 +40,8 @@ def reference_metrics(
         ``loss_piece_variance``: variance of their mean losses within a motor, over its mean squared; the same with the
         ending ``_without_torque`` if the log has torques,
         for new motors whose log has none. For a prior trained in closed loop also ``residual_p05_SPEED`` …
-        ``residual_p95_SPEED``: percentiles of joint_pos - simulated joint_pos [rad] when the log's commands and loads
+        ``residual_p95_SPEED``: percentiles of the log's joint_pos - that of the simulation, measured in the same place
+        [rad], when the log's commands and loads
         are replayed from rest, for every pool of SPEEDS of the simulated joint.
     """
     metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
@@ -86,7 +87,7 @@ def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]
     residuals, pools = [], []
     for case, truth in trials(log, _SEGMENTS):
         simulated = run(motors, case)
-        residuals.append((truth - simulated.joint_pos).ravel())
+        residuals.append((truth - measured_pos(simulated, log)).ravel())
         pools.append(_pool(simulated.joint_vel).ravel())
     residual, pool, metrics = np.concatenate(residuals), np.concatenate(pools), {}
     for index, name in enumerate(SPEEDS):
@@ -94,6 +95,11 @@ def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]
         values = np.percentile(chosen if len(chosen) else residual, LEVELS)
         metrics |= dict(zip(_percentiles(name), values.tolist(), strict=True))
     return metrics
+
+
+def measured_pos(simulated: Response, log: MotorLog) -> np.ndarray:
+    """(steps, n) what the encoders of ``log`` would have read of a simulated motion [rad]."""
+    return simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos
 
 
 def _percentiles(pool: str) -> list[str]:
