@@ -165,6 +165,12 @@ def kill_watchdog(robot: Robot) -> None:
     os.kill(robot._guardian.pid, signal.SIGKILL)
 
 
+def stop_watchdog(robot: Robot) -> None:
+    """SIGSTOP to the watchdog process: found when its pipe is full, after a second."""
+    assert robot._guardian is not None
+    os.kill(robot._guardian.pid, signal.SIGSTOP)
+
+
 def raise_an_exception(_: Robot) -> None:
     """A bug in the program."""
     raise ZeroDivisionError("a bug")
@@ -187,6 +193,7 @@ def fill_the_disk(_: Robot) -> None:
 
 HOST_FAULTS: dict[str, Callable[[Robot], None]] = {
     "watchdog_dead": kill_watchdog,
+    "watchdog_asleep": stop_watchdog,
     "exception": raise_an_exception,
     "not_finite": command_nonsense,
     "slow_host": come_late,

@@ -9,6 +9,8 @@ and of damaged frames:
     SHARE/faults_per_hour         walks ended by a fault, per hour; SHARE/fault/KIND how many of which kind
     SHARE/m_per_minute            way walked
     SHARE/armed, SHARE/armings_failed   short walks, and those ended by a fault
+    SHARE/other_gains             walks, long or short, with other gains or another current limit in the robot than were
+                                  sent: the last of these commands was damaged
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+
+import numpy as np
 
 from hardware import trot_policy
 from motorprior.exceptions import RobotFault
@@ -40,23 +44,27 @@ ROBOTS = 8
 
 @dataclass(frozen=True)
 class Walk:
-    """Attributes: seconds under way, path [m], fault (its kind, or None)."""
+    """Attributes: seconds under way, path [m], fault (its kind, or None), other_gains in the robot than were sent."""
 
     seconds: float
     path: float
     fault: str | None
+    other_gains: bool
 
 
 def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
     """One walk of so many seconds, or until a fault ends it."""
     loaded, timing, fault = Policy.load(policy), Timing(), None
+    gains = gains_for(loaded)
     port = SimulatedPort(life % ROBOTS, life, drop=share, corrupt=share)
     with on_its_clock(port), Robot(port) as robot:
         try:
-            walk(robot, loaded, gains_for(loaded), StopRequest(), seconds=seconds, timing=timing)
+            walk(robot, loaded, gains, StopRequest(), seconds=seconds, timing=timing)
         except RobotFault as error:
             fault = error.kind
-    return Walk(len(timing.sent) * loaded.control_dt, port.body.path, fault)
+    sent = np.float32([gains.kp, gains.kd, gains.max_current])
+    other = not np.array_equal(np.float32(port.firmware.gains), sent)
+    return Walk(len(timing.sent) * loaded.control_dt, port.body.path, fault, other)
 
 
 def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
@@ -69,6 +77,7 @@ def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
         "m_per_minute": sum(one.path for one in long) / (60.0 * hours),
         "armed": float(len(short)),
         "armings_failed": float(sum(one.fault is not None for one in short)),
+        "other_gains": float(sum(one.other_gains for one in (*long, *short))),
         **{f"fault/{kind}": float(count) for kind, count in sorted(kinds.items())},
     }
 

@@ -32,6 +32,7 @@ class SimulatedPort(SerialLink):
     Attributes:
         now: the time on both ends [s].
         body: of the robot.
+        firmware: of the robot.
 
     Args:
         number: of the virtual robot, that is, of its motors.
@@ -55,7 +56,7 @@ class SimulatedPort(SerialLink):
         self.port, self.now = f"simulated Pupper {number}", 0.0
         self.body = TwinBody(draw_motors(load_robot_fleet("pupper_v2"), number), hung, life)
         self._period = 1000 // rate
-        self._firmware = Firmware(self.body, FirmwareConfig(self._period, homes=False))
+        self.firmware = Firmware(self.body, FirmwareConfig(self._period, homes=False))
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, rng=np.random.default_rng([number, life, way])) for way in (0, 1)
         )
@@ -72,7 +73,7 @@ class SimulatedPort(SerialLink):
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
         """See `SerialLink.wait`."""
-        next_frame = 1e-3 * (self._firmware.now + self._period - self._firmware.now % self._period) + WAY
+        next_frame = 1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + WAY
         self.now = max(self.now, min(until, next_frame))
         self._live()
         return [(self.now, message) for message in self._reader.feed(self._to_host.take(self.now))]
@@ -82,7 +83,7 @@ class SimulatedPort(SerialLink):
         self._live()
         for piece in self._cutter.cut(command_frame(command)):
             self._to_robot.put(piece, self.now)
-        self._firmware.receive(self._to_robot.take(self.now))
+        self.firmware.receive(self._to_robot.take(self.now))
         return self.now
 
     def forget_unsent(self) -> None:
@@ -98,8 +99,8 @@ class SimulatedPort(SerialLink):
     def _live(self) -> None:
         """Bring the robot up to date."""
         milliseconds = int(1e3 * (self.now - WAY) + 1e-6)
-        while (left := milliseconds - self._firmware.now) > 0:
-            piece = self._firmware.advance(min(left, self._period - self._firmware.now % self._period))
+        while (left := milliseconds - self.firmware.now) > 0:
+            piece = self.firmware.advance(min(left, self._period - self.firmware.now % self._period))
             self._to_host.put(piece, self.now)
 
 

@@ -110,6 +110,12 @@ def test_what_the_firmware_would_refuse_is_not_encoded(command: Command, words: 
         encode_command(command)
 
 
+def test_numpys_numbers_are_numbers():
+    given = Command(kp=np.float64(50.0), kd=np.float32(5.0), pos=[np.float64(1.0)] * 12, idle=np.bool_(True))  # pyright: ignore
+    plain = Command(kp=50.0, kd=5.0, pos=np.ones(12), idle=True)
+    assert encode_command(given) == encode_command(plain)
+
+
 def test_a_full_position_command_fits():
     command = Command(pos=np.ones(12), kp=50.0, kd=5.0, max_current=7.0, activations=np.ones(12), debug=False)
     assert len(encode_command(command)) <= 255

@@ -208,9 +208,11 @@ def test_a_hanging_host_is_idled_by_the_watchdog(
     assert fault.kind == "watchdog" and "silent" in str(fault)
 
 
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["dead", "asleep"])
 def test_the_death_of_the_watchdog_sits_down_and_idles(
-    virtual: Callable, host: Callable, walker: Walker, when: Callable, sits: Callable
+    virtual: Callable, host: Callable, walker: Walker, when: Callable, sits: Callable, number: signal.Signals
 ):
+    """Asleep, it is found when its pipe is full, after a second; nobody waits for it while the robot moves."""
     pupper = virtual()
     robot = host(pupper.port)
     steps = 0
@@ -220,7 +222,7 @@ def test_the_death_of_the_watchdog_sits_down_and_idles(
         steps += 1
         if steps == STEPS_BEFORE:
             assert robot._guardian is not None
-            os.kill(robot._guardian.pid, signal.SIGKILL)
+            os.kill(robot._guardian.pid, number)
 
     with pytest.raises(RobotFault, match="watchdog process is dead"):
         run(robot, lambda loop: loop.play(walker, Mode.WALK, after_step))

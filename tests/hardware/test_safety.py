@@ -176,6 +176,16 @@ def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
     assert caught.value.safe_state == "idle"
 
 
+def test_a_stuck_joint_is_told_with_its_own_figures():
+    """0.3 rad for the one that stands still, not the 0.6 of one that follows."""
+    tracking, joints, wanted = Tracking(LIMITS), np.zeros(12), np.zeros(12)
+    with pytest.raises(RobotFault, match=r"FR_abduction moved less .* led it 0\.[12]\d rad"):
+        for step in range(100):
+            wanted[0], wanted[5] = 0.3, 0.6
+            joints[5] = 0.6 * (1.0 - np.exp(-0.01 * step / spec.TRACKING_LAG))
+            tracking.check(joints, wanted, 0.01 * step)
+
+
 def alive(step: int) -> Telemetry:
     noise = 1e-3 * (1 + step % 7)
     return telemetry(roll=noise, pitch=noise, roll_rate=noise)

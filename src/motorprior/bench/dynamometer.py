@@ -36,8 +36,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class Response:
-    """(steps, n) joint_pos [rad], joint_vel [rad/s] and mean joint_torque [N·m] of the step that follows; encoder_pos
-    [rad], what the motors' own encoders read, on the rotor where a motor has one."""
+    """What n motors did.
+
+    Attributes:
+        joint_pos: (steps, n) [rad].
+        joint_vel: (steps, n) [rad/s].
+        joint_torque: (steps, n) mean over the step that follows [N·m].
+        encoder_pos: (steps, n) what the motors' own encoders read [rad], on the rotor where a motor has one.
+    """
 
     joint_pos: np.ndarray
     joint_vel: np.ndarray

@@ -60,6 +60,9 @@ def excitation_targets(
         speed: fastest target [rad/s].
         control_dt: period of the targets [s].
         seed: of the random signals.
+
+    Raises:
+        ConfigError: it would move none of the joints: a trot has nothing for the abductions.
     """
     steps, rng = round(seconds / control_dt), np.random.default_rng([seed, spec.NUM_JOINTS])
     if kind == "gait":
@@ -68,9 +71,13 @@ def excitation_targets(
         away = np.stack([_SIGNALS[kind](rng, steps, control_dt) for _ in spec.JOINT_NAMES], axis=1)
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(spec.NUM_JOINTS) if joint not in joints]] = 0.0
+    largest = float(np.abs(away).max())
+    if largest == 0.0:
+        names = ", ".join(spec.JOINT_NAMES[joint] for joint in joints)
+        raise ConfigError(f"{kind} does not move {names}", where="--joint", remedy="choose other joints, or a sine")
     time = np.arange(steps) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    away *= amplitude / max(1e-9, float(np.abs(away).max())) if kind == "gait" else _scale(away, amplitude)
+    away *= amplitude / largest if kind == "gait" else _scale(away, amplitude)
     away *= fade
     if kind != "steps":
         fastest = np.abs(np.diff(away, axis=0)).max(axis=0) / control_dt

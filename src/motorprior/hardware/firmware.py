@@ -128,6 +128,11 @@ class Firmware:
         self.mode = HOMING if config.homes else HOLDING
         self.now = 0
 
+    @property
+    def gains(self) -> tuple[float, float, float]:
+        """What is in force: kp [A/rad], kd [A·s/rad], max_current [A]."""
+        return self._gains
+
     def receive(self, data: bytes) -> None:
         """Bytes from the host, read as they come."""
         for message in self._reader.feed(data):

@@ -14,7 +14,7 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.framing import command_frame
 from motorprior.hardware.protocol import IDLE
 
-_START = 10.0
+_START, _SOON = 10.0, 0.005
 """Longest start of an interpreter [s]."""
 _PIPE, _BEAT = 4096, 40 * b"."
 """A pipe of one page [bytes], and beats that fill it in about a second when nobody reads them: a watchdog that sleeps
@@ -90,6 +90,14 @@ class Guardian:
             self._process.kill()
             self._process.wait()
         os.close(self._reports)
+
+    def kill(self) -> None:
+        """End it at once, dead or asleep: the robot still moves, and nobody may wait."""
+        self._process.kill()
+        os.close(self._beats)
+        os.close(self._reports)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=_SOON)
 
 
 def _dead() -> RobotFault:

@@ -116,10 +116,11 @@ class Tracking:
         led = np.abs(self._windows[-1][2] - self._windows[0][2])
         stuck = (moved < self._limits.stuck_motion) & (led > self._limits.stuck_target)
         if stuck.any():
-            name = JOINT_NAMES[int(np.argmax(stuck))]
+            joint = int(np.argmax(stuck))
             raise RobotFault(
                 "stuck",
-                f"{name} moved less than {self._limits.stuck_motion} rad while its target led it {led.max():.2f} rad",
+                f"{JOINT_NAMES[joint]} moved less than {self._limits.stuck_motion} rad while its target led it "
+                f"{led[joint]:.2f} rad",
                 remedy="look for a frozen encoder or a blocked joint",
             )
 

@@ -194,8 +194,15 @@ def _unpacked(payload: bytes) -> dict[Any, Any]:
 
 def _plain(key: str, value: Any, arrays: Mapping[str, int], flags: tuple[str, ...]) -> Any:
     """A value as msgpack takes it, after the checks of `_number`."""
-    checked = _number(key, value.tolist() if isinstance(value, np.ndarray) else value, arrays, flags)
+    checked = _number(key, _without_numpy(value), arrays, flags)
     return checked.tolist() if isinstance(checked, np.ndarray) else checked
+
+
+def _without_numpy(value: Any) -> Any:
+    """Arrays and numpy's numbers, alone or in a list, as Python's own."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_without_numpy(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _number(key: str, value: Any, arrays: Mapping[str, int], flags: tuple[str, ...]) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import termios
@@ -123,15 +124,26 @@ def find_ports() -> list[str]:
     return [port.device for port in sorted(found, key=lambda port: (port.vid != teensy, port.device))]
 
 
+def _number(error: Exception) -> int | None:
+    """The errno of an error, or of the one of termios behind it."""
+    if isinstance(error, OSError) and error.errno:
+        return error.errno
+    behind = error.__context__
+    return behind.args[0] if isinstance(behind, termios.error) else None
+
+
 def _reason(error: Exception) -> str:
-    return os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+    number = _number(error)
+    return os.strerror(number) if number is not None else str(error)
 
 
 def _remedy(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    if number == 13:
+    number = _number(error)
+    if number == errno.ENOTTY:
+        return "that is no serial port; give one such as /dev/ttyACM0"
+    if number == errno.EACCES:
         return "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again"
-    if number == 2:
+    if number == errno.ENOENT:
         found = find_ports()
         return f"use one of {', '.join(found)}" if found else "plug the robot in and switch it on; no port is there"
     return "close every other program that uses the port"

@@ -9,7 +9,8 @@ and b gravity and Coriolis torques. For joint j that is a bench of its own, `Mot
 A torque from the motor's current is none of the joint's: the gear's friction and the rotor lie between (on the virtual
 robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's.
 
-J_j is the mean of M_jj over the segment: an inertia that changes with the pose is no bench's.
+J_j is the mean of M_jj over the segment: an inertia that changes with the pose is no bench's. The angles are those of
+the rotors' encoders, which differ from the joints' by the play: the loads are as wrong as that.
 """
 
 # pyright: reportAttributeAccessIssue=false

@@ -27,8 +27,8 @@ class LogReplay:
     """One log on one set of motors.
 
     Attributes:
-        joint_pos: (rows, 12) simulated angle [rad] at the log's (kept) times: the encoder's for physical motors, the
-            shaft's for a learned prior, which was trained on the shaft and has no encoder.
+        joint_pos: (rows, 12) simulated angle [rad] at the log's (kept) times: that of the encoder on the rotor for
+            physical motors and grey boxes, the shaft's for models without a rotor.
         rmse: (12,) joint RMSE [rad], start included; NaN for joints that were not excited.
     """
 
