@@ -38,7 +38,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.search.ars import ArsConfig
 from simulated_port import SimulatedPort, on_its_clock
 
-SECONDS, RECORDED = 10.0, 60.0
+SECONDS = 10.0
 CONTROL = "longer"
 
 
@@ -51,7 +51,7 @@ class Outcome:
     fault: str | None
 
 
-def record(number: int, folder: Path, seconds: float = RECORDED) -> Path:
+def record(number: int, folder: Path, seconds: float) -> Path:
     """The recording of robot ``number``, hung, as a motor log."""
     log = folder / "log" / "run.parquet"
     if not log.is_file():
@@ -96,9 +96,9 @@ class Training:
         return out / POLICY
 
 
-def posterior_of(number: int, folder: Path, prior: Path) -> Path:
+def posterior_of(number: int, folder: Path, prior: Path, seconds: float) -> Path:
     """The posterior of robot ``number``'s motors, found from a recording; one that looks odd is taken anyway."""
-    posterior, log = folder / "adapted" / POSTERIOR, record(number, folder)
+    posterior, log = folder / "adapted" / POSTERIOR, record(number, folder, seconds)
     try:
         run_adapt(Adapt(prior, log, posterior.parent))
     except LogError as error:
@@ -144,6 +144,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for everything")
     parser.add_argument("--robots", type=int, default=8, help="virtual Puppers")
     parser.add_argument("--seeds", type=int, default=3, help="of the training")
+    parser.add_argument("--recorded", type=float, default=60.0, help="length of the recording [s]")
     parser.add_argument("--walks", type=int, default=5, help="of each policy on each robot")
     parser.add_argument("--iterations", type=int, default=200, help="of the training from the beginning")
     parser.add_argument("--further", type=int, default=100, help="of the training on")
@@ -157,7 +158,7 @@ def main() -> None:
         longer = training.policy(given.out, CONTROL, start=before)
         for number in range(given.robots):
             folder = given.out / f"robot_{number}"
-            posterior = posterior_of(number, folder, given.prior)
+            posterior = posterior_of(number, folder, given.prior, given.recorded)
             policies = {"before": before, CONTROL: longer}
             policies["adapted"] = training.policy(folder, "adapted", posterior, before)
             if given.anew:

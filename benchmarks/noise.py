@@ -38,7 +38,7 @@ from motorprior.locomotion.policy import Policy
 from simulated_port import SimulatedPort, on_its_clock
 
 SHARES = (0.01, 0.03, 0.1)
-LONG, SHORT, ARMINGS = 600.0, 2.0, 300
+LONG, SHORT = 600.0, 2.0
 ROBOTS = 8
 
 
@@ -86,6 +86,7 @@ def main() -> None:
     """Measure all shares."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=2.0, help="to walk with each share of noise [h]")
+    parser.add_argument("--armings", type=int, default=300, help="short walks with each share of noise")
     parser.add_argument("--json", type=Path, required=True, help="file for the figures")
     parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
@@ -95,8 +96,9 @@ def main() -> None:
         policy = arguments.policy or trot_policy(Path(folder))
         for share in SHARES:
             count = max(1, round(3600.0 * arguments.hours / LONG))
-            long = list(pool.map(partial(noisy_walk, policy, share, LONG), range(count)))
-            short = list(pool.map(partial(noisy_walk, policy, share, SHORT), range(count, count + ARMINGS)))
+            seconds, lives = 3600.0 * arguments.hours / count, range(count, count + arguments.armings)
+            long = list(pool.map(partial(noisy_walk, policy, share, seconds), range(count)))
+            short = list(pool.map(partial(noisy_walk, policy, share, SHORT), lives))
             found |= {f"{share:g}/{name}": value for name, value in figures(long, short).items()}
             arguments.json.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
     for key, value in found.items():

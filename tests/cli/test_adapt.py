@@ -1,17 +1,21 @@
 """From a log of new motors to a posterior that walk and transfer accept, and what is refused on the way."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import closing_the_loop
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_json
 from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.identify import Identify, run_identify
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +118,20 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
     assert 0.0 <= figures["coverage50"] <= figures["coverage90"] <= 1.0
     assert 0.0 <= figures["two_sample_auc"] <= 1.0 and figures["energy_distance"] > 0.0
     assert figures["adapt_rmse_ratio/1"] > 0.0 and 0.0 <= figures["adapt_false_alarms/1"] <= 1.0
+
+
+def test_the_loop_closes_on_a_virtual_robot(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """Record, import, adapt, walk on, deploy, as `benchmarks/closing_the_loop.py` does; figures are of its walks."""
+    sizes = {"robots": 1, "seeds": 1, "walks": 2, "recorded": 3, "iterations": 1, "further": 1}
+    words = [f"--{name}={value}" for name, value in sizes.items()]
+    prior = folder / "prior" / "prior.safetensors"
+    monkeypatch.setattr(sys, "argv", ["closing_the_loop", "--prior", str(prior), "--out", str(tmp_path), *words])
+    closing_the_loop.main()
+    told = read_json(tmp_path / "figures_0.8.json")
+    assert [pair["policy"] for pair in told["pairs"]] == ["before", "longer", "adapted"]
+    paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
+    assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
+    assert "robot 0 seed 0 adapted" in capsys.readouterr().out
+    assert MotorPosterior.load(tmp_path / "robot_0" / "adapted" / "posterior.safetensors").joint_names == JOINT_NAMES

@@ -1,13 +1,17 @@
 """Noise on the line, in simulated time: minutes of walking in seconds, and the same ones every time."""
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import noise
+from motorprior.artifacts import read_json
 from motorprior.hardware.robot import Robot
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
-from noise import figures, noisy_walk
+from noise import figures, main, noisy_walk
 from simulated_port import SimulatedPort, on_its_clock
 
 
@@ -53,3 +57,34 @@ def test_gains_go_over_the_line_with_the_first_targets_only():
         sent = list(port.keys)
     law = ["kp", "kd", "max_current", "pos"]
     assert sent == 3 * law + 47 * ["pos"]
+
+
+def test_the_benchmark_tells_of_every_share(trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    out = tmp_path / "noise.json"
+    words = ["--hours", "0.001", "--armings", "2", "--workers", "1", "--policy", str(trot), "--json", str(out)]
+    monkeypatch.setattr(sys, "argv", ["noise", *words])
+    main()
+    found = read_json(out)
+    assert found["0.01/walked_h"] == pytest.approx(0.001, rel=0.01) and found["0.1/armed"] == 2.0
+    assert {name.split("/")[0] for name in found} == {"0.01", "0.03", "0.1"}
+
+
+class _BitFlipper(SimulatedPort):
+    """Damages one byte of kp in the last of the commands with gains."""
+
+    laws = 0
+
+    def send(self, command):
+        if command.kp is not None:
+            self.laws += 1
+            if self.laws == 3:
+                command = replace(command, kp=2.0 * command.kp)
+        return super().send(command)
+
+
+def test_a_gain_that_was_damaged_is_counted_though_it_walks(trot: Path, monkeypatch: pytest.MonkeyPatch):
+    assert not noisy_walk(trot, 0.0, 1.0, 0).other_gains
+    monkeypatch.setattr(noise, "SimulatedPort", _BitFlipper)
+    damaged = noisy_walk(trot, 0.0, 1.0, 0)
+    assert damaged.other_gains and damaged.fault is None
+    assert figures([damaged], [damaged])["other_gains"] == 2.0
