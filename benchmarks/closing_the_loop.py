@@ -10,9 +10,10 @@ training, policies:
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
 Each walks `--walks` times for 10 s, with other noise of the sensors. Printed and written to figures_SPEED.json: of each
-pair of robot and seed the median way in 10 s [m], in straight pieces of a second, which a curve does not shorten, the
-median displacement from the start [m], which it does, and the share of the walks that a fault ended; over the pairs the
-median, and median, quartiles and sign of what a policy gains over the control. Finished trainings are kept.
+pair of robot and seed the median way [m], standing up and coming to rest included, in straight pieces of a second,
+which a curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks
+that a fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy
+gains over the control. Finished trainings are kept.
 """
 
 from __future__ import annotations
@@ -53,12 +54,12 @@ class Outcome:
 
 def record(number: int, folder: Path, seconds: float) -> Path:
     """The recording of robot ``number``, hung, as a motor log."""
-    log = folder / "log" / "run.parquet"
+    log = folder / f"log_{seconds:g}" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(number, hung=True, rate=200)
         with on_its_clock(port), mock.patch.object(commands, "SerialLink", lambda _: port):
             recorded = commands.run_record(
-                port.port, RecordSettings(folder / "recorded", seconds=seconds, yes=True), print
+                port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
             )
         run_logs_import(LogsImport((recorded,), log.parent, hung=True))
     return log
@@ -98,7 +99,7 @@ class Training:
 
 def posterior_of(number: int, folder: Path, prior: Path, seconds: float) -> Path:
     """The posterior of robot ``number``'s motors, found from a recording; one that looks odd is taken anyway."""
-    posterior, log = folder / "adapted" / POSTERIOR, record(number, folder, seconds)
+    posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(number, folder, seconds)
     try:
         run_adapt(Adapt(prior, log, posterior.parent))
     except LogError as error:

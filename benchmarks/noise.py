@@ -6,11 +6,13 @@ The host's own code walks virtual Puppers (`simulated_port.py`) while the line l
 Walks of ten minutes, and of two seconds: these are for the arming, when gains go over the line. For each share of lost
 and of damaged frames:
     SHARE/walked_h                hours under way
-    SHARE/faults_per_hour         walks ended by a fault, per hour; SHARE/fault/KIND how many of which kind
+    SHARE/faults_per_hour         long walks ended by a fault under way, per hour; SHARE/refused: before they began
+    SHARE/fault/KIND              faults of a kind, in all walks, long and short
     SHARE/m_per_minute            way walked
     SHARE/armed, SHARE/armings_failed   short walks, and those ended by a fault
     SHARE/other_gains             walks, long or short, with other gains or another current limit in the robot than were
-                                  sent: the last of these commands was damaged
+                                  sent: the last of these commands that arrived was damaged (that none arrived does not
+                                  count, for the virtual robot begins with these gains)
 """
 
 from __future__ import annotations
@@ -73,7 +75,8 @@ def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
     kinds = Counter(one.fault for one in (*long, *short) if one.fault is not None)
     return {
         "walked_h": hours,
-        "faults_per_hour": sum(one.fault is not None for one in long) / hours,
+        "faults_per_hour": sum(one.fault is not None and one.seconds > 0.0 for one in long) / hours,
+        "refused": float(sum(one.seconds == 0.0 for one in long)),
         "m_per_minute": sum(one.path for one in long) / (60.0 * hours),
         "armed": float(len(short)),
         "armings_failed": float(sum(one.fault is not None for one in short)),

@@ -134,4 +134,6 @@ def test_the_loop_closes_on_a_virtual_robot(
     paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
     assert "robot 0 seed 0 adapted" in capsys.readouterr().out
-    assert MotorPosterior.load(tmp_path / "robot_0" / "adapted" / "posterior.safetensors").joint_names == JOINT_NAMES
+    assert (
+        MotorPosterior.load(tmp_path / "robot_0" / "posterior_3" / "posterior.safetensors").joint_names == JOINT_NAMES
+    )

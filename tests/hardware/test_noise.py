@@ -69,8 +69,8 @@ def test_the_benchmark_tells_of_every_share(trot: Path, tmp_path: Path, monkeypa
     assert {name.split("/")[0] for name in found} == {"0.01", "0.03", "0.1"}
 
 
-class _BitFlipper(SimulatedPort):
-    """Damages one byte of kp in the last of the commands with gains."""
+class _Doubled(SimulatedPort):
+    """Doubles kp in the last of the commands with gains."""
 
     laws = 0
 
@@ -84,7 +84,7 @@ class _BitFlipper(SimulatedPort):
 
 def test_a_gain_that_was_damaged_is_counted_though_it_walks(trot: Path, monkeypatch: pytest.MonkeyPatch):
     assert not noisy_walk(trot, 0.0, 1.0, 0).other_gains
-    monkeypatch.setattr(noise, "SimulatedPort", _BitFlipper)
+    monkeypatch.setattr(noise, "SimulatedPort", _Doubled)
     damaged = noisy_walk(trot, 0.0, 1.0, 0)
     assert damaged.other_gains and damaged.fault is None
     assert figures([damaged], [damaged])["other_gains"] == 2.0

@@ -228,6 +228,8 @@ def test_the_death_of_the_watchdog_sits_down_and_idles(
         run(robot, lambda loop: loop.play(walker, Mode.WALK, after_step))
     when(pupper, IDLE)
     assert sits(pupper)
+    targets = [at for at, event in pupper.events if event == "target"]
+    assert np.diff(targets).max() < 0.5, "targets never stop coming"
 
 
 @pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)

@@ -89,6 +89,9 @@ def test_what_is_hidden_has_no_gradient_either(parameters, windows, z):
     slope = jax.grad(lambda latents: objective.loss(parameters, windows, latents))(jnp.asarray(z + 0.1, jnp.float32))
     assert np.all(np.asarray(slope)[:, [PLAY, ZERO]] == 0.0)
     assert np.all(np.asarray(slope)[:, KP] != 0.0)
+    of_all = jax.grad(lambda given: objective.loss(given, windows, jnp.asarray(z + 0.1, jnp.float32)))(parameters)
+    center = np.asarray(of_all["motor_center"])
+    assert np.all(center[[PLAY, ZERO]] == 0.0) and center[KP] != 0.0, "what all motors have in common"
 
 
 def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):

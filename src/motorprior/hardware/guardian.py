@@ -15,7 +15,7 @@ from motorprior.hardware.framing import command_frame
 from motorprior.hardware.protocol import IDLE
 
 _START, _SOON = 10.0, 0.005
-"""Longest start of an interpreter [s]."""
+"""Longest start of an interpreter, and longest wait for one that was killed [s]."""
 _PIPE, _BEAT = 4096, 40 * b"."
 """A pipe of one page [bytes], and beats that fill it in about a second when nobody reads them: a watchdog that sleeps
 is found out. Where pages are larger, or a pipe cannot be made smaller, it takes up to 16 s."""

@@ -27,8 +27,8 @@ _IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
 _LAW_FIRST = 3
 """The first so many targets come with the gains: any command may get lost, and what a firmware holds before the first
 one is its own idea of a current limit. Later ones do not: no checksum guards them, and while the next target mends a
-damaged one, a damaged gain or current limit throws a walking robot over (`benchmarks/noise.py`). Damage to the last of
-them stays: the fewer are sent, the rarer that is."""
+damaged one, a damaged gain or current limit throws a walking robot over (`benchmarks/noise.py`). Damage to the last
+one that arrives stays until the robot is armed again."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 

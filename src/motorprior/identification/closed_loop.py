@@ -94,7 +94,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
             inertia = inertia + armature(parameters, own)
         if at_rotor:
             central = decode(parameters, decoder_latents(parameters, jnp.zeros_like(z)), bounded)
-            motor |= {"backlash": central["backlash"], "encoder_zero": jnp.zeros_like(inertia)}
+            motor |= {"backlash": jax.lax.stop_gradient(central["backlash"]), "encoder_zero": jnp.zeros_like(inertia)}
 
         def step(state, row):
             q, dq, memory = state

@@ -10,7 +10,8 @@ A torque from the motor's current is none of the joint's: the gear's friction an
 robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's.
 
 J_j is the mean of M_jj over the segment: an inertia that changes with the pose is no bench's. The angles are those of
-the rotors' encoders, which differ from the joints' by the play: the loads are as wrong as that.
+the rotors' encoders, which differ from the joints' by the gear's play and twist and by the encoder's zero: the loads
+are as wrong as that.
 """
 
 # pyright: reportAttributeAccessIssue=false
