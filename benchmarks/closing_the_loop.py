@@ -24,7 +24,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from unittest import mock
 
 import numpy as np
 
@@ -57,7 +56,7 @@ def record(number: int, folder: Path, seconds: float) -> Path:
     log = folder / f"log_{seconds:g}" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(number, hung=True, rate=200)
-        with on_its_clock(port), mock.patch.object(commands, "SerialLink", lambda _: port):
+        with on_its_clock(port):
             recorded = commands.run_record(
                 port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
             )
@@ -69,7 +68,7 @@ def deploy(number: int, policy: Path, life: int) -> Outcome:
     """One walk on the ground."""
     port, fault = SimulatedPort(number, life), None
     start = port.body.live.position()
-    with TemporaryDirectory() as out, on_its_clock(port), mock.patch.object(commands, "SerialLink", lambda _: port):
+    with TemporaryDirectory() as out, on_its_clock(port):
         try:
             commands.run_deploy(policy, port.port, DeploySettings(Path(out), seconds=SECONDS, yes=True), lambda _: None)
         except RobotFault as error:

@@ -15,7 +15,7 @@ import numpy as np
 
 from motorprior.cli.motors import load_robot_fleet
 from motorprior.cli.twin_body import TwinBody, draw_motors
-from motorprior.hardware import robot, session
+from motorprior.hardware import commands, robot, session
 from motorprior.hardware.firmware import Firmware, FirmwareConfig
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.injected import CommandCutter, NoisyLine
@@ -98,16 +98,18 @@ class SimulatedPort(SerialLink):
 
     def _live(self) -> None:
         """Bring the robot up to date."""
-        milliseconds = int(1e3 * (self.now - WAY) + 1e-6)
-        while (left := milliseconds - self.firmware.now) > 0:
-            piece = self.firmware.advance(min(left, self._period - self.firmware.now % self._period))
+        for piece in self.firmware.pieces(int(1e3 * (self.now - WAY) + 1e-6) - self.firmware.now):
             self._to_host.put(piece, self.now)
 
 
 @contextmanager
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
-    """The host's clock is the port's while this is open, and nothing that lives in real time is started."""
+    """The host's clock is the port's while this is open, and nothing that lives in real time is started.
+
+    The commands `deploy` and `record` find it at whatever port they are told.
+    """
     with (
+        mock.patch.object(commands, "SerialLink", lambda _: port),
         mock.patch.object(time, "monotonic", lambda: port.now),
         mock.patch.object(time, "sleep", port.sleep),
         mock.patch.object(robot, "Guardian", lambda *_: mock.Mock()),

@@ -9,7 +9,7 @@ versions leave a command with `pos` without reading its other keys, so this one 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -157,6 +157,12 @@ class Firmware:
                 self._look()
                 out += telemetry_frame(self._telemetry())
         return bytes(out)
+
+    def pieces(self, milliseconds: int) -> Iterator[bytes]:
+        """Let time pass; what is sent meanwhile, one piece per telemetry period, so that noise hits each by itself."""
+        end, period = self.now + milliseconds, self._config.telemetry_period
+        while self.now < end:
+            yield self.advance(min(end - self.now, period - self.now % period))
 
     def _obey(self, command: Command) -> None:
         if self.mode == ERROR:

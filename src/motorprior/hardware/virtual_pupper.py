@@ -96,7 +96,7 @@ class VirtualPupper:
         data = self._read() if ready else b""
         now = time.monotonic()
         elapsed = int(1e3 * (now - self._switched_on)) - self.firmware.now
-        for piece in self._advance(max(0, elapsed)):
+        for piece in self.firmware.pieces(elapsed):
             self._to_host.put(piece, now + LAG * self._lasts("lagging"))
         for piece in self._cutter.cut(data):
             self._to_robot.put(piece, now)
@@ -111,15 +111,6 @@ class VirtualPupper:
         """Switched off and on: another firmware, its clock at 0."""
         self._faults[:] = [fault for fault in self._faults if fault.kind != "restart"]
         self.firmware, self._switched_on = self._switch_on(), time.monotonic()
-
-    def _advance(self, milliseconds: int) -> list[bytes]:
-        """Let the robot live; what it sends, one piece per telemetry period."""
-        pieces, period = [], round(1e3 * self._period)
-        while milliseconds > 0:
-            step = min(milliseconds, period - self.firmware.now % period)
-            pieces.append(self.firmware.advance(step))
-            milliseconds -= step
-        return pieces
 
     def _read(self) -> bytes:
         try:

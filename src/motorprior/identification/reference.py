@@ -41,8 +41,8 @@ def reference_metrics(
         ending ``_without_torque`` if the log has torques,
         for new motors whose log has none. For a prior trained in closed loop also ``residual_p05_SPEED`` …
         ``residual_p95_SPEED``: percentiles of the log's joint_pos - that of the simulation, measured in the same place
-        [rad], when the log's commands and loads
-        are replayed from rest, for every pool of SPEEDS of the simulated joint.
+        [rad], when the log's commands and loads are replayed from rest, for every pool of SPEEDS of the simulated
+        joint.
     """
     metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":
