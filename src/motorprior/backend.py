@@ -21,7 +21,7 @@ class BackendState:
     base_ang_vel: np.ndarray
     """(3,) [rad/s], base frame"""
     measured_joint_pos: np.ndarray
-    """(12,) [rad] as the encoders report it"""
+    """(joints,) [rad] as the encoders report it"""
     torque_squared_sum: float
     """Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]"""
     fault: int = 0
@@ -36,7 +36,7 @@ class Backend(Protocol):
         ...
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold the (12,) targets [rad] for one control period."""
+        """Hold the (joints,) targets [rad] for one control period."""
         ...
 
     def close(self) -> None:

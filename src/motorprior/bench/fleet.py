@@ -14,8 +14,8 @@ import numpy as np
 from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import require_keys
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.shipped import SHIPPED
 
-SHIPPED = Path(__file__).parent / "fleets"
 _TEXT_KEYS = ("name", "motor", "robot")
 UNITS = {
     "kp": "N·m/rad",
@@ -111,7 +111,7 @@ def _assemble(values: dict[str, np.ndarray]) -> MotorParameters:
 
 
 def load_fleet(name_or_path: str) -> Fleet:
-    """Load a shipped fleet by name (``pupper_v2``, ``mixed``) or any fleet TOML by path.
+    """Load a fleet that comes with a shipped robot, by name, or any fleet TOML by path.
 
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
@@ -134,11 +134,11 @@ def fleet_path(name_or_path: str) -> Path:
     Raises:
         ArtifactError: there is none.
     """
-    path = Path(name_or_path)
+    path, shipped = Path(name_or_path), {name: file for robot in SHIPPED for name, file in robot.fleets}
     if path.suffix != ".toml":
-        path = SHIPPED / f"{name_or_path}.toml"
-    if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
+        path = Path(shipped.get(name_or_path, name_or_path))
+    if path.suffix != ".toml" or not path.is_file():
+        known = ", ".join(sorted(shipped))
         raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")
     return path
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.compiled import njit
+from motorprior.locomotion.body import Body
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -23,12 +24,12 @@ from motorprior.locomotion.policy import (
 )
 from motorprior.locomotion.task import fallen, observe, reward
 from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
-from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER
 from motorprior.rotations import roll_pitch_yaw
 
 
 @njit(cache=True)
 def command_step(
+    body: Body,
     action: np.ndarray,
     filter_state: np.ndarray,
     phase: float,
@@ -39,27 +40,31 @@ def command_step(
     """From an action to position targets: low-pass, scale, trot at ``phase`` + residual, clip to limits.
 
     Args:
-        action: shape (16,), clipped to [-1, 1].
-        filter_state: shape (16,), updated in place.
+        body: of the robot.
+        action: shape (actions,), clipped to [-1, 1].
+        filter_state: shape (actions,), updated in place.
         phase: gait phase in [0, 1) that the targets are computed at.
         control_dt: control period [s].
-        command: shape (16,), scratch; afterwards the command in units, see `action_to_command`.
-        target: shape (12,), position targets [rad], overwritten.
+        command: shape (actions,), scratch; afterwards the command in units, see `action_to_command`.
+        target: shape (joints,), position targets [rad], overwritten.
 
     Returns:
         The phase after this control step.
     """
     low_pass(action, control_dt, filter_state)
-    action_to_command(filter_state, command)
-    joint_targets(phase, command[INTENSITY], command[HEIGHT], command[SWING_STANCE_RATIO], target)
-    for joint in range(12):
+    action_to_command(filter_state, body.residual, command)
+    joints: int = target.shape[0]
+    intensity, height = command[joints + INTENSITY], command[joints + HEIGHT]
+    joint_targets(body, phase, intensity, height, command[joints + SWING_STANCE_RATIO], target)
+    for joint in range(joints):
         wanted = target[joint] + command[joint]
-        target[joint] = min(JOINT_UPPER[joint], max(JOINT_LOWER[joint], wanted))
-    return advance_phase(phase, command[FREQUENCY], control_dt)
+        target[joint] = min(body.upper[joint], max(body.lower[joint], wanted))
+    return advance_phase(phase, command[joints + FREQUENCY], control_dt)
 
 
 @njit(cache=True)
 def evaluate_step(
+    body: Body,
     base_pos: np.ndarray,
     base_quat: np.ndarray,
     base_lin_vel: np.ndarray,
@@ -79,29 +84,31 @@ def evaluate_step(
     state means nothing then.
 
     Args:
+        body: of the robot.
         base_pos: shape (3,) [m], world.
         base_quat: shape (4,), (w, x, y, z), base to world.
         base_lin_vel: shape (3,) [m/s], world.
         base_ang_vel: shape (3,) [rad/s], body frame.
-        measured_joint_pos: shape (12,) [rad].
+        measured_joint_pos: shape (joints,) [rad].
         sum_torque_squared: over joints, mean over the physics steps [(N·m)²].
         fault: the backend's, 0 for none.
         previous_x: base_pos[0] before the physics [m].
         phase: phase after this control step, what `command_step` returned.
         control_dt: control period [s].
         weights: shape (6,), `TaskWeights.array()`.
-        observation: shape (18,), overwritten.
+        observation: shape (observations,), overwritten.
 
     Returns:
         Reward [m], and whether the robot fell or the backend failed.
     """
     if fault != 0:
         return 0.0, True
-    observe(base_quat, base_ang_vel, measured_joint_pos, phase, observation)
+    observe(base_quat, base_ang_vel, measured_joint_pos, phase, body.nominal_pose, observation)
     roll, pitch, yaw = roll_pitch_yaw(base_quat)
-    down = fallen(roll, pitch, base_pos[2])
+    down = fallen(roll, pitch, base_pos[2], body.lowest, body.highest)
     forward = base_pos[0] - previous_x
-    earned = reward(forward, base_lin_vel[1], base_ang_vel[2], yaw, sum_torque_squared, not down, control_dt, weights)
+    effort = sum_torque_squared / (body.reference_torque * body.reference_torque)
+    earned = reward(forward, base_lin_vel[1], base_ang_vel[2], yaw, effort, not down, control_dt, weights)
     return earned, down
 
 
@@ -112,10 +119,10 @@ def accumulate_moments(observation: np.ndarray, count: int, mean: np.ndarray, m2
     d = x - mean, mean += d / n, M2 += d (x - mean) with the new mean.
 
     Args:
-        observation: x, shape (18,).
+        observation: x, shape (observations,).
         count: observations so far.
-        mean: shape (18,), updated in place.
-        m2: Σ (x - mean)², shape (18,), updated in place.
+        mean: shape (observations,), updated in place.
+        m2: Σ (x - mean)², shape (observations,), updated in place.
 
     Returns:
         n = count + 1.

@@ -10,22 +10,23 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.body import action_size, body_of, observation_size
 from motorprior.locomotion.bounds import is_number, require_count, require_finite
 from motorprior.locomotion.control_step import command_step, evaluate_step
-from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.robots.pupper_v2.spec import CONTROL_DT, NOMINAL_POSE, NUM_JOINTS
+from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:
     from motorprior.backend import Backend, BackendState
 
 
-FURTHEST = np.array([np.pi, np.pi, 1e3, 1e3, *[4.0 * np.pi] * NUM_JOINTS, 1.0, 1.0])
-"""Of an observation: tilt [rad], rates [rad/s], joints [rad], phase. No episode that goes on comes near them."""
+def observation_bounds(num_joints: int) -> np.ndarray:
+    """Of |tilt| [rad], |rates| [rad/s], |joints| [rad] and phase. No episode that goes on comes near them."""
+    return np.array([np.pi, np.pi, 1e3, 1e3, *[4.0 * np.pi] * num_joints, 1.0, 1.0])
 
 
-class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Walk towards world +x, the initial heading.
 
     Order, which the compiled rollout mirrors:
@@ -35,10 +36,11 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         and end from the new state; observation of the new state and the new phase.
 
     Args:
+        robot: a legged one.
         backend: what moves; must hold each target for ``control_dt``.
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.
-        control_dt: control period [s].
+        control_dt: control period [s]; the robot's if not given.
         draw_sensors: how the sensors err, from the backend's seed and ``episode_steps``; perfect ones if None.
     """
 
@@ -46,27 +48,30 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def __init__(
         self,
+        robot: Robot,
         backend: Backend,
         weights: TaskWeights | None = None,
         episode_steps: int = 500,
-        control_dt: float = CONTROL_DT,
+        control_dt: float | None = None,
         draw_sensors: Callable[[int, int], Sensors] | None = None,
     ):
         require_count("episode_steps", episode_steps)
+        control_dt = robot.control_dt if control_dt is None else control_dt
         if not (is_number(control_dt) and control_dt > 0.0):
             raise ConfigError(f"control_dt {control_dt!r} s is not a number above 0", remedy="give the control period")
-        self.observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
-        self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
-        self._backend = backend
+        furthest, actions = observation_bounds(robot.num_joints), action_size(robot.num_joints)
+        self.observation_space = Box(-furthest, furthest, dtype=np.float64)
+        self.action_space = Box(-1.0, 1.0, (actions,), np.float64)
+        self._body, self._backend = body_of(robot), backend
         self._weights = (weights or TaskWeights()).array()
         self._episode_steps = episode_steps
         self._control_dt = float(control_dt)
         self._draw_sensors = draw_sensors
         self._sensors = perfect_sensors()
-        self._filter_state = np.zeros(ACTION_SIZE)
-        self._command = np.zeros(ACTION_SIZE)
-        self._target = np.zeros(NUM_JOINTS)
-        self._observation = np.zeros(OBSERVATION_SIZE)
+        self._filter_state = np.zeros(actions)
+        self._command = np.zeros(actions)
+        self._target = np.zeros(robot.num_joints)
+        self._observation = np.zeros(observation_size(robot.num_joints))
         self._phase = 0.0
         self._previous_x = 0.0
         self._steps = 0
@@ -82,7 +87,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             options: none are known.
 
         Returns:
-            Observation, shape (18,), and the info that `step` describes.
+            Observation, shape (observations,), and the info that `step` describes.
 
         Raises:
             SimulationFault: the backend failed already.
@@ -94,11 +99,12 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
         self._phase, self._steps, self._running = 0.0, 0, True
         self._filter_state[:] = 0.0
-        self._target[:] = NOMINAL_POSE
+        self._target[:] = self._body.nominal_pose
         self._previous_x = float(state.base_pos[0])
         if self._draw_sensors is not None:
             self._sensors = self._draw_sensors(drawn, self._episode_steps)
-        observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, self._phase, self._observation)
+        measured, pose = state.measured_joint_pos, self._body.nominal_pose
+        observe(state.base_quat, state.base_ang_vel, measured, self._phase, pose, self._observation)
         sense(self._sensors, 0, self._observation)
         return self._observation.copy(), self._info(state)
 
@@ -106,17 +112,19 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Advance by one control step.
 
         Args:
-            action: shape (16,), clipped to [-1, 1].
+            action: shape (actions,), clipped to [-1, 1].
 
         Returns:
-            Observation (18,), reward [m], terminated (fell or fault), truncated (time is up), and an info
-            with fault, phase, position_target (12,) [rad], measured_joint_pos (12,) [rad], base_pos (3,) [m]
+            Observation, reward [m], terminated (fell or fault), truncated (time is up), and an info
+            with fault, phase, position_target (joints,) [rad], measured_joint_pos (joints,) [rad], base_pos (3,) [m]
             and base_quat (4,).
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        raw = require_finite("action", action, (ACTION_SIZE,))
-        self._phase = command_step(raw, self._filter_state, self._phase, self._control_dt, self._command, self._target)
+        raw = require_finite("action", action, self._filter_state.shape)
+        self._phase = command_step(
+            self._body, raw, self._filter_state, self._phase, self._control_dt, self._command, self._target
+        )
         state = self._backend.step(self._target.copy())
         earned, terminated = self._evaluate(state)
         self._steps += 1
@@ -133,6 +141,7 @@ class PupperWalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def _evaluate(self, state: BackendState) -> tuple[float, bool]:
         """Reward [m] and end of the episode; fills the observation and remembers where the base is."""
         earned, terminated = evaluate_step(
+            self._body,
             state.base_pos,
             state.base_quat,
             state.base_lin_vel,

@@ -1,7 +1,7 @@
 """The linear walking policy: its formulas, compiled, and its file.
 
-An action is 16 numbers in [-1, 1]: 12 residuals on the trot's joint targets, then frequency, intensity,
-height and swing/stance ratio of the trot. Layout and ranges: jietan/puppersim (Apache-2.0).
+An action is numbers in [-1, 1]: a residual on the trot's target of every joint, then frequency, intensity, height and
+swing/stance ratio of the trot. Layout and ranges: jietan/puppersim (Apache-2.0).
 """
 
 from __future__ import annotations
@@ -17,28 +17,19 @@ import numpy as np
 from motorprior.artifacts import read_tensors, require_keys, write_tensors
 from motorprior.compiled import njit
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.robots.pupper_v2.spec import JOINT_NAMES, NUM_JOINTS, ROBOT_NAME
+from motorprior.locomotion.body import MODULATION, action_size, observation_size
+from motorprior.robots.robot import Robot
 
-OBSERVATION_SIZE = 18
-ACTION_SIZE = 16
-NUM_PARAMETERS = ACTION_SIZE * (OBSERVATION_SIZE + 1)  # 304: weights and bias, row by row
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
-RESIDUAL_RANGE = 0.5  # [rad]
-FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO = 12, 13, 14, 15  # places in a command, after 12 residuals
+FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO = 0, 1, 2, 3  # places in a command after the residuals
 FREQUENCY_LOW, FREQUENCY_HIGH = 0.5, 2.0  # [Hz]
 INTENSITY_LOW, INTENSITY_HIGH = 0.0, 1.0
 HEIGHT_LOW, HEIGHT_HIGH = -0.5, 1.0  # [rad] of knee extension
 RATIO_HIGH = 5.0  # time in swing over time in stance; the lowest is 1/5
 
 SCHEMA_VERSION = 1
-_TENSOR_SHAPES = {
-    "weights": (ACTION_SIZE, OBSERVATION_SIZE + 1),
-    "observation_mean": (OBSERVATION_SIZE,),
-    "observation_std": (OBSERVATION_SIZE,),
-    "kp": (NUM_JOINTS,),
-    "kd": (NUM_JOINTS,),
-}
+_TENSORS = ("weights", "observation_mean", "observation_std", "kp", "kd")
 _HEADER_KEYS = ("kind", "schema_version", "control_dt", "robot", "joint_names", "provenance")
 
 
@@ -49,20 +40,21 @@ def act(weights: np.ndarray, mean: np.ndarray, std: np.ndarray, observation: np.
     Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
 
     Args:
-        weights: shape (16, 19); the last column is the bias.
-        mean: shape (18,), running mean of observations.
-        std: shape (18,), running standard deviation, > 0.
-        observation: shape (18,), see `motorprior.locomotion.task.observe`.
-        out: shape (16,), in [-1, 1], overwritten.
+        weights: shape (actions, observations + 1); the last column is the bias.
+        mean: shape (observations,), running mean of observations.
+        std: shape (observations,), running standard deviation, > 0.
+        observation: shape (observations,), see `motorprior.locomotion.task.observe`.
+        out: shape (actions,), in [-1, 1], overwritten.
     """
-    for i in range(ACTION_SIZE):
-        out[i] = weights[i, OBSERVATION_SIZE]
-    for j in range(OBSERVATION_SIZE):
+    actions, observations = weights.shape[0], weights.shape[1] - 1
+    for i in range(actions):
+        out[i] = weights[i, observations]
+    for j in range(observations):
         normalised = (observation[j] - mean[j]) / std[j]
         normalised = min(NORMALISED_LIMIT, max(-NORMALISED_LIMIT, normalised))
-        for i in range(ACTION_SIZE):
+        for i in range(actions):
             out[i] += weights[i, j] * normalised
-    for i in range(ACTION_SIZE):
+    for i in range(actions):
         out[i] = min(1.0, max(-1.0, out[i]))
 
 
@@ -71,32 +63,39 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
     """First-order low-pass at 3 Hz: s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt).
 
     Args:
-        action: shape (16,), clipped to [-1, 1] first.
+        action: shape (actions,), clipped to [-1, 1] first.
         control_dt: control period [s].
-        state: s, shape (16,), the filtered action, updated in place; zeros at the start of an episode.
+        state: s, shape (actions,), the filtered action, updated in place; zeros at the start of an episode.
     """
     alpha = 1.0 - math.exp(-2.0 * math.pi * ACTION_CUTOFF * control_dt)
-    for i in range(ACTION_SIZE):
+    for i in range(state.shape[0]):
         state[i] += alpha * (min(1.0, max(-1.0, action[i])) - state[i])
 
 
 @njit(cache=True)
-def action_to_command(action: np.ndarray, out: np.ndarray) -> None:
+def action_to_command(action: np.ndarray, residual: float, out: np.ndarray) -> None:
     """Scale an action to the trot's units. Zero trots: 1.25 Hz, half intensity, height 0.25, ratio 1.
 
     Linear in each range but the ratio's, which is 5^action: longer in swing as easily as shorter. Height 0.25
     stands 12 mm taller than the nominal pose; that is no tiptoe, so zero means the middle of this range too.
 
     Args:
-        action: shape (16,), in [-1, 1], already filtered.
-        out: shape (16,), overwritten: 12 residuals [rad], frequency [Hz], intensity, height [rad], ratio.
+        action: shape (actions,), in [-1, 1], already filtered.
+        residual: largest residual [rad].
+        out: shape (actions,), overwritten: residuals [rad], frequency [Hz], intensity, height [rad], ratio.
     """
-    for joint in range(12):
-        out[joint] = RESIDUAL_RANGE * action[joint]
-    out[FREQUENCY] = FREQUENCY_LOW + 0.5 * (action[FREQUENCY] + 1.0) * (FREQUENCY_HIGH - FREQUENCY_LOW)
-    out[INTENSITY] = INTENSITY_LOW + 0.5 * (action[INTENSITY] + 1.0) * (INTENSITY_HIGH - INTENSITY_LOW)
-    out[HEIGHT] = HEIGHT_LOW + 0.5 * (action[HEIGHT] + 1.0) * (HEIGHT_HIGH - HEIGHT_LOW)
-    out[SWING_STANCE_RATIO] = math.exp(action[SWING_STANCE_RATIO] * math.log(RATIO_HIGH))
+    joints = out.shape[0] - MODULATION
+    for joint in range(joints):
+        out[joint] = residual * action[joint]
+    frequency, intensity, height = (
+        0.5 * (action[joints + FREQUENCY] + 1.0),
+        0.5 * (action[joints + INTENSITY] + 1.0),
+        0.5 * (action[joints + HEIGHT] + 1.0),
+    )
+    out[joints + FREQUENCY] = FREQUENCY_LOW + frequency * (FREQUENCY_HIGH - FREQUENCY_LOW)
+    out[joints + INTENSITY] = INTENSITY_LOW + intensity * (INTENSITY_HIGH - INTENSITY_LOW)
+    out[joints + HEIGHT] = HEIGHT_LOW + height * (HEIGHT_HIGH - HEIGHT_LOW)
+    out[joints + SWING_STANCE_RATIO] = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(RATIO_HIGH))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +103,14 @@ class Policy:
     """A trained walking policy and what it was trained for.
 
     Attributes:
-        weights: shape (16, 19), the last column is the bias.
-        observation_mean: shape (18,), units of the observation.
-        observation_std: shape (18,), > 0.
-        kp: shape (12,) [N·m/rad], position gains of the motors in training.
-        kd: shape (12,) [N·m·s/rad], velocity gains.
+        weights: shape (actions, observations + 1), the last column is the bias.
+        observation_mean: shape (observations,), units of the observation.
+        observation_std: shape (observations,), > 0.
+        kp: shape (joints,) [N·m/rad], position gains of the motors in training.
+        kd: shape (joints,) [N·m·s/rad], velocity gains.
         control_dt: control period [s] in training.
         robot: name of the robot.
-        joint_names: the 12 joints in the order of residuals and observed angles.
+        joint_names: the joints in the order of residuals and observed angles.
         provenance: whatever tells how it was trained; JSON values only.
     """
 
@@ -121,19 +120,32 @@ class Policy:
     kp: np.ndarray
     kd: np.ndarray
     control_dt: float
-    robot: str = ROBOT_NAME
-    joint_names: tuple[str, ...] = tuple(JOINT_NAMES)
+    robot: str
+    joint_names: tuple[str, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, where: str | Path | None = None) -> None:
-        """Refuse a policy that this robot cannot run.
+        """Refuse a policy that is none.
 
         Raises:
-            ArtifactError: a wrong shape, a value that is not finite, or another robot.
+            ArtifactError: a wrong shape or a value that is not finite.
         """
-        problem = _shape_problem(self) or _meaning_problem(self)
+        problem = _meaning_problem(self) or _shape_problem(self)
         if problem:
-            raise ArtifactError(problem, where=where, remedy=f"use a policy trained for {ROBOT_NAME}")
+            raise ArtifactError(problem, where=where, remedy="use a policy written by this version of motorprior")
+
+    def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
+        """Refuse a policy that ``robot`` cannot run.
+
+        Raises:
+            ConfigError: it was trained for another robot, or one of other joints.
+        """
+        remedy = f"use a policy trained for {robot.name}"
+        if self.robot != robot.name:
+            raise ConfigError(f"policy of robot {self.robot!r}, wanted {robot.name!r}", where=where, remedy=remedy)
+        if self.joint_names != robot.joint_names:
+            problem = f"its joints are {list(self.joint_names)}, the robot's are {list(robot.joint_names)}"
+            raise ConfigError(problem, where=where, remedy=remedy)
 
     def require_clock(self, control_dt: float, where: str | Path | None = None) -> None:
         """Refuse to run at another rate than the policy learned: its low-pass and its trot count control steps.
@@ -159,7 +171,7 @@ class Policy:
             "joint_names": list(self.joint_names),
             "provenance": dict(self.provenance),
         }
-        tensors = {name: np.asarray(getattr(self, name)) for name in _TENSOR_SHAPES}
+        tensors = {name: np.asarray(getattr(self, name)) for name in _TENSORS}
         write_tensors(path, tensors, header)
 
     @classmethod
@@ -167,7 +179,7 @@ class Policy:
         """Read what `save` wrote.
 
         Raises:
-            ArtifactError: not a policy of this version for this robot, or damaged.
+            ArtifactError: not a policy of this version, or damaged.
         """
         tensors, header = read_tensors(path)
         kind, version = header.get("kind"), header.get("schema_version")
@@ -178,7 +190,7 @@ class Policy:
                 remedy="use a policy written by this version of motorprior",
             )
         require_keys(header, _HEADER_KEYS, path)
-        require_keys(tensors, _TENSOR_SHAPES, path)
+        require_keys(tensors, _TENSORS, path)
         names = header["joint_names"]
         policy = cls(
             **tensors,
@@ -193,7 +205,13 @@ class Policy:
 
 def _shape_problem(policy: Policy) -> str | None:
     """Name the first array of the wrong shape or with a value that is not finite."""
-    for name, shape in _TENSOR_SHAPES.items():
+    joints = len(policy.joint_names)
+    observations = observation_size(joints)
+    shapes = {
+        "weights": (action_size(joints), observations + 1), "observation_mean": (observations,),
+        "observation_std": (observations,), "kp": (joints,), "kd": (joints,),
+    }  # fmt: skip
+    for name, shape in shapes.items():
         value = np.asarray(getattr(policy, name))
         if value.dtype != np.float64:
             return f"{name} is {value.dtype}, wanted float64"
@@ -201,17 +219,17 @@ def _shape_problem(policy: Policy) -> str | None:
             return f"{name} has shape {value.shape}, wanted {shape}"
         if not np.all(np.isfinite(value)):
             return f"{name}{np.argwhere(~np.isfinite(value))[0].tolist()} is not finite"
+    if not np.all(policy.observation_std > 0.0):
+        return f"observation_std reaches {np.min(policy.observation_std)}, must be > 0"
     return None
 
 
 def _meaning_problem(policy: Policy) -> str | None:
-    """Name the first value that has the right shape and makes no sense."""
-    if policy.robot != ROBOT_NAME:
-        return f"policy of robot {policy.robot!r}, wanted {ROBOT_NAME!r}"
-    if tuple(policy.joint_names) != tuple(JOINT_NAMES):
-        return f"joint_names {list(policy.joint_names)}, wanted {list(JOINT_NAMES)}"
-    if not np.all(policy.observation_std > 0.0):
-        return f"observation_std reaches {np.min(policy.observation_std)}, must be > 0"
+    """Name the first value besides the tensors that makes no sense."""
+    if not isinstance(policy.robot, str):
+        return f"robot {str(policy.robot)[:40]!r}, must be a name"
+    if not policy.joint_names or not all(isinstance(name, str) for name in policy.joint_names):
+        return f"joint_names {str(list(policy.joint_names))[:80]}, must be names"
     if not (isinstance(policy.control_dt, float) and math.isfinite(policy.control_dt) and policy.control_dt > 0):
         return f"control_dt {policy.control_dt!r} s, must be a number > 0"
     if not isinstance(policy.provenance, Mapping):

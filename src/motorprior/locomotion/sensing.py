@@ -7,24 +7,21 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-READINGS, JOINT_READINGS = 16, 4
-"""Observed quantities that a sensor reads (the two of the gait's phase are known), and where the joints begin."""
-
 
 class Sensors(NamedTuple):
     """Of one episode; for compiled code."""
 
     noise: np.ndarray
-    """(observations, 16) to add to each observation; no rows if there is none"""
+    """(observations, readings) to add to each observation; no rows if there is none"""
     delay: float
     """age of a reading [control steps]"""
     past: np.ndarray
-    """(ring, 16) true readings; no rows if there is no delay; state"""
+    """(ring, readings) true readings; no rows if there is no delay; state"""
 
 
 def perfect_sensors() -> Sensors:
     """Neither noise nor delay."""
-    return Sensors(np.zeros((0, READINGS)), 0.0, np.zeros((0, READINGS)))
+    return Sensors(np.zeros((0, 0)), 0.0, np.zeros((0, 0)))
 
 
 @njit(cache=True, nogil=True)
@@ -37,17 +34,17 @@ def sense(sensors: Sensors, count: int, observation: np.ndarray) -> None:
     Args:
         sensors: of this episode.
         count: observations before this one.
-        observation: (18,), the first 16 are overwritten.
+        observation: its readings are overwritten; the phase of the gait is known exactly.
     """
-    ring = sensors.past.shape[0]
+    ring, count_of_readings = sensors.past.shape
     if ring > 0:
-        sensors.past[count % ring] = observation[:READINGS]
+        sensors.past[count % ring] = observation[:count_of_readings]
         whole = int(sensors.delay)
         part = sensors.delay - whole
         newer, older = max(0, count - whole) % ring, max(0, count - whole - 1) % ring
-        for i in range(READINGS):
+        for i in range(count_of_readings):
             late = sensors.past[newer, i]
             observation[i] = late + part * (sensors.past[older, i] - late)
     if sensors.noise.shape[0] > 0:
-        for i in range(READINGS):
+        for i in range(sensors.noise.shape[1]):
             observation[i] += sensors.noise[count, i]

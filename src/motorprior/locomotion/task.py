@@ -12,12 +12,11 @@ from dataclasses import asdict, astuple, dataclass
 import numpy as np
 
 from motorprior.compiled import njit
+from motorprior.locomotion.body import PHASE_READINGS, TILT_READINGS
 from motorprior.locomotion.bounds import require_number
-from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 from motorprior.rotations import roll_pitch_yaw
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
-MIN_HEIGHT, MAX_HEIGHT = 0.05, 0.6  # [m] of the base above the ground
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class TaskWeights:
         max_speed: forward speed beyond which nothing more is earned, and backward speed beyond which nothing
             more is lost [m/s].
         alive: for each control step upright [m].
-        torque: against Σ torque² over the joints, for each control step [m/(N·m)²].
+        torque: against Σ (torque/reference_torque)² over the joints, for each control step [m].
         lateral: against |sideways speed| [m/s per m/s].
         yaw_rate: against |yaw rate| [m/s per rad/s].
         heading: against |yaw| away from the initial heading [m/s per rad].
@@ -60,28 +59,31 @@ def observe(
     base_ang_vel_local: np.ndarray,
     measured_joint_pos: np.ndarray,
     phase: float,
+    nominal_pose: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Observation: roll, pitch, their rates, 12 joint angles, (cos 2πφ + 1)/2, (sin 2πφ + 1)/2.
+    """Observation: roll, pitch, their rates, joint angles, (cos 2πφ + 1)/2, (sin 2πφ + 1)/2.
 
     The rates are the body's own about x and y, as a gyroscope reads them, not derivatives of Euler angles.
 
     Args:
         base_quat: shape (4,), (w, x, y, z), base to world.
         base_ang_vel_local: shape (3,) [rad/s], in the body frame.
-        measured_joint_pos: shape (12,) [rad], as the encoders tell it.
+        measured_joint_pos: shape (joints,) [rad], as the encoders measure it.
         phase: gait phase φ in [0, 1).
-        out: shape (18,) [rad, rad/s, rad relative to the nominal pose, 0..1], overwritten.
+        nominal_pose: shape (joints,) [rad].
+        out: shape (joints + 6,) [rad, rad/s, rad relative to the nominal pose, 0..1], overwritten.
     """
     roll, pitch, _ = roll_pitch_yaw(base_quat)
     out[0] = roll
     out[1] = pitch
     out[2] = base_ang_vel_local[0]
     out[3] = base_ang_vel_local[1]
-    for joint in range(12):
-        out[4 + joint] = measured_joint_pos[joint] - NOMINAL_POSE[joint]
-    out[16] = 0.5 * (math.cos(2.0 * math.pi * phase) + 1.0)
-    out[17] = 0.5 * (math.sin(2.0 * math.pi * phase) + 1.0)
+    for joint in range(nominal_pose.shape[0]):
+        out[TILT_READINGS + joint] = measured_joint_pos[joint] - nominal_pose[joint]
+    first = out.shape[0] - PHASE_READINGS
+    out[first] = 0.5 * (math.cos(2.0 * math.pi * phase) + 1.0)
+    out[first + 1] = 0.5 * (math.sin(2.0 * math.pi * phase) + 1.0)
 
 
 @njit(cache=True)
@@ -104,7 +106,7 @@ def reward(
         lateral_velocity: v_y, along world y [m/s].
         yaw_rate: ω_z [rad/s].
         yaw: ψ, away from the initial heading [rad].
-        sum_torque_squared: Στ² over the 12 joints, mean over the physics steps of this control step [(N·m)²].
+        sum_torque_squared: Στ², torques over the reference torque, mean over the physics steps of this control step.
         alive: false in the step in which the robot falls.
         control_dt: dt, control period [s].
         weights: shape (6,), `TaskWeights.array()`.
@@ -118,7 +120,7 @@ def reward(
 
 
 @njit(cache=True)
-def fallen(roll: float, pitch: float, height: float) -> bool:
-    """Whether the episode ends: |roll| or |pitch| > 0.4 rad, height < 0.05 m or > 0.6 m, or any is NaN."""
+def fallen(roll: float, pitch: float, height: float, lowest: float, highest: float) -> bool:
+    """Whether the episode ends: |roll| or |pitch| > 0.4 rad, height [m] not in [lowest, highest], or any is NaN."""
     upright = abs(roll) <= MAX_TILT and abs(pitch) <= MAX_TILT
-    return not (upright and MIN_HEIGHT <= height <= MAX_HEIGHT)
+    return not (upright and lowest <= height <= highest)

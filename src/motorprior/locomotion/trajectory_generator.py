@@ -1,4 +1,4 @@
-"""A trot for four legs, shaped by four numbers that the policy modulates.
+"""A trot, shaped by four numbers that the policy modulates.
 
 Policies Modulating Trajectory Generators: Iscen et al., CoRL 2018, section 3; the amplitudes are those of
 jietan/puppersim (Apache-2.0), restated for a robot that walks towards +x with hip and knee about +y.
@@ -14,13 +14,7 @@ import math
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
-
-SWING_AMPLITUDE = 0.5  # [rad] of the hip at intensity 1
-STANCE_EXTENSION = -0.02  # [rad] of the knee at intensity 1: the leg yields a little under load
-LIFT_EXTENSION = 0.9  # [rad] of the knee at intensity 1, times sin φ < 0: the leg folds in swing
-NOMINAL_HIP = float(NOMINAL_POSE[1])
-NOMINAL_KNEE = float(NOMINAL_POSE[2])
+from motorprior.locomotion.body import Body
 
 
 @njit(cache=True)
@@ -55,38 +49,46 @@ def warp_phase(leg_phase: float, swing_stance_ratio: float) -> float:
 
 
 @njit(cache=True)
-def joint_targets(phase: float, intensity: float, height: float, swing_stance_ratio: float, out: np.ndarray) -> None:
-    """Joint angles of a trot, legs FR and RL half a cycle apart from FL and RR.
+def joint_targets(
+    body: Body, phase: float, intensity: float, height: float, swing_stance_ratio: float, out: np.ndarray
+) -> None:
+    """Joint angles of a trot, each leg at its own phase of the cycle.
 
-    swing = I · 0.5 · cos φ, extend = h + I · A · sin φ, A = -0.02 in stance and 0.9 in swing;
-    abduction = 0, hip = 0.6 - swing - extend / 2, knee = -1.2 + extend.
+    swing = I · body.swing · cos φ, extend = h + I · A · sin φ, A = stance_extension in stance and lift_extension in
+    swing, where sin φ < 0; hip = nominal - swing - extend / 2, knee = nominal + extend, every other joint nominal.
 
     Args:
-        phase: gait phase in [0, 1); 0 is where FR and RL touch down.
+        body: of the robot.
+        phase: gait phase in [0, 1); 0 is where legs of phase 0 touch down.
         intensity: I, 0 stands still, 1 is the full stride.
         height: h [rad], added to the knee; positive stretches the legs.
         swing_stance_ratio: time in swing over time in stance, > 0.
-        out: shape (12,) [rad], FR FL RR RL × (abduction, hip, knee), overwritten.
+        out: shape (joints,) [rad], overwritten.
     """
-    for leg in range(4):
-        leg_phase = phase
-        if leg == 1 or leg == 2:
-            leg_phase = phase + 0.5 if phase < 0.5 else phase - 0.5
+    out[:] = body.nominal_pose
+    for leg in range(body.phases.shape[0]):
+        ahead, hip, knee = body.phases[leg], body.legs[leg, 1], body.legs[leg, 2]
+        leg_phase = phase + ahead if phase < 1.0 - ahead else phase - (1.0 - ahead)
         angle = warp_phase(leg_phase, swing_stance_ratio)
-        amplitude = STANCE_EXTENSION if angle < math.pi else LIFT_EXTENSION
-        swing = intensity * SWING_AMPLITUDE * math.cos(angle)
+        amplitude = body.stance_extension if angle < math.pi else body.lift_extension
+        swing = intensity * body.swing * math.cos(angle)
         extend = height + intensity * amplitude * math.sin(angle)
-        out[3 * leg] = 0.0
-        out[3 * leg + 1] = NOMINAL_HIP - swing - 0.5 * extend
-        out[3 * leg + 2] = NOMINAL_KNEE + extend
+        out[hip] = body.nominal_pose[hip] - swing - 0.5 * extend
+        out[knee] = body.nominal_pose[knee] + extend
 
 
 def open_loop_trot(
-    steps: int, frequency: float, intensity: float, height: float, swing_stance_ratio: float, control_dt: float
+    body: Body,
+    steps: int,
+    frequency: float,
+    intensity: float,
+    height: float,
+    swing_stance_ratio: float,
+    control_dt: float,
 ) -> np.ndarray:
-    """(steps, 12) joint angles [rad] of a trot that nobody modulates, from phase 0; see `joint_targets`."""
-    targets, phase = np.zeros((steps, len(NOMINAL_POSE))), 0.0
+    """(steps, joints) angles [rad] of a trot without modulation, from phase 0; see `joint_targets`."""
+    targets, phase = np.zeros((steps, len(body.nominal_pose))), 0.0
     for row in targets:
-        joint_targets(phase, intensity, height, swing_stance_ratio, row)
+        joint_targets(body, phase, intensity, height, swing_stance_ratio, row)
         phase = advance_phase(phase, frequency, control_dt)
     return targets

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from motorprior.locomotion.policy import ACTION_SIZE, NUM_PARAMETERS, OBSERVATION_SIZE, Policy
+from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.policy import Policy
 from motorprior.search.ars import Ars, ArsConfig, Candidate, Moments, perturbed
 from motorprior.search.executor import Executor
 
-SHAPE = (ACTION_SIZE, OBSERVATION_SIZE + 1)
 CONTEST_EVERY, CONTEST_DRAWS = 10, 16
 CONTEST = 2**32 - 1
 """Stands where training seeds have the iteration."""
@@ -45,7 +45,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What the tasks of a round share: the search's parameters (304,), observation mean and std (18,), its noise."""
+    """What the tasks of a round share: the search's parameters, observation mean and standard deviation, its noise."""
 
     parameters: np.ndarray
     mean: np.ndarray
@@ -70,7 +70,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Champion:
-    """The best policy so far: weights (16, 19), observation mean and std (18,), its mean return [m]."""
+    """The best policy so far: weights, observation mean and standard deviation, its mean return [m]."""
 
     weights: np.ndarray
     mean: np.ndarray
@@ -79,10 +79,10 @@ class Champion:
     iteration: int
 
     @classmethod
-    def nobody(cls) -> Champion:
-        """Loses against anyone."""
-        size = OBSERVATION_SIZE
-        return cls(np.zeros(SHAPE), np.zeros(size), np.ones(size), -float(np.finfo(np.float64).max), 0)
+    def none_yet(cls, num_joints: int) -> Champion:
+        """Loses against every policy."""
+        size, worst = observation_size(num_joints), -float(np.finfo(np.float64).max)
+        return cls(np.zeros((action_size(num_joints), size + 1)), np.zeros(size), np.ones(size), worst, 0)
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays that `restore` reads."""
@@ -101,10 +101,15 @@ class Champion:
         return cls(weights, mean, std, float(state["champion_score"]), int(state["champion_iteration"]))
 
 
+def _as_weights(parameters: np.ndarray, observation_mean: np.ndarray) -> np.ndarray:
+    """(actions, observations + 1) of a flat vector, row by row."""
+    return parameters.reshape(-1, len(observation_mean) + 1)
+
+
 def run_task(simulator: Any, shared: Round, task: Task) -> EpisodeLike:
     """Run one episode on a worker's simulator."""
     parameters = perturbed(shared.parameters, task.candidate, shared.config, shared.iteration)
-    return simulator.run(parameters.reshape(SHAPE), shared.mean, shared.std, task.seed)
+    return simulator.run(_as_weights(parameters, shared.mean), shared.mean, shared.std, task.seed)
 
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
@@ -135,7 +140,7 @@ def contest(search: Ars, executor: Executor, champion: Champion) -> Champion:
     score = float(np.mean([episode.total for episode in episodes]))
     if score <= champion.score:
         return champion
-    return Champion(shared.parameters.reshape(SHAPE), shared.mean, shared.std, score, search.iteration)
+    return Champion(_as_weights(shared.parameters, shared.mean), shared.mean, shared.std, score, search.iteration)
 
 
 def train(
@@ -159,13 +164,14 @@ def train(
     return champion
 
 
-def new_search(config: ArsConfig, start: Policy | None = None) -> Ars:
+def new_search(config: ArsConfig, num_joints: int, start: Policy | None = None) -> Ars:
     """A search that starts from a policy, or from the zero policy, which trots in place.
 
     The observations of a ``start`` count as REMEMBERED of its own mean and spread: the weights keep their meaning while
     new observations come in.
     """
-    search = Ars(config, NUM_PARAMETERS, OBSERVATION_SIZE)
+    observations = observation_size(num_joints)
+    search = Ars(config, action_size(num_joints) * (observations + 1), observations)
     if start is not None:
         search.parameters = start.weights.ravel().copy()
         deviation = REMEMBERED * np.square(start.observation_std)

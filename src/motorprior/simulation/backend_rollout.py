@@ -5,12 +5,16 @@ On `MujocoBackend` it gives bit for bit what the compiled `rollout.WalkSimulator
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from motorprior.backend import Backend
+from motorprior.locomotion.body import action_size
 from motorprior.locomotion.control_step import accumulate_moments
-from motorprior.locomotion.env import PupperWalkEnv
-from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
+from motorprior.locomotion.env import WalkEnv
+from motorprior.locomotion.policy import act
+from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode, WalkConfig, checked_policy
 
 
@@ -18,12 +22,15 @@ class BackendSimulator:
     """Runs episodes on a backend; one per thread.
 
     Args:
+        robot: whose backend it is.
         backend: made with the randomization and the episode_steps of ``walk``.
         walk: episode.
     """
 
-    def __init__(self, backend: Backend, walk: WalkConfig):
-        self._env = PupperWalkEnv(backend, walk.task, walk.episode_steps, draw_sensors=walk.randomization.sensors)
+    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):
+        self._robot = robot
+        sensors = partial(walk.randomization.sensors, robot)
+        self._env = WalkEnv(robot, backend, walk.task, walk.episode_steps, draw_sensors=sensors)
 
     def run(
         self,
@@ -34,9 +41,10 @@ class BackendSimulator:
         trace: bool = False,
     ) -> Episode:
         """See `WalkSimulator.run`; the trace holds base poses and the joint angles as measured."""
-        policy = checked_policy(weights, observation_mean, observation_std)
+        policy = checked_policy(self._robot.num_joints, weights, observation_mean, observation_std)
         observation, info = self._env.reset(seed=seed)
-        mean, m2, action = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE), np.zeros(ACTION_SIZE)
+        mean, m2 = np.zeros_like(policy[1]), np.zeros_like(policy[1])
+        action = np.zeros(action_size(self._robot.num_joints))
         total, count, ended, rows = 0.0, 0, False, []
         while not ended:
             if trace:
@@ -47,7 +55,9 @@ class BackendSimulator:
             total, ended = total + earned, terminated or truncated
         fault = info["fault"]
         where = np.zeros(2) if fault else info["base_pos"][:2]
-        return Episode(total, count, where, fault, count, mean, m2, np.array(rows).reshape(-1, 19))
+        return Episode(
+            total, count, where, fault, count, mean, m2, np.array(rows).reshape(-1, 7 + self._robot.num_joints)
+        )
 
     def close(self) -> None:
         """Close the backend."""

@@ -2,7 +2,7 @@
 
 Joints. Bullet has no reflected inertia and integrates joint damping explicitly, which a light leg does not
 survive. Both are cured by the motor's rotor, a link of its own that a gear constraint couples to the joint
-(`robots.pupper_v2.urdf`): with its inertia armature + physics_dt·damping and the torque of step k at
+(the robot's URDF): with its inertia armature + physics_dt·damping and the torque of step k at
 
     torque - damping·joint_vel(k),
 
@@ -34,9 +34,8 @@ from motorprior.actuator.torque_law import (
     step_actuator,
 )
 from motorprior.exceptions import ConfigError
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO, urdf
-from motorprior.simulation.randomization import NOMINAL, Conditions
+from motorprior.robots.model import ROTOR_GEAR_RATIO, GeneratedModel
+from motorprior.simulation.randomization import Conditions, nominal_conditions
 from motorprior.simulation.terrain import Terrain, heights
 from motorprior.simulation.world import WorldConfig
 
@@ -62,27 +61,37 @@ class BaseMotion:
 
 
 class BulletWorld:
-    """A simulated Pupper in a PyBullet client of its own; `close` it.
+    """A simulated robot in a PyBullet client of its own; `close` it.
 
     Raises:
-        ConfigError: PyBullet is not installed.
+        ConfigError: PyBullet is not installed, or the robot has no URDF.
     """
 
     def __init__(self, config: WorldConfig, terrain: Terrain | None = None):
         self.config, self.terrain = config, terrain or Terrain()
         self._bullet, self._client = import_bullet(), -1
-        self._damping, self._passive = np.zeros(spec.NUM_JOINTS), np.zeros(spec.NUM_JOINTS)
-        self._conditions, self._torque = NOMINAL, np.zeros(spec.NUM_JOINTS)
+        self._robot, joints, model = config.robot, config.robot.num_joints, config.robot.model
+        if not isinstance(model, GeneratedModel) or model.urdf is None:
+            raise ConfigError(f"robot {self._robot.name!r} has no URDF with rotors", remedy="use engine mujoco")
+        self._urdf = model.urdf
+        self._damping, self._passive = np.zeros(joints), np.zeros(joints)
+        self._nominal = nominal_conditions(self._robot)
+        self._conditions, self._torque = self._nominal, np.zeros(joints)
         self._joints: tuple[np.ndarray, np.ndarray] | None = None
 
     def reset(
         self,
         actuator: Actuator,
-        joint_pos: np.ndarray = spec.NOMINAL_POSE,
-        conditions: Conditions = NOMINAL,
+        joint_pos: np.ndarray | None = None,
+        conditions: Conditions | None = None,
         seed: int = 0,
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; ``seed`` shapes a rough terrain."""
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` shapes a rough terrain.
+
+        The pose and the conditions are the robot's nominal ones if not given.
+        """
+        joint_pos = self._robot.nominal_pose if joint_pos is None else joint_pos
+        conditions = self._nominal if conditions is None else conditions
         self._disconnect()
         self._joints = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
@@ -102,7 +111,7 @@ class BulletWorld:
         self._disconnect()
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
-        """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
+        """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
 
         Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``torque``.
 
@@ -124,18 +133,18 @@ class BulletWorld:
 
     @property
     def torque(self) -> np.ndarray:
-        """(12,) of the latest physics step [N·m]."""
+        """(joints,) of the latest physics step [N·m]."""
         return self._torque
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """True joint angles (12,) [rad] and velocities (12,) [rad/s]."""
+        """True joint angles (joints,) [rad] and velocities (joints,) [rad/s]."""
         states = self.call("getJointStates", self.robot, self._indices)
         table = np.array([state[:2] for state in states])
         return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
 
     def measured_joint_pos(self, motors: ActuatorArrays) -> np.ndarray:
-        """(12,) joint angles [rad] as the encoders report them."""
-        measured = np.zeros(spec.NUM_JOINTS)
+        """(joints,) joint angles [rad] as the encoders report them."""
+        measured = np.zeros(self._robot.num_joints)
         measure_joint_pos(motors, self.joints()[0], measured)
         return measured + self._conditions.encoder_offset
 
@@ -164,23 +173,23 @@ class BulletWorld:
     def _load(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
         """Floor and robot, with inertias from the file."""
         shift = conditions.com
-        self._com = np.array(spec.CHASSIS.com) + shift
         self.call("setTimeStep", self.config.physics_dt)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
         if not self.config.hung:
             self._lay_floor(seed)
-        self.robot = self._load_robot(urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
+        self.robot = self._load_robot(self._urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
         names = [
             self.call("getJointInfo", self.robot, index)[1].decode()
             for index in range(self.call("getNumJoints", self.robot))
         ]
         self._names = {name: index for index, name in enumerate(names)}
-        self._indices = [self._names[name] for name in spec.JOINT_NAMES]
+        self._indices = [self._names[name] for name in self._robot.joint_names]
+        self._com = np.array(self.call("getDynamicsInfo", self.robot, -1)[3])
 
     def _load_robot(self, text: str) -> int:
         """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
-        height = 0.4 if self.config.hung else spec.standing_height()
+        height = self._robot.hung_height if self.config.hung else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
         with tempfile.TemporaryDirectory(prefix="motorprior-") as folder:
             path = Path(folder) / "robot.urdf"
@@ -211,7 +220,7 @@ class BulletWorld:
                 maxJointVelocity=_NO_LIMIT,
             )  # fmt: skip
             self.call("setJointMotorControl2", self.robot, index, self._bullet.VELOCITY_CONTROL, force=0.0)
-        for joint, name in enumerate(spec.JOINT_NAMES):
+        for joint, name in enumerate(self._robot.joint_names):
             self.call("resetJointState", self.robot, self._indices[joint], joint_pos[joint])
             rotor = self._names.get(f"{name}_rotor")
             if rotor is not None:
@@ -219,7 +228,7 @@ class BulletWorld:
                 self._gear(self._indices[joint], rotor, joint)
 
     def _gear(self, joint_index: int, rotor_index: int, joint: int) -> None:
-        axis = [1, 0, 0] if joint % 3 == 0 else [0, 1, 0]
+        axis = self.call("getJointInfo", self.robot, joint_index)[13]
         gear = self.call(
             "createConstraint", self.robot, joint_index, self.robot, rotor_index, self._bullet.JOINT_GEAR, axis,
             [0, 0, 0], [0, 0, 0],
@@ -248,7 +257,7 @@ def _drive(
     passive: np.ndarray,
     torque: np.ndarray,
 ) -> np.ndarray:
-    """Write the motors' torque (12,) [N·m]; returns what Bullet is given: that less the joints' damping."""
+    """Write the motors' torque (joints,) [N·m]; returns what Bullet is given: that less the joints' damping."""
     step_actuator(motors, physics_dt, target, joint_pos, joint_vel, torque)
     make_explicit(motors, joint_vel, torque)
     return torque - passive * joint_vel

@@ -7,10 +7,10 @@ from typing import Literal, get_args
 
 from motorprior.backend import Backend
 from motorprior.exceptions import ConfigError
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.bullet_world import PHYSICS_DT, import_bullet
 from motorprior.simulation.mujoco_backend import DrawMotors, MujocoBackend
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
@@ -25,6 +25,7 @@ class Scene:
     """An episode of walking in an engine.
 
     Attributes:
+        robot: a legged one.
         engine: "mujoco" or "pybullet".
         draw_motors: the motors of an episode.
         physics_dt: MuJoCo's step [s]; PyBullet's is always 1 ms.
@@ -35,9 +36,10 @@ class Scene:
         ConfigError: an engine that is unknown, not installed, or cannot do what is asked.
     """
 
+    robot: Robot
     engine: str
     draw_motors: DrawMotors
-    physics_dt: float = spec.PHYSICS_DT
+    physics_dt: float
     walk: WalkConfig = field(default_factory=WalkConfig)
     terrain: Terrain = field(default_factory=Terrain)
 
@@ -57,12 +59,13 @@ class Scene:
         """For Gymnasium: the interpreter runs between control steps."""
         walk = self.walk
         if self.engine == "pybullet":
-            return PybulletBackend(self.draw_motors, None, walk.randomization, self.terrain, walk.episode_steps)
-        world = WorldConfig(physics_dt=self.physics_dt)
+            world = WorldConfig.of(self.robot, physics_dt=PHYSICS_DT)
+            return PybulletBackend(self.draw_motors, world, walk.randomization, self.terrain, walk.episode_steps)
+        world = WorldConfig.of(self.robot, physics_dt=self.physics_dt)
         return MujocoBackend(self.draw_motors, world, walk.randomization, walk.episode_steps)
 
     def simulator(self) -> WalkSimulator | BackendSimulator:
         """For a search: whole episodes, compiled where the engine allows it."""
         if self.engine == "mujoco":
-            return WalkSimulator(self.draw_motors, WorldConfig(physics_dt=self.physics_dt), self.walk)
-        return BackendSimulator(self.backend(), self.walk)
+            return WalkSimulator(self.draw_motors, WorldConfig.of(self.robot, physics_dt=self.physics_dt), self.walk)
+        return BackendSimulator(self.robot, self.backend(), self.walk)

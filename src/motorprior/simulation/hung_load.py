@@ -25,26 +25,26 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import BASE_AXES, MotorLog, checked
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.robot import Robot
+from motorprior.simulation.model import build_model
 
 LEVEL = 0.15
 """A body that leans by more than this [rad], by its median, is not level: it would turn gravity by a seventh."""
 
 
-def with_loads(log: MotorLog) -> MotorLog:
+def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     """The same log with load_inertia [kg·m²] and external_torque [N·m] for joint_torque, its body level and fixed.
 
     Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run` with a period.
 
     Raises:
-        LogError: not the 12 joints of this robot, without velocities, or of a robot that was not level.
+        LogError: not the joints of this robot, without velocities, or of a robot that was not level.
     """
-    if log.joint_names != spec.JOINT_NAMES or log.joint_vel is None:
+    if log.joint_names != robot.joint_names or log.joint_vel is None:
         problem = "no velocities" if log.joint_vel is None else f"joints {log.joint_names}"
         raise LogError(problem, where=log.source, remedy="give a recording of the robot")
     _require_level(log)
-    model = mujoco.MjModel.from_xml_string(mjcf(hung=True))
+    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=robot.base == "free")
     data = mujoco.MjData(model)
     inertia, external = np.empty_like(log.joint_pos), np.empty_like(log.joint_pos)
     for part in log.segment_slices():
@@ -72,7 +72,7 @@ def _require_level(log: MotorLog) -> None:
 
 
 def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
-    """(12,) load inertia and (12,) external torque at one moment."""
+    """(joints,) load inertia and (joints,) external torque at one moment."""
     data.qpos[:], data.qvel[:] = joint_pos, joint_vel
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)

@@ -11,23 +11,20 @@ from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
+from motorprior.simulation.model import FLOOR
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step, read_joints
 
-COUNT = 2.0 * np.pi / (8192 * 36)
-"""Resolution of the encoder at the output [rad]: 8192 per turn of the rotor, gear 36:1 (DJI M2006)."""
 IMU_NOISE = (0.002, 0.01)
 """Standard deviation of attitude [rad] and rates [rad/s]; assumption, a MEMS sensor at 100 Hz."""
-FOLDED_POSE = np.tile([0.0, 1.6, -2.5], 4)
-"""How it lies before it is switched on [rad]: on its belly, legs folded."""
 _BLOCKED = 50.0
 """Damping [N·m·s/rad] of a joint that something holds fast."""
 
 
 @dataclass(frozen=True)
 class LiveState:
-    """Attributes: joint_pos (12,) [rad], joint_vel (12,) [rad/s], attitude and rates (3,), base (7,) qpos."""
+    """Attributes: joint_pos (joints,) [rad], joint_vel (joints,) [rad/s], attitude and rates (3,), base (7,) qpos."""
 
     joint_pos: np.ndarray
     joint_vel: np.ndarray
@@ -43,37 +40,40 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 
 
 class LiveRobot:
-    """A Pupper that lives from the moment it is made, lying on its belly with folded legs, or hung.
+    """A simulated robot in time steps of its firmware, lying on its belly with folded legs at first, or hung.
 
     Unlike in training, the chassis touches the floor, so that a robot without current lies there.
 
     Args:
-        motors: twelve physical motors; their gains and torque limits are those at 50 A/rad, 5 A·s/rad and 7 A.
-        hung: the chassis is fixed in the air.
+        robot: one with a wire.
+        motors: one per joint; their gains and torque limits are those at the wire's own gains and current limit.
+        hung: the base is fixed in the air.
         rng: of the IMU's noise.
     """
 
-    def __init__(self, motors: MotorParameters, hung: bool, rng: np.random.Generator):
-        self._world = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
+    def __init__(self, robot: Robot, motors: MotorParameters, hung: bool, rng: np.random.Generator):
+        self._robot, self._wire = robot, robot.require_wire()
+        self._world = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, hung=hung))
         self._motors, self._rng, self._hung = motors, rng, hung
         model = self._world.model
-        floor, chassis = model.geom("floor").id, model.body("chassis").geomadr[0]
+        floor, base = model.geom(FLOOR).id, model.body(1)
         model.geom_contype[floor] = model.body_contype[0] = 1
-        model.geom_conaffinity[chassis] = model.body_conaffinity[model.body("chassis").id] = 1
-        self._arrays = self._world.reset(PhysicalActuator(motors), FOLDED_POSE)
+        model.geom_conaffinity[base.geomadr[0]] = model.body_conaffinity[base.id] = 1
+        folded = self._wire.folded_pose
+        self._arrays = self._world.reset(PhysicalActuator(motors), folded)
         if not hung:
-            self._world.data.qpos[2] = float(spec.leg_drop(FOLDED_POSE[:3]))
-        self.advance(0, FOLDED_POSE)  # compile, or load what was compiled, before time counts
+            self._world.data.qpos[2] = max(leg.drop(folded) for leg in robot.legs)
+        self.advance(0, folded)  # compile, or load what was compiled, before time counts
 
     def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:
-        """Gains (12,) [A/rad], [A·s/rad] and current limit [A] from now on; each motor keeps its torque per ampere."""
+        """Gains (joints,) [A/rad], [A·s/rad] and current limit [A] from now on; each motor keeps its torque per ampere."""
         motors = replace(
             self._motors,
-            kp=self._motors.kp * kp / spec.WIRE_KP,
-            kd=self._motors.kd * kd / spec.WIRE_KD,
-            torque_limit=self._motors.torque_limit * (max_current / spec.MAX_CURRENT),
+            kp=self._motors.kp * kp / self._wire.kp,
+            kd=self._motors.kd * kd / self._wire.kd,
+            torque_limit=self._motors.torque_limit * (max_current / self._wire.max_current),
         )
-        self._arrays.parameters[:] = PhysicalActuator(motors).arrays(spec.TWIN_PHYSICS_DT).parameters
+        self._arrays.parameters[:] = PhysicalActuator(motors).arrays(self._robot.twin_physics_dt).parameters
 
     def block(self, joints: tuple[int, ...]) -> None:
         """Hold these joints fast, and no others."""
@@ -82,7 +82,7 @@ class LiveRobot:
         passive[list(joints)] = _BLOCKED
 
     def advance(self, milliseconds: int, target: np.ndarray) -> None:
-        """Let time pass under (12,) targets [rad]."""
+        """Let time pass under (joints,) targets [rad]."""
         _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
 
     def position(self) -> np.ndarray:
@@ -91,15 +91,16 @@ class LiveRobot:
 
     def state(self) -> LiveState:
         """What the sensors and an observer see now."""
-        data, measured = self._world.data, np.zeros(spec.NUM_JOINTS)
+        data, measured = self._world.data, np.zeros(self._robot.num_joints)
         read_joints(self._world.arrays, self._arrays, measured)
         noise = self._rng.standard_normal(6)
         attitude, rates, base = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         if not self._hung:
             base = data.qpos[:7].copy()
             attitude, rates = np.array(roll_pitch_yaw(base[3:])), data.qvel[3:6].copy()
+        count = 2.0 * np.pi / self._wire.encoder_counts
         return LiveState(
-            joint_pos=COUNT * np.round(measured / COUNT),
+            joint_pos=count * np.round(measured / count),
             joint_vel=self._arrays.memory[FILTERED_VEL].copy(),
             attitude=attitude + IMU_NOISE[0] * noise[:3],
             rates=rates + IMU_NOISE[1] * noise[3:],

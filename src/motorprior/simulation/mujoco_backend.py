@@ -10,20 +10,19 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.bounds import require_finite
-from motorprior.robots.pupper_v2.spec import NUM_JOINTS
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
 
 DrawMotors = Callable[[np.random.Generator], Actuator]
-"""Draws the 12 motors of one episode."""
+"""Draws the motors of one episode, one per joint."""
 
 
 class MujocoBackend:
-    """A simulated Pupper with other motors in every episode.
+    """A simulated robot with other motors in every episode.
 
     Args:
         draw_motors: called at every reset with a generator seeded by the reset's seed.
-        config: physics; the chassis must be free.
+        config: robot and physics; the base must be free.
         randomization: what else differs between episodes.
         episode_steps: control steps that pushes are drawn for.
     """
@@ -31,39 +30,39 @@ class MujocoBackend:
     def __init__(
         self,
         draw_motors: DrawMotors,
-        config: WorldConfig | None = None,
+        config: WorldConfig,
         randomization: Randomization | None = None,
         episode_steps: int = 500,
     ):
-        self._world = World(config or WorldConfig())
-        if self._world.config.hung:
-            raise ConfigError("a hung robot cannot walk", remedy="use hung=False")
+        if config.is_fixed:
+            raise ConfigError("a robot with a fixed base cannot walk", remedy="use a free robot and hung=False")
+        self._world, self._robot = World(config), config.robot
         self._draw, self._episode_steps = draw_motors, episode_steps
         self._randomization = randomization or Randomization()
         self._motors: ActuatorArrays | None = None
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose on newly drawn motors, in newly drawn conditions."""
-        conditions = self._randomization.conditions(seed, self._episode_steps)
+        conditions = self._randomization.conditions(self._robot, seed, self._episode_steps)
         self._motors = self._world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
         return self._state(self._motors, 0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (12,) targets [rad] for one control step.
+        """Hold (joints,) targets [rad] for one control step.
 
         Raises:
             ConfigError: no reset before; another shape, or a target that is not finite.
         """
         if self._motors is None:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        target = require_finite("position_target", position_target, (NUM_JOINTS,))
+        target = require_finite("position_target", position_target, (self._robot.num_joints,))
         return self._state(self._motors, hold_target(self._world.arrays, self._motors, target))
 
     def close(self) -> None:
         """Nothing to give back."""
 
     def _state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
-        data, measured = self._world.data, np.zeros(NUM_JOINTS)
+        data, measured = self._world.data, np.zeros(self._robot.num_joints)
         read_joints(self._world.arrays, motors, measured)
         return BackendState(
             base_pos=data.qpos[:3].copy(),

@@ -20,27 +20,29 @@ from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.torque_law import measure_joint_pos
 from motorprior.backend import BackendState
-from motorprior.robots.pupper_v2.spec import NUM_JOINTS
+from motorprior.robots.robot import Robot
 from motorprior.simulation.world import World, WorldConfig
 
 Torque = Callable[[np.ndarray], np.ndarray]
-"""From scaled inputs (12, 2·taps) to torque (12,) [N·m]."""
+"""From scaled inputs (joints, 2·taps) to torque (joints,) [N·m]."""
 
 
 class PythonLoopBackend:
     """MuJoCo with learned motors, interpreted.
 
     Args:
+        robot: a legged one.
         actuator: the motors; their period must be a multiple of the physics step.
         torque: evaluates the network for them.
     """
 
-    def __init__(self, actuator: LatentActuator, torque: Torque):
-        self._world, self._actuator, self._torque = World(WorldConfig()), actuator, torque
+    def __init__(self, robot: Robot, actuator: LatentActuator, torque: Torque):
+        self._world, self._actuator, self._torque = World(WorldConfig.of(robot)), actuator, torque
+        self._joints = robot.num_joints
         self._taps = np.array(actuator.network.taps)
-        self._history = np.zeros((2, self._taps[-1] + 1, NUM_JOINTS))
+        self._history = np.zeros((2, self._taps[-1] + 1, self._joints))
         self._renewal = round(actuator.network.period / self._world.config.physics_dt)
-        self._count, self._held = 0, np.zeros(NUM_JOINTS)
+        self._count, self._held = 0, np.zeros(self._joints)
         self._motors = actuator.arrays(self._world.config.physics_dt)
 
     def reset(self, seed: int) -> BackendState:
@@ -51,7 +53,7 @@ class PythonLoopBackend:
         return self._state(0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (12,) targets [rad] for one control step."""
+        """Hold (joints,) targets [rad] for one control step."""
         world, total = self._world, 0.0
         for _ in range(world.config.substeps):
             if self._count % self._renewal == 0:
@@ -65,16 +67,16 @@ class PythonLoopBackend:
         return self._state(total / world.config.substeps)
 
     def _renewed(self, position_target: np.ndarray) -> np.ndarray:
-        """Torque (12,) of the network on its history and the present."""
+        """Torque (joints,) of the network on its history and the present."""
         data, network = self._world.data, self._actuator.network
         self._history[:, 1:] = self._history[:, :-1]
         self._history[0, 0] = (position_target - data.qpos[7:]) / network.error_scale
         self._history[1, 0] = data.qvel[6:] / network.velocity_scale
-        return self._torque(self._history[:, self._taps].reshape(-1, NUM_JOINTS).T)
+        return self._torque(self._history[:, self._taps].reshape(-1, self._joints).T)
 
     def _geared(self, position_target: np.ndarray) -> np.ndarray:
-        """(12,) torque of a grey box's geared motors, by a compiled call; sets the engine's damping."""
-        torque, motors, world = np.zeros(NUM_JOINTS), self._motors, self._world
+        """(joints,) torque of a grey box's geared motors, by a compiled call; sets the engine's damping."""
+        torque, motors, world = np.zeros(self._joints), self._motors, self._world
         if self._actuator.network.motor is not None:
             data, dt = world.data, world.config.physics_dt
             step_geared_motor(
@@ -88,7 +90,7 @@ class PythonLoopBackend:
         """Nothing to give back."""
 
     def _state(self, torque_squared_sum: float) -> BackendState:
-        data, measured = self._world.data, np.zeros(NUM_JOINTS)
+        data, measured = self._world.data, np.zeros(self._joints)
         measure_joint_pos(self._motors, data.qpos[7:], measured)
         return BackendState(
             data.qpos[:3].copy(), data.qpos[3:7].copy(), data.qvel[:3].copy(), data.qvel[3:6].copy(), measured,
@@ -130,7 +132,7 @@ def torchscript_torque(actuator: LatentActuator) -> Torque | None:
             hidden = self.activation(self.second(self.activation(self.first(inputs) + self.folded)))
             return torch.clamp(self.scale * self.last(hidden)[:, 0], -self.limit, self.limit)
 
-    example = torch.zeros(NUM_JOINTS, net.w1.shape[0])
+    example = torch.zeros(actuator.num_motors, net.w1.shape[0])
     with warnings.catch_warnings(action="ignore", category=FutureWarning):  # deprecated since PyTorch 2.15, and in use
         compiled = torch.jit.freeze(torch.jit.trace(Motors().eval(), example))
 

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import TILT_READINGS, readings
 from motorprior.locomotion.bounds import is_number
-from motorprior.locomotion.sensing import JOINT_READINGS, READINGS, Sensors, perfect_sensors
-from motorprior.robots.pupper_v2 import spec
+from motorprior.locomotion.sensing import Sensors, perfect_sensors
+from motorprior.robots.robot import GRAVITY, Robot
 
-NUM_LINKS = 1 + spec.NUM_JOINTS
-"""Chassis, then abduction link, thigh and shank of every leg."""
 LONGEST_DELAY = 0.2
 """[s]"""
 _STREAM, _SENSOR_STREAM = 0xD12A, 0x5E50
@@ -66,7 +65,7 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = {"friction": 0.01, "mass": 0.1, "push_interval": spec.CONTROL_DT}
+        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         for field in fields(self):
             value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
@@ -85,47 +84,48 @@ class Randomization:
         """For the record of a run."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
-    def conditions(self, seed: int, episode_steps: int) -> Conditions:
+    def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """The robot and its surroundings in the episode of this seed."""
         if self == _NOTHING:
-            return NOMINAL
+            return nominal_conditions(robot)
         rng = np.random.default_rng([_STREAM, seed])
-        joints, tilt = spec.NUM_JOINTS, self.gravity_tilt * np.sqrt(rng.uniform())
-        bearing, g = rng.uniform(0.0, 2.0 * np.pi), spec.GRAVITY
+        joints, tilt = robot.num_joints, self.gravity_tilt * np.sqrt(rng.uniform())
+        bearing, g = rng.uniform(0.0, 2.0 * np.pi), GRAVITY
         down = np.array([np.sin(tilt) * np.cos(bearing), np.sin(tilt) * np.sin(bearing), -np.cos(tilt)])
         return Conditions(
             armature=rng.uniform(*self.armature, joints),
             damping=rng.uniform(*self.damping, joints),
             friction=float(rng.uniform(*self.friction)),
-            mass=rng.uniform(*self.mass, NUM_LINKS),
+            mass=rng.uniform(*self.mass, robot.num_links),
             com=rng.uniform(-self.com, self.com, 3),
             gravity=g * down if self.gravity_tilt else np.array([0.0, 0.0, -g]),
             encoder_offset=rng.uniform(-self.encoder_offset, self.encoder_offset, joints),
             command_delay=float(rng.uniform(*self.command_delay)),
-            push=self._pushes(rng, episode_steps),
+            push=self._pushes(rng, robot.control_dt, episode_steps),
         )
 
-    def _pushes(self, rng: np.random.Generator, episode_steps: int) -> np.ndarray:
+    def _pushes(self, rng: np.random.Generator, control_dt: float, episode_steps: int) -> np.ndarray:
         """(episode_steps, 2) horizontal force [N] of every control step; no rows if there is no push."""
         if self.push == 0.0:
             return np.zeros((0, 2))
-        force, every = np.zeros((episode_steps, 2)), max(1, round(self.push_interval / spec.CONTROL_DT))
+        force, every = np.zeros((episode_steps, 2)), max(1, round(self.push_interval / control_dt))
         for step in range(every, episode_steps, every):
             strength, bearing = rng.uniform(0.0, self.push), rng.uniform(0.0, 2.0 * np.pi)
-            force[step] = strength / spec.CONTROL_DT * np.array([np.cos(bearing), np.sin(bearing)])
+            force[step] = strength / control_dt * np.array([np.cos(bearing), np.sin(bearing)])
         return force
 
-    def sensors(self, seed: int, episode_steps: int) -> Sensors:
+    def sensors(self, robot: Robot, seed: int, episode_steps: int) -> Sensors:
         """How the policy's sensors err in the episode of this seed."""
         if not (self.sensor_delay[1] or self.joint_noise or self.tilt_noise or self.rate_noise):
             return perfect_sensors()
-        deviation = np.full(READINGS, self.joint_noise)
-        deviation[:2], deviation[2:JOINT_READINGS] = self.tilt_noise, self.rate_noise
+        count = readings(robot.num_joints)
+        deviation = np.full(count, self.joint_noise)
+        deviation[:2], deviation[2:TILT_READINGS] = self.tilt_noise, self.rate_noise
         rng = np.random.default_rng([_SENSOR_STREAM, seed])
-        delay = float(rng.uniform(*self.sensor_delay)) / spec.CONTROL_DT
+        delay = float(rng.uniform(*self.sensor_delay)) / robot.control_dt
         rows = episode_steps + 1 if deviation.any() else 0
-        noise = deviation * rng.standard_normal((rows, READINGS))
-        return Sensors(noise, delay, np.zeros((int(delay) + 2 if delay > 0.0 else 0, READINGS)))
+        noise = deviation * rng.standard_normal((rows, count))
+        return Sensors(noise, delay, np.zeros((int(delay) + 2 if delay > 0.0 else 0, count)))
 
 
 def _is_range(value: Any, least: float, most: float) -> bool:
@@ -136,22 +136,22 @@ def _is_range(value: Any, least: float, most: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """One draw: 12 joints, 13 links, in the order of the robot."""
+    """One draw, in the order of the robot's joints and of its model's links."""
 
     armature: np.ndarray
-    """(12,) added [kg·m²]"""
+    """(joints,) added [kg·m²]"""
     damping: np.ndarray
-    """(12,) added, passive [N·m·s/rad]"""
+    """(joints,) added, passive [N·m·s/rad]"""
     friction: float
     """factor"""
     mass: np.ndarray
-    """(13,) factors on mass and inertia"""
+    """(links,) factors on mass and inertia"""
     com: np.ndarray
     """(3,) shift of the chassis' centre of mass [m]"""
     gravity: np.ndarray
     """(3,) [m/s²]"""
     encoder_offset: np.ndarray
-    """(12,) reading at true zero [rad]"""
+    """(joints,) reading at true zero [rad]"""
     command_delay: float
     """[s]"""
     push: np.ndarray
@@ -162,16 +162,19 @@ class Conditions:
         return round(self.command_delay / physics_dt)
 
 
-NOMINAL = Conditions(
-    armature=np.zeros(spec.NUM_JOINTS),
-    damping=np.zeros(spec.NUM_JOINTS),
-    friction=1.0,
-    mass=np.ones(NUM_LINKS),
-    com=np.zeros(3),
-    gravity=np.array([0.0, 0.0, -spec.GRAVITY]),
-    encoder_offset=np.zeros(spec.NUM_JOINTS),
-    command_delay=0.0,
-    push=np.zeros((0, 2)),
-)
-"""The robot as it is in the specification."""
+def nominal_conditions(robot: Robot) -> Conditions:
+    """The robot as it is described."""
+    return Conditions(
+        armature=np.zeros(robot.num_joints),
+        damping=np.zeros(robot.num_joints),
+        friction=1.0,
+        mass=np.ones(robot.num_links),
+        com=np.zeros(3),
+        gravity=np.array([0.0, 0.0, -GRAVITY]),
+        encoder_offset=np.zeros(robot.num_joints),
+        command_delay=0.0,
+        push=np.zeros((0, 2)),
+    )
+
+
 _NOTHING = Randomization()

@@ -9,7 +9,6 @@ from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.exceptions import SimulationFault
-from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
 
@@ -19,10 +18,10 @@ class Replay:
     """A recording of C control steps with P physics steps in all.
 
     Attributes:
-        joint_pos: (P, 12) [rad] after each physics step.
-        joint_torque: (P, 12) [N·m] during each physics step.
-        measured_joint_pos: (C, 12) [rad] as the encoders report it, before each control step.
-        base: (C, 7) position [m] and quaternion of the chassis before each control step; empty when hung.
+        joint_pos: (P, joints) [rad] after each physics step.
+        joint_torque: (P, joints) [N·m] during each physics step.
+        measured_joint_pos: (C, joints) [rad] as the encoders report it, before each control step.
+        base: (C, 7) position [m] and quaternion of the base before each control step; empty where it is fixed.
     """
 
     joint_pos: np.ndarray
@@ -59,18 +58,18 @@ def replay(
     world: World,
     actuator: Actuator,
     targets: np.ndarray,
-    start: np.ndarray = spec.NOMINAL_POSE,
+    start: np.ndarray | None = None,
     lead_in: np.ndarray | None = None,
     tolerate_fault: bool = False,
 ) -> Replay:
-    """Hold each row of ``targets`` (C, 12) [rad] for one control step, from rest at ``start``.
+    """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
 
     Args:
         world: the robot; it is reset first.
-        actuator: 12 motors.
+        actuator: one motor per joint.
         targets: position targets.
-        start: joint angles at the beginning.
-        lead_in: (L, 12) targets held before the recording begins.
+        start: joint angles at the beginning; the nominal pose if not given.
+        lead_in: (L, joints) targets held before the recording begins.
         tolerate_fault: return the recording even if the simulation broke down in it.
 
     Raises:
@@ -90,7 +89,7 @@ def replay(
 def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Replay:
     steps, n = targets.shape
     physics = steps * world.config.substeps
-    base = np.zeros((0 if world.config.hung else steps, 7))
+    base = np.zeros((0 if world.config.is_fixed else steps, 7))
     out = Replay(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
     _play(world.arrays, motors, targets, out.joint_pos, out.joint_torque, out.measured_joint_pos, out.base)
     return out

@@ -1,6 +1,6 @@
 """A whole walking episode in one compiled call: policy, generator, motors, physics, reward, end.
 
-It calls the same compiled pieces in the same order as `locomotion.env.PupperWalkEnv` on `MujocoBackend`, and
+It calls the same compiled pieces in the same order as `locomotion.env.WalkEnv` on `MujocoBackend`, and
 gives bit for bit what they give; only the interpreter is missing.
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.locomotion.body import Body, action_size, body_of, observation_size
 from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
-from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
+from motorprior.locomotion.policy import act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.robots.pupper_v2.spec import NUM_JOINTS
 from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
@@ -56,10 +56,10 @@ class Episode:
         steps: control steps until the fall or the end of time.
         displacement: (2,) forward and left [m].
         fault: 0 or a key of `world.FAULTS`.
-        count: observations; mean (18,) and m2 (18,) are their Welford statistics.
+        count: observations; mean and m2 (observations,) are their Welford statistics.
         mean: see count.
         m2: see count.
-        trace: (steps, 19) qpos before every control step, if it was asked for.
+        trace: (steps, 7 + joints) qpos before every control step, if it was asked for.
     """
 
     total: float
@@ -83,24 +83,31 @@ class Walker(NamedTuple):
     measured: np.ndarray
 
 
-def new_walker() -> Walker:
+def new_walker(num_joints: int) -> Walker:
     """Of a robot that has not walked yet."""
-    sizes = (OBSERVATION_SIZE, ACTION_SIZE, ACTION_SIZE, ACTION_SIZE, NUM_JOINTS, NUM_JOINTS)
+    actions = action_size(num_joints)
+    sizes = (observation_size(num_joints), actions, actions, actions, num_joints, num_joints)
     return Walker(*(np.zeros(size) for size in sizes))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def begin_walk(world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker) -> None:
+def begin_walk(body: Body, world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker) -> None:
     """First observation of an episode, after the world's reset; the phase is 0."""
     walker.filter_state[:] = 0.0
     read_joints(world, motors, walker.measured)
-    observe(world.qpos[3:7], world.qvel[3:6], walker.measured, 0.0, walker.observation)
+    observe(world.qpos[3:7], world.qvel[3:6], walker.measured, 0.0, body.nominal_pose, walker.observation)
     sense(sensors, 0, walker.observation)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def walk_step(
-    world: WorldArrays, motors: ActuatorArrays, walker: Walker, phase: float, control_dt: float, task: np.ndarray
+    body: Body,
+    world: WorldArrays,
+    motors: ActuatorArrays,
+    walker: Walker,
+    phase: float,
+    control_dt: float,
+    task: np.ndarray,
 ) -> tuple[float, float, bool, int]:
     """One control step of ``walker.action``, up to the true observation.
 
@@ -108,13 +115,13 @@ def walk_step(
         The new phase, the reward [m], whether the episode is over, and the fault.
     """
     qpos, qvel = world.qpos, world.qvel
-    phase = command_step(walker.action, walker.filter_state, phase, control_dt, walker.command, walker.target)
+    phase = command_step(body, walker.action, walker.filter_state, phase, control_dt, walker.command, walker.target)
     previous_x = qpos[0]
     squared = hold_target(world, motors, walker.target)
     fault = find_fault(world)
     read_joints(world, motors, walker.measured)
     reward, ended = evaluate_step(
-        qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], walker.measured, squared, fault,
+        body, qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], walker.measured, squared, fault,
         previous_x, phase, control_dt, task, walker.observation,
     )  # fmt: skip
     return phase, reward, ended, fault
@@ -122,6 +129,7 @@ def walk_step(
 
 @njit(cache=True, nogil=True)
 def _episode(
+    body: Body,
     world: WorldArrays,
     motors: ActuatorArrays,
     weights: np.ndarray,
@@ -139,15 +147,15 @@ def _episode(
     """Return total reward, steps and fault."""
     world, motors, sensors, s = borrowed(world), borrowed(motors), borrowed(sensors), borrowed(s)
     weights, obs_mean, obs_std, task = borrowed(weights), borrowed(obs_mean), borrowed(obs_std), borrowed(task)
-    mean, m2 = borrowed(mean), borrowed(m2)
+    mean, m2, body = borrowed(mean), borrowed(m2), borrowed(body)
     phase, total, steps, fault = 0.0, 0.0, 0, 0
-    begin_walk(world, motors, sensors, s)
+    begin_walk(body, world, motors, sensors, s)
     for step in range(max_steps):
         if trace.shape[0] > 0:
             trace[step] = world.qpos
         accumulate_moments(s.observation, step, mean, m2)
         act(weights, obs_mean, obs_std, s.observation, s.action)
-        phase, reward, ended, fault = walk_step(world, motors, s, phase, control_dt, task)
+        phase, reward, ended, fault = walk_step(body, world, motors, s, phase, control_dt, task)
         total += reward
         steps = step + 1
         if ended:
@@ -156,16 +164,19 @@ def _episode(
     return total, steps, fault
 
 
-def checked_policy(weights: np.ndarray, mean: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights (16, 19), mean (18,) and standard deviation (18,) that compiled code can read.
+def checked_policy(
+    num_joints: int, weights: np.ndarray, mean: np.ndarray, std: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights, mean and standard deviation that compiled code can read; see `locomotion.policy.Policy` for shapes.
 
     Raises:
         ConfigError: another shape, or a number that is not finite.
     """
+    observations = observation_size(num_joints)
     return (
-        require_finite("weights", weights, (ACTION_SIZE, OBSERVATION_SIZE + 1)),
-        require_finite("observation_mean", mean, (OBSERVATION_SIZE,)),
-        require_finite("observation_std", std, (OBSERVATION_SIZE,)),
+        require_finite("weights", weights, (action_size(num_joints), observations + 1)),
+        require_finite("observation_mean", mean, (observations,)),
+        require_finite("observation_std", std, (observations,)),
     )
 
 
@@ -174,19 +185,20 @@ class WalkSimulator:
 
     Args:
         draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
-        world: physics.
+        world: robot and physics.
         walk: episode.
 
     Attributes:
         world: the robot.
     """
 
-    def __init__(self, draw_motors: DrawMotors, world: WorldConfig | None = None, walk: WalkConfig | None = None):
-        self.world = World(world or WorldConfig())
+    def __init__(self, draw_motors: DrawMotors, world: WorldConfig, walk: WalkConfig | None = None):
+        self._body = body_of(world.robot)
+        self.world = World(world)
         self._draw = draw_motors
         self._walk = walk or WalkConfig()
         self._task = self._walk.task.array()
-        self._walker = new_walker()
+        self._walker = new_walker(world.robot.num_joints)
 
     def run(
         self,
@@ -196,20 +208,21 @@ class WalkSimulator:
         seed: int,
         trace: bool = False,
     ) -> Episode:
-        """One episode of a linear policy, weights (16, 19), on the motors that ``seed`` draws.
+        """One episode of a linear policy on the motors that ``seed`` draws.
 
         Raises:
             ConfigError: weights, mean or standard deviation of another shape, or not finite.
         """
-        policy = checked_policy(weights, observation_mean, observation_std)
+        robot = self.world.config.robot
+        policy = checked_policy(robot.num_joints, weights, observation_mean, observation_std)
         steps = self._walk.episode_steps
-        conditions = self._walk.randomization.conditions(seed, steps)
+        conditions = self._walk.randomization.conditions(robot, seed, steps)
         motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
-        sensors = self._walk.randomization.sensors(seed, steps)
-        mean, m2 = np.zeros(OBSERVATION_SIZE), np.zeros(OBSERVATION_SIZE)
+        sensors = self._walk.randomization.sensors(robot, seed, steps)
+        mean, m2 = np.zeros_like(policy[1]), np.zeros_like(policy[1])
         qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
-            self.world.arrays, motors, *policy, self._task, sensors, self.world.config.control_dt, steps,
+            self._body, self.world.arrays, motors, *policy, self._task, sensors, self.world.config.control_dt, steps,
             self._walker, mean, m2, qpos,
         )  # fmt: skip
         base = self.world.arrays.qpos[:2]

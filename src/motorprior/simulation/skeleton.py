@@ -11,10 +11,8 @@ import mujoco
 import numpy as np
 
 from motorprior.exceptions import ConfigError
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.mjcf import mjcf
-
-NUM_QPOS = 7 + spec.NUM_JOINTS
+from motorprior.robots.robot import Robot
+from motorprior.simulation.model import build_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +20,8 @@ class Skeleton:
     """The robot in F frames, in the world frame: x forward, y left, z up, floor at z = 0.
 
     Attributes:
-        legs: (F, 4, 4, 3) [m]; legs FR FL RR RL × abduction origin, hip axis, knee, foot centre × (x, y, z).
-        chassis: (F, 8, 3) [m] corners of the body's box; corner 4a + 2b + c is at the upper end of its x, y
+        legs: (F, L, 4, 3) [m]; legs × abduction origin, hip axis, knee, foot centre × (x, y, z).
+        chassis: (F, 8, 3) [m] corners of the base's box; corner 4a + 2b + c is at the upper end of its x, y
             and z extent where a, b and c are 1.
     """
 
@@ -39,22 +37,24 @@ class Skeleton:
         return Skeleton(self.legs[selection], self.chassis[selection])
 
 
-def skeleton(qpos: np.ndarray) -> Skeleton:
+def skeleton(robot: Robot, qpos: np.ndarray) -> Skeleton:
     """Forward kinematics of every frame.
 
     Args:
-        qpos: (F, 19); base position [m], base quaternion (w, x, y, z), joint angles [rad].
+        robot: a legged one.
+        qpos: (F, 7 + joints); base position [m], base quaternion (w, x, y, z), joint angles [rad].
 
     Raises:
         ConfigError: wrong shape, or a coordinate that is not finite.
     """
-    qpos = _checked(qpos)
-    model = mujoco.MjModel.from_xml_string(mjcf())
+    robot.require_legs()
+    qpos = _checked(qpos, 7 + robot.num_joints)
+    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
     data = mujoco.MjData(model)
-    bodies, feet = _leg_ids(model)
-    box = model.body("chassis").geomadr[0]
+    bodies, feet = _leg_ids(model, robot)
+    box = model.body(1).geomadr[0]
     corners = np.array(list(product((-1.0, 1.0), repeat=3))) * model.geom_size[box]
-    legs, chassis = np.empty((len(qpos), 4, 4, 3)), np.empty((len(qpos), 8, 3))
+    legs, chassis = np.empty((len(qpos), len(robot.legs), 4, 3)), np.empty((len(qpos), 8, 3))
     for frame, row in enumerate(qpos):
         data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
@@ -64,19 +64,19 @@ def skeleton(qpos: np.ndarray) -> Skeleton:
     return Skeleton(legs, chassis)
 
 
-def _leg_ids(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Bodies (4, 3) whose origins are abduction, hip and knee, and the feet's geoms (4,)."""
-    links = ("abduction_link", "thigh", "shank")
-    bodies = [[model.body(f"{leg}_{link}").id for link in links] for leg in spec.LEGS]
-    return np.array(bodies), np.array([model.geom(f"{leg}_foot").id for leg in spec.LEGS])
+def _leg_ids(model: mujoco.MjModel, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies (L, 3) whose origins are abduction, hip and knee, and the feet's geoms (L,)."""
+    names = robot.joint_names
+    bodies = [[model.joint(names[joint]).bodyid[0] for joint in leg.joints] for leg in robot.legs]
+    return np.array(bodies), np.array([model.geom(leg.foot).id for leg in robot.legs])
 
 
-def _checked(qpos: np.ndarray) -> np.ndarray:
+def _checked(qpos: np.ndarray, columns: int) -> np.ndarray:
     qpos = np.asarray(qpos, dtype=np.float64)
-    if qpos.ndim != 2 or qpos.shape[1] != NUM_QPOS:
+    if qpos.ndim != 2 or qpos.shape[1] != columns:
         raise ConfigError(
-            f"qpos has shape {qpos.shape}, expected (frames, {NUM_QPOS})",
-            remedy="give base position, base quaternion and 12 joint angles per frame",
+            f"qpos has shape {qpos.shape}, expected (frames, {columns})",
+            remedy="give base position, base quaternion and the joint angles per frame",
         )
     bad = np.argwhere(~np.isfinite(qpos))
     if len(bad):

@@ -18,12 +18,13 @@ from numba import njit
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.body import action_size, body_of, observation_size
 from motorprior.locomotion.control_step import command_step
-from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.bullet_backend import PybulletBackend
+from motorprior.simulation.bullet_world import PHYSICS_DT
 from motorprior.simulation.mj_call import do_nothing_address, mj_step
 from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, torchscript_torque
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -46,7 +47,7 @@ class TimedPath:
 
 @njit(cache=True, nogil=True)
 def _record(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray) -> None:
-    """Fill drive (2, physics steps, 12): what the engine is given, torque and damping, with targets (steps, 12)."""
+    """Fill drive (2, physics steps, joints): what the engine is given, torque and damping, with targets (steps, joints)."""
     applied, row = world.applied[world.applied.shape[0] - targets.shape[1] :], 0
     for step in range(targets.shape[0]):
         for _ in range(world.substeps):
@@ -66,12 +67,13 @@ def _mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
         mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
 
 
-def zero_policy_targets(steps: int) -> np.ndarray:
-    """(steps, 12) targets [rad] of the zero policy: the plain trot."""
-    filter_state, command = np.zeros(ACTION_SIZE), np.zeros(ACTION_SIZE)
-    targets, phase = np.zeros((steps, spec.NUM_JOINTS)), 0.0
-    for step in range(steps):
-        phase = command_step(np.zeros(ACTION_SIZE), filter_state, phase, spec.CONTROL_DT, command, targets[step])
+def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
+    """(steps, joints) targets [rad] of the zero policy: the plain trot."""
+    size, body = action_size(robot.num_joints), body_of(robot)
+    filter_state, command = np.zeros(size), np.zeros(size)
+    targets, phase = np.zeros((steps, robot.num_joints)), 0.0
+    for target in targets:
+        phase = command_step(body, np.zeros(size), filter_state, phase, robot.control_dt, command, target)
     return targets
 
 
@@ -81,59 +83,62 @@ def _timed(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def _zero_policy_episode(simulator: Any) -> int:
+def _zero_policy_episode(robot: Robot, simulator: Any) -> int:
     """Walk with the zero policy, reset and all; returns how many control steps it lasted."""
-    weights = np.zeros((ACTION_SIZE, OBSERVATION_SIZE + 1))
-    return simulator.run(weights, np.zeros(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE), 0).steps
+    observations = observation_size(robot.num_joints)
+    weights = np.zeros((action_size(robot.num_joints), observations + 1))
+    return simulator.run(weights, np.zeros(observations), np.ones(observations), 0).steps
 
 
-def _simulated(simulator: Any) -> TimedPath:
-    run = lambda: _timed(lambda: _zero_policy_episode(simulator))  # noqa: E731
-    return TimedPath(_zero_policy_episode(simulator), run, simulator.close)
+def _simulated(robot: Robot, simulator: Any) -> TimedPath:
+    run = lambda: _timed(lambda: _zero_policy_episode(robot, simulator))  # noqa: E731
+    return TimedPath(_zero_policy_episode(robot, simulator), run, simulator.close)
 
 
-def compiled_paths(actuators: dict[str, tuple[Actuator, float]]) -> dict[str, TimedPath]:
+def compiled_paths(robot: Robot, actuators: dict[str, tuple[Actuator, float]]) -> dict[str, TimedPath]:
     """Episodes in the compiled loop, and mj_step alone.
 
     Args:
-        actuators: per path its 12 motors and the physics step [s]; ``rollout`` must be among them
+        robot: a legged one.
+        actuators: per path its motors and the physics step [s]; ``rollout`` must be among them
             and gives the episode whose engine time is measured alone.
     """
     paths = {}
     for name, (actuator, physics_dt) in actuators.items():
-        paths[name] = _simulated(
-            WalkSimulator(lambda rng, motors=actuator: motors, WorldConfig(physics_dt=physics_dt), WalkConfig(STEPS))
-        )
+        world = WorldConfig.of(robot, physics_dt=physics_dt)
+        paths[name] = _simulated(robot, WalkSimulator(lambda rng, motors=actuator: motors, world, WalkConfig(STEPS)))
     learned = actuators["rollout"][0]
     alone = {
-        "mj_step": _engine_alone(learned, paths["rollout"].steps),
-        "without_mj_step": _everything_else(learned),
+        "mj_step": _engine_alone(robot, learned, paths["rollout"].steps),
+        "without_mj_step": _everything_else(robot, learned),
     }
-    return {**alone, **paths, "two_threads": _two_threads(learned)}
+    return {**alone, **paths, "two_threads": _two_threads(robot, learned)}
 
 
-def interpreted_paths(learned: LatentActuator) -> dict[str, TimedPath]:
+def interpreted_paths(robot: Robot, learned: LatentActuator) -> dict[str, TimedPath]:
     """The same motors in a Python loop with a numpy network, with TorchScript if installed, and in PyBullet if so."""
     walk = WalkConfig(SLOW_STEPS)
     paths = {}
     for name, torque in (("python_numpy", numpy_torque(learned)), ("python_torch", torchscript_torque(learned))):
         if torque is not None:
-            paths[name] = _simulated(BackendSimulator(PythonLoopBackend(learned, torque), walk))
+            backend = PythonLoopBackend(robot, learned, torque)
+            paths[name] = _simulated(robot, BackendSimulator(robot, backend, walk))
     if find_spec("pybullet") is not None:
-        paths["pybullet"] = _simulated(BackendSimulator(PybulletBackend(lambda rng: learned), walk))
+        backend = PybulletBackend(lambda rng: learned, WorldConfig.of(robot, physics_dt=PHYSICS_DT))
+        paths["pybullet"] = _simulated(robot, BackendSimulator(robot, backend, walk))
     return paths
 
 
-def _engine_alone(actuator: Actuator, steps: int) -> TimedPath:
+def _engine_alone(robot: Robot, actuator: Actuator, steps: int) -> TimedPath:
     """mj_step, and nothing else, on torques and damping of that very episode, ``steps`` control steps long.
 
     Raises:
         SimulationFault: the recorded drive did not lead to the recorded end, so the timing would mean nothing.
     """
-    world = World(WorldConfig())
-    drive = np.zeros((2, steps * world.config.substeps, spec.NUM_JOINTS))
+    world = World(WorldConfig.of(robot))
+    drive = np.zeros((2, steps * world.config.substeps, robot.num_joints))
     motors = world.reset(actuator)
-    _record(world.arrays, motors, zero_policy_targets(steps), drive)
+    _record(world.arrays, motors, zero_policy_targets(robot, steps), drive)
     end = world.data.qpos.copy()
 
     def run() -> float:
@@ -146,22 +151,23 @@ def _engine_alone(actuator: Actuator, steps: int) -> TimedPath:
     return TimedPath(steps, run)
 
 
-def _everything_else(actuator: Actuator) -> TimedPath:
+def _everything_else(robot: Robot, actuator: Actuator) -> TimedPath:
     """A whole episode in which a function that does nothing stands in for mj_step: the robot stays as it is."""
-    simulator = WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS))
+    simulator = WalkSimulator(lambda rng: actuator, WorldConfig.of(robot), WalkConfig(STEPS))
     simulator.world.arrays = simulator.world.arrays._replace(step=do_nothing_address())
-    return _simulated(simulator)
+    return _simulated(robot, simulator)
 
 
-def _two_threads(actuator: Actuator) -> TimedPath:
+def _two_threads(robot: Robot, actuator: Actuator) -> TimedPath:
     """Episodes on two threads at a time; their seconds per control step count for both cores together."""
-    simulators = [WalkSimulator(lambda rng: actuator, walk=WalkConfig(STEPS)) for _ in range(THREADS)]
-    steps = sum(_zero_policy_episode(simulator) for simulator in simulators) * EPISODES_PER_THREAD
+    config, walk_config = WorldConfig.of(robot), WalkConfig(STEPS)
+    simulators = [WalkSimulator(lambda rng: actuator, config, walk_config) for _ in range(THREADS)]
+    steps = sum(_zero_policy_episode(robot, simulator) for simulator in simulators) * EPISODES_PER_THREAD
     pool = ThreadPoolExecutor(THREADS)
 
     def walk(simulator: WalkSimulator) -> None:
         for _ in range(EPISODES_PER_THREAD):
-            _zero_policy_episode(simulator)
+            _zero_policy_episode(robot, simulator)
 
     return TimedPath(steps, lambda: THREADS * _timed(lambda: list(pool.map(walk, simulators))), pool.shutdown)
 

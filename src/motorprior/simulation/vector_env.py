@@ -14,9 +14,9 @@ from numba import njit
 from numba.typed import List
 
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.bounds import require_count, require_finite
-from motorprior.locomotion.env import FURTHEST
-from motorprior.locomotion.policy import ACTION_SIZE
+from motorprior.locomotion.env import observation_bounds
 from motorprior.locomotion.sensing import sense
 from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
@@ -27,21 +27,23 @@ _MOST = 2**31
 
 
 @njit(cache=True, nogil=True)
-def _begin(worlds, motors, sensors, walkers, index, observations):
+def _begin(body, worlds, motors, sensors, walkers, index, observations):
     """First observation of one robot."""
-    begin_walk(borrowed(worlds[index]), borrowed(motors[index]), borrowed(sensors[index]), borrowed(walkers[index]))
+    begin_walk(
+        body, borrowed(worlds[index]), borrowed(motors[index]), borrowed(sensors[index]), borrowed(walkers[index])
+    )
     observations[index] = walkers[index].observation
 
 
 @njit(cache=True, nogil=True)
-def _step(worlds, motors, sensors, walkers, share, actions, control_dt, task, steps, out):
+def _step(body, worlds, motors, sensors, walkers, share, actions, control_dt, task, steps, out):
     """One control step of the robots in ``share``; ``out`` is (observations, rewards, over, faults, phases)."""
     observations, rewards, over, faults, phases = out
     for index in share:
         world, walker = borrowed(worlds[index]), borrowed(walkers[index])
         walker.action[:] = actions[index]
         phases[index], rewards[index], over[index], faults[index] = walk_step(
-            world, borrowed(motors[index]), walker, phases[index], control_dt, task
+            body, world, borrowed(motors[index]), walker, phases[index], control_dt, task
         )
         steps[index] += 1
         if faults[index] == 0:
@@ -52,14 +54,14 @@ def _step(worlds, motors, sensors, walkers, share, actions, control_dt, task, st
 class WalkVectorEnv(VectorEnv):
     """N robots; one whose episode is over is reset by the next step, whose reward is then zero.
 
-    Its observations, rewards and ends are those of N `locomotion.env.PupperWalkEnv` on `MujocoBackend` under
+    Its observations, rewards and ends are those of N `locomotion.env.WalkEnv` on `MujocoBackend` under
     `gymnasium.vector.SyncVectorEnv`, bit for bit, on any number of threads. Its infos are fewer: fault, phase and
     base_pos, no position_target, measured_joint_pos and base_quat.
 
     Args:
         num_envs: N.
         draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
-        config: physics.
+        config: robot and physics.
         walk: episode.
         threads: at most one per robot is of use.
 
@@ -73,15 +75,17 @@ class WalkVectorEnv(VectorEnv):
         require_count("num_envs", num_envs)
         require_count("threads", threads)
         self.num_envs, self._walk, self._draw, self._dt = num_envs, walk, draw_motors, config.control_dt
-        self.single_observation_space = Box(-FURTHEST, FURTHEST, dtype=np.float64)
-        self.single_action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
+        self._robot, self._body = config.robot, body_of(config.robot)
+        furthest = observation_bounds(config.robot.num_joints)
+        self.single_observation_space = Box(-furthest, furthest, dtype=np.float64)
+        self.single_action_space = Box(-1.0, 1.0, (action_size(config.robot.num_joints),), np.float64)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._worlds, self._task = [World(config) for _ in range(num_envs)], walk.task.array()
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._pool, self._threads, self._begun = ThreadPoolExecutor(threads), threads, False
         self._steps, self._over = np.zeros(num_envs, np.int64), np.zeros(num_envs, bool)
-        self._observations = np.zeros((num_envs, len(FURTHEST)))
+        self._observations = np.zeros((num_envs, len(furthest)))
         self._rewards, self._phases, self._faults = np.zeros(num_envs), np.zeros(num_envs), np.zeros(num_envs, np.int64)
         parts = [self._drawn(index, 0) for index in range(num_envs)]
         self._lists: Any = tuple(List(column) for column in zip(*parts, strict=True))  # pyright: ignore[reportCallIssue]
@@ -109,17 +113,17 @@ class WalkVectorEnv(VectorEnv):
         """Advance every robot by one control step, or reset it if its episode is over.
 
         Args:
-            actions: (N, 16), clipped to [-1, 1].
+            actions: (N, actions), clipped to [-1, 1].
 
         Returns:
-            Observations (N, 18), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase, base_pos.
+            Observations (N, observations), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase, base_pos.
 
         Raises:
             ConfigError: no reset before; actions of another shape, or not finite.
         """
         if not self._begun:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        actions = require_finite("actions", actions, (self.num_envs, ACTION_SIZE))
+        actions = require_finite("actions", actions, (self.num_envs, action_size(self._robot.num_joints)))
         resting = self._over.copy()
         running, terminated = np.flatnonzero(~resting), np.zeros(self.num_envs, bool)
         out = (self._observations, self._rewards, terminated, self._faults, self._phases)
@@ -148,14 +152,15 @@ class WalkVectorEnv(VectorEnv):
 
     def _step_share(self, share: np.ndarray, actions: np.ndarray, out: tuple) -> None:
         worlds, motors, sensors, walkers = self._lists
-        _step(worlds, motors, sensors, walkers, share, actions, self._dt, self._task, self._steps, out)
+        _step(self._body, worlds, motors, sensors, walkers, share, actions, self._dt, self._task, self._steps, out)
 
     def _drawn(self, index: int, seed: int) -> tuple[Any, ...]:
         """World, motors, sensors and walker of a new episode."""
         world, episode_steps, varied = self._worlds[index], self._walk.episode_steps, self._walk.randomization
         motors = self._draw(np.random.default_rng(seed))
-        arrays = world.reset(motors, conditions=varied.conditions(seed, episode_steps))
-        return world.arrays, arrays, varied.sensors(seed, episode_steps), new_walker()
+        arrays = world.reset(motors, conditions=varied.conditions(self._robot, seed, episode_steps))
+        sensors = varied.sensors(self._robot, seed, episode_steps)
+        return world.arrays, arrays, sensors, new_walker(self._robot.num_joints)
 
     def _begin(self, index: int, seed: int | None) -> None:
         drawn = int(self._rngs[index].integers(_MOST)) if seed is None else seed
@@ -164,7 +169,7 @@ class WalkVectorEnv(VectorEnv):
         self._steps[index], self._phases[index], self._faults[index] = 0, 0.0, 0
         self._over[index] = False
         worlds, motors, sensors, walkers = self._lists
-        _begin(worlds, motors, sensors, walkers, index, self._observations)
+        _begin(self._body, worlds, motors, sensors, walkers, index, self._observations)
 
     def _info(self) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)

@@ -14,11 +14,11 @@ from numba import njit
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.exceptions import ConfigError
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.robot import Robot
 from motorprior.simulation.last_words import speak_before_dying
 from motorprior.simulation.mj_call import mj_step, mj_step_address, stop_timers
-from motorprior.simulation.randomization import LONGEST_DELAY, NOMINAL, Conditions
+from motorprior.simulation.model import build_model
+from motorprior.simulation.randomization import LONGEST_DELAY, Conditions, nominal_conditions
 
 FAULTS = {
     1: "a coordinate, speed or acceleration is not finite or huge",
@@ -41,16 +41,42 @@ class WorldConfig:
     """How the robot is simulated.
 
     Attributes:
+        robot: which.
         physics_dt: step [s]; must divide control_dt.
         control_dt: time a position target is held [s].
         foot_friction: sliding friction [-].
-        hung: the chassis is fixed in the air.
+        hung: a free base is fixed in the air.
     """
 
-    physics_dt: float = spec.PHYSICS_DT
-    control_dt: float = spec.CONTROL_DT
-    foot_friction: float = spec.FOOT_FRICTION
+    robot: Robot
+    physics_dt: float
+    control_dt: float
+    foot_friction: float
     hung: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        *,
+        physics_dt: float | None = None,
+        control_dt: float | None = None,
+        foot_friction: float | None = None,
+        hung: bool = False,
+    ) -> WorldConfig:
+        """The robot's own clocks and friction where no others are given."""
+        return cls(
+            robot,
+            robot.physics_dt if physics_dt is None else physics_dt,
+            robot.control_dt if control_dt is None else control_dt,
+            robot.foot_friction if foot_friction is None else foot_friction,
+            hung,
+        )
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the base cannot move."""
+        return self.hung or self.robot.base == "fixed"
 
     @property
     def substeps(self) -> int:
@@ -74,17 +100,17 @@ class WorldArrays(NamedTuple):
     qpos: np.ndarray
     qvel: np.ndarray
     applied: np.ndarray
-    """(nv,) generalized force, the last 12 are the joints'"""
+    """(nv,) generalized force, the last are the joints'"""
     damping: np.ndarray
-    """(12,) the model's own implicit damping of the joints [N·m·s/rad], a view"""
+    """(joints,) the model's own implicit damping of the joints [N·m·s/rad], a view"""
     passive: np.ndarray
-    """(12,) the share of it that is no motor's [N·m·s/rad]"""
+    """(joints,) the share of it that is no motor's [N·m·s/rad]"""
     torque: np.ndarray
-    """(12,) scratch"""
+    """(joints,) scratch"""
     encoder_offset: np.ndarray
-    """(12,) reading of the encoders at true zero [rad]"""
+    """(joints,) reading of the encoders at true zero [rad]"""
     commands: np.ndarray
-    """(ring, 12) position targets of the latest control steps, in true angles [rad]; state"""
+    """(ring, joints) position targets of the latest control steps, in true angles [rad]; state"""
     clock: np.ndarray
     """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
     warnings: np.ndarray
@@ -105,7 +131,7 @@ def _keep_quiet(message: str) -> None:
 
 
 class World:
-    """A simulated Pupper. Use one per thread.
+    """A simulated robot. Use one per thread.
 
     Making one changes the whole process, other models of MuJoCo included: no warning is printed or written to a file
     any more (``mjData.warning`` still counts them), MuJoCo's timers stand still (`mj_call.stop_timers`), and a fatal
@@ -117,12 +143,13 @@ class World:
         mujoco.set_mju_user_warning(_keep_quiet)
         stop_timers()
         speak_before_dying()
-        text = mjcf(physics_dt=config.physics_dt, foot_friction=config.foot_friction, hung=config.hung)
-        self.model = mujoco.MjModel.from_xml_string(text)
+        self.model = build_model(config.robot, config.physics_dt, config.foot_friction, config.hung)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
-        self.first_joint = 0 if config.hung else 7
-        self.first_dof = 0 if config.hung else 6
+        self.first_joint = 0 if config.is_fixed else 7
+        self.first_dof = 0 if config.is_fixed else 6
+        joints = config.robot.num_joints
+        self._nominal_conditions = nominal_conditions(config.robot)
         self.arrays = WorldArrays(
             step=mj_step_address(),
             model=self.model._address,
@@ -131,23 +158,28 @@ class World:
             qvel=self.data.qvel,
             applied=self.data.qfrc_applied,
             damping=self.model.dof_damping[self.first_dof :],
-            passive=np.zeros(spec.NUM_JOINTS),
-            torque=np.zeros(spec.NUM_JOINTS),
-            encoder_offset=np.zeros(spec.NUM_JOINTS),
-            commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, spec.NUM_JOINTS)),
+            passive=np.zeros(joints),
+            torque=np.zeros(joints),
+            encoder_offset=np.zeros(joints),
+            commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, joints)),
             clock=np.zeros(2, np.int64),
             warnings=self.data.warning.number,
             push=np.zeros((0, 2)),
             physics_dt=config.physics_dt,
             substeps=config.substeps,
         )
-        self._applied = _links(NOMINAL)
+        self._applied = _links(self._nominal_conditions)
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
     def reset(
-        self, actuator: Actuator, joint_pos: np.ndarray = spec.NOMINAL_POSE, conditions: Conditions = NOMINAL
+        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (12,) [rad], at rest, on these motors; returns the motors' fresh arrays."""
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' fresh arrays.
+
+        The pose and the conditions are the robot's nominal ones if not given.
+        """
+        joint_pos = self.config.robot.nominal_pose if joint_pos is None else joint_pos
+        conditions = self._nominal_conditions if conditions is None else conditions
         self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_armature[self.first_dof :] = actuator.armature + conditions.armature
@@ -187,7 +219,7 @@ class World:
 
 @njit(cache=True, nogil=True, inline="always")
 def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
-    """One physics step towards (12,) targets; returns Σ torque² over the joints [(N·m)²].
+    """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
 
     Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``world.torque``.
     """
@@ -219,7 +251,7 @@ def control_steps_late(delay: int, substep: int, substeps: int) -> int:
 
 @njit(cache=True, nogil=True, inline="always")
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
-    """Hold (12,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
+    """Hold (joints,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
 
     The motors get the targets as late as ``world.clock`` says, in the angles of their own encoders; a push acts
     on the origin of the chassis.
@@ -243,8 +275,8 @@ def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
     """Whether a state is not finite or beyond FURTHEST, FASTEST or FASTEST_TURN: fault 1, in every engine.
 
     Args:
-        qpos: base position (3,) [m] and quaternion (4,), joint angles (12,) [rad]; of a hung robot only these.
-        qvel: velocity of the base (3,) [m/s], angular (3,) [rad/s], of the joints (12,) [rad/s]; likewise.
+        qpos: base position (3,) [m] and quaternion (4,), joint angles [rad]; of a fixed robot only these.
+        qvel: velocity of the base (3,) [m/s], angular (3,) [rad/s], of the joints [rad/s]; likewise.
     """
     free = qpos.shape[0] > qvel.shape[0]
     for index in range(qpos.shape[0]):
@@ -272,7 +304,7 @@ def find_fault(world: WorldArrays) -> int:
 
 @njit(cache=True, nogil=True, inline="always")
 def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
-    """(12,) joint angles [rad] as the encoders report them."""
+    """(joints,) joint angles [rad] as the encoders report them."""
     measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
     for joint in range(out.shape[0]):
         out[joint] += world.encoder_offset[joint]

@@ -1,4 +1,4 @@
-"""Replay the commands of real Pupper logs on a simulated Pupper and compare joint angles."""
+"""Replay the commands of a robot's logs on a simulated one and compare joint angles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
 
@@ -27,39 +27,41 @@ class LogReplay:
     """One log on one set of motors.
 
     Attributes:
-        joint_pos: (rows, 12) simulated angle [rad] at the log's (kept) times: that of the encoder on the rotor for
+        joint_pos: (rows, joints) simulated angle [rad] at the log's (kept) times: that of the encoder on the rotor for
             physical motors and grey boxes, the shaft's for models without a rotor.
-        rmse: (12,) joint RMSE [rad], start included; NaN for joints that were not excited.
+        rmse: (joints,) joint RMSE [rad], start included; NaN for joints that were not excited.
     """
 
     joint_pos: np.ndarray
     rmse: np.ndarray
 
 
-def prepare(log: MotorLog, where: str) -> MotorLog:
+def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
     """Drop repeated measurements; refuse a log of another robot.
 
     Raises:
-        LogError: not twelve joints of the Pupper, or no joint was excited.
+        LogError: not the joints of this robot, or no joint was excited.
     """
-    if log.joint_names != spec.JOINT_NAMES:
+    if log.joint_names != robot.joint_names:
         raise LogError(
-            f"joints {list(log.joint_names)} are not the Pupper's", where=where, remedy=f"needs {spec.JOINT_NAMES}"
+            f"joints {list(log.joint_names)} are not those of {robot.name}",
+            where=where,
+            remedy=f"needs {robot.joint_names}",
         )
     if not excited_joints(log).size:
         raise LogError("no joint is excited", where=where, remedy="record with a moving command")
     return drop_repeats(log)
 
 
-def replay_log(log: MotorLog, actuator: Actuator, prepared: MotorLog) -> LogReplay:
+def replay_log(log: MotorLog, robot: Robot, actuator: Actuator, prepared: MotorLog) -> LogReplay:
     """Simulate the commands of ``log`` and compare with the measurements of ``prepared``.
 
     Angles count as ±2π at most: where motors make the simulation break down, the error is large but finite.
     """
-    physics_dt = LONGEST_STEP if isinstance(actuator, PhysicalActuator) else spec.PHYSICS_DT
-    world = World(WorldConfig(physics_dt=physics_dt, control_dt=COMMAND_PERIOD))
+    physics_dt = LONGEST_STEP if isinstance(actuator, PhysicalActuator) else robot.physics_dt
+    world = World(WorldConfig.of(robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD))
     grid = resample(log, COMMAND_PERIOD)
-    lead_in = np.tile(spec.NOMINAL_POSE, (round(_LEAD_IN / COMMAND_PERIOD), 1))
+    lead_in = np.tile(robot.nominal_pose, (round(_LEAD_IN / COMMAND_PERIOD), 1))
     recorded = replay(world, actuator, grid.position_target, lead_in=lead_in, tolerate_fault=True)
     measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
     simulated = np.stack([np.interp(prepared.time, grid.time, column) for column in measured.T], axis=1)

@@ -1,4 +1,4 @@
-"""Closed-loop fidelity inside the robot: 12 modelled motors against the same 12 physical ones.
+"""Closed-loop fidelity inside the robot: modelled motors against the same physical ones.
 
 Known trot targets, held at 100 Hz for 2 s, standing on the ground and hung in the air. The truth runs at
 the twin's 1 kHz; the floor is the truth again, started 4 mrad off.
@@ -15,8 +15,9 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.validate import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_trot
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.replay import Replay, replay
 from motorprior.simulation.world import World, WorldConfig
@@ -32,7 +33,7 @@ FAULT_RMSE = np.pi
 
 @dataclass(frozen=True)
 class RobotFidelity:
-    """Per draw of 12 motors, arrays of shape (draws,), by model.
+    """Per draw of motors, arrays of shape (draws,), by model.
 
     Attributes:
         rmse: of the joint angles [rad].
@@ -45,28 +46,30 @@ class RobotFidelity:
     displacement_error: dict[str, np.ndarray]
 
 
-def trot_targets(rng: np.random.Generator, steps: int) -> np.ndarray:
-    """(steps, 12) targets [rad] of a random trot that the physical robot performs without falling.
+def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
+    """(steps, joints) targets [rad] of a random trot that the physical robot performs without falling.
 
     1-1.75 Hz, intensity 0.25-0.55, height 0-0.25; open loop, stronger trots roll the robot over.
     """
     frequency, intensity = rng.uniform(1.0, 1.75), rng.uniform(0.25, 0.55)
     height, ratio = rng.uniform(0.0, 0.25), float(np.exp(rng.uniform(-0.3, 0.3)))
-    return open_loop_trot(steps, frequency, intensity, height, ratio, spec.CONTROL_DT)
+    return open_loop_trot(body_of(robot), steps, frequency, intensity, height, ratio, robot.control_dt)
 
 
-def robot_fidelity(motors: MotorParameters, models: Mapping[str, Prediction], hung: bool, seed: int) -> RobotFidelity:
-    """Compare every model, and the floor, over DRAWS draws of 12 of the motors."""
-    fast = World(WorldConfig(physics_dt=spec.PHYSICS_DT, hung=hung))
-    fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
+def robot_fidelity(
+    robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], hung: bool, seed: int
+) -> RobotFidelity:
+    """Compare every model, and the floor, over DRAWS draws of as many of the motors as the robot has joints."""
+    fast = World(WorldConfig.of(robot, hung=hung))
+    fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, hung=hung))
     rows: dict[str, list[tuple[float, float, float]]] = {}
     for draw in range(DRAWS):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
-        index = rng.permutation(len(motors))[: spec.NUM_JOINTS]
-        targets, physical = trot_targets(rng, STEPS), PhysicalActuator(motors.take(index))
+        index = rng.permutation(len(motors))[: robot.num_joints]
+        targets, physical = trot_targets(robot, rng, STEPS), PhysicalActuator(motors.take(index))
         truth = replay(fine, physical, targets)
-        start = spec.NOMINAL_POSE + FLOOR_OFFSET * rng.choice([-1.0, 1.0], spec.NUM_JOINTS)
-        rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth))
+        start = robot.nominal_pose + FLOOR_OFFSET * rng.choice([-1.0, 1.0], robot.num_joints)
+        rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth, robot.control_dt))
         for name, model in models.items():
             rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
     columns = {name: np.array(values).T for name, values in rows.items()}
@@ -78,15 +81,15 @@ def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: R
     try:
         found = [replay(world, member, targets) for member in members]
         mean = Replay(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Replay)))
-        return compare(mean, truth)
+        return compare(mean, truth, world.config.control_dt)
     except SimulationFault:
         return FAULT_RMSE, float("inf"), float("inf")
 
 
-def compare(model: Replay, truth: Replay) -> tuple[float, float, float]:
+def compare(model: Replay, truth: Replay, control_dt: float) -> tuple[float, float, float]:
     """RMSE at the control steps' ends [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
-    period = spec.CONTROL_DT * len(model.measured_joint_pos) / len(model.joint_torque)
+    period = control_dt * len(model.measured_joint_pos) / len(model.joint_torque)
     chatter = float(high_frequency_rms(model.joint_torque, period, CUTOFF).mean())
     apart = model.base[-1:, :2] - truth.base[-1:, :2]
     return float(error), chatter, float(np.hypot(apart[:, 0], apart[:, 1]).sum())

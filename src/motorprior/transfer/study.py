@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.locomotion.policy import Policy
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.rollout import Episode, WalkSimulator
 from motorprior.transfer.twin import DURATION_STEPS
@@ -34,17 +34,21 @@ class Walking:
 
 
 def evaluate(
-    policy: Policy, simulator: WalkSimulator | BackendSimulator, progress: Callable[[], None] | None = None
+    robot: Robot,
+    policy: Policy,
+    simulator: WalkSimulator | BackendSimulator,
+    progress: Callable[[], None] | None = None,
 ) -> tuple[Walking, np.ndarray]:
     """Walk on DRAWS draws of motors.
 
     Args:
-        policy: what walks.
+        robot: that walks.
+        policy: what commands it.
         simulator: where; its episodes must last DURATION_STEPS.
         progress: called after every episode.
 
     Returns:
-        The figures, and the (steps, 19) trace of the draw with the median distance.
+        The figures, and the (steps, 7 + joints) trace of the draw with the median distance.
     """
     episodes = []
     for draw in range(DRAWS):
@@ -52,15 +56,15 @@ def evaluate(
         if progress is not None:
             progress()
     order = np.argsort([episode.displacement[0] for episode in episodes], kind="stable")
-    return _summary(episodes), episodes[int(order[len(order) // 2])].trace
+    return _summary(episodes, robot.control_dt), episodes[int(order[len(order) // 2])].trace
 
 
 def _walk(policy: Policy, simulator: WalkSimulator | BackendSimulator, draw: int) -> Episode:
     return simulator.run(policy.weights, policy.observation_mean, policy.observation_std, STUDY_SEED + draw, trace=True)
 
 
-def _summary(episodes: list[Episode]) -> Walking:
-    duration = DURATION_STEPS * spec.CONTROL_DT
+def _summary(episodes: list[Episode], control_dt: float) -> Walking:
+    duration = DURATION_STEPS * control_dt
     forward = np.mean([episode.displacement[0] for episode in episodes])
     drift = np.mean([abs(episode.displacement[1]) for episode in episodes])
     upright = np.mean([_upright_steps(episode) / DURATION_STEPS for episode in episodes])

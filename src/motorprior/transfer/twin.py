@@ -8,7 +8,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.task import TaskWeights
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
@@ -21,14 +21,14 @@ DURATION_STEPS = 500
 """5 s."""
 
 
-def draw_twin_motors(fleet: Fleet, rng: np.random.Generator) -> Actuator:
-    """Twelve motors of the twin."""
+def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
+    """The motors of one twin."""
     own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
-    return PhysicalActuator(fleet.sample(own, spec.NUM_JOINTS))
+    return PhysicalActuator(fleet.sample(own, robot.num_joints))
 
 
-def twin_simulator(fleet: Fleet) -> WalkSimulator:
+def twin_simulator(robot: Robot, fleet: Fleet) -> WalkSimulator:
     """A simulator whose every episode is another twin of this fleet."""
-    world = WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
+    world = WorldConfig.of(robot, physics_dt=robot.twin_physics_dt)
     walk = WalkConfig(DURATION_STEPS, TaskWeights(), Randomization(joint_noise=ENCODER_NOISE))
-    return WalkSimulator(lambda rng: draw_twin_motors(fleet, rng), world, walk)
+    return WalkSimulator(lambda rng: draw_twin_motors(robot, fleet, rng), world, walk)

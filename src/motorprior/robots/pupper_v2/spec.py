@@ -24,8 +24,7 @@ NOMINAL_POSE = np.tile([0.0, 0.6, -1.2], 4)
 
 JOINT_LOWER = np.tile([-0.785, -1.309, -2.880], 4)
 JOINT_UPPER = np.tile([0.785, 4.451, 2.880], 4)
-JOINT_LIMITS = np.stack([JOINT_LOWER, JOINT_UPPER], axis=1)
-"""Joint limits [rad] (puppersim URDF), and both as (12, 2)."""
+"""Joint limits [rad] (puppersim URDF)."""
 
 CONTROL_DT = 0.01
 """Policy period [s] (puppersim: 100 Hz)."""
@@ -42,7 +41,6 @@ TORQUE_LIMIT = MAX_CURRENT * TORQUE_CONSTANT
 ENCODER = "rotor"
 """Where joint angles and velocities are measured: 8192 counts per turn of the rotor (DJI M2006 with C610)."""
 
-GRAVITY = 9.81
 FOOT_FRICTION = 0.45
 """Sliding friction of the rubber foot [-]; push-up logs of the real robot identify 0.23-0.45."""
 FOOT_RADIUS = 0.0095
@@ -90,11 +88,6 @@ def abduction_origin(leg: str) -> tuple[float, float, float]:
     return (ABDUCTION_X[FRONT[leg]], SIDE[leg] * ABDUCTION_Y, 0.0)
 
 
-def standing_height() -> float:
-    """Height of the chassis frame [m] when the nominal pose touches the ground with all feet."""
-    return float(leg_drop(NOMINAL_POSE[:3]))
-
-
 JOINT_SIGNS = np.tile([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0], 2)
 """Robot's own angle = sign × angle here: the abduction axes of FR and RR point the other way (puppersim deployment).
 
@@ -104,84 +97,9 @@ check by hand that every owner makes once."""
 WIRE_KP = 50.0
 WIRE_KD = 5.0
 """Gains on the robot [A/rad], [A·s/rad] (2022 deployment): those that the logs behind the fleets were recorded with."""
-TRACKING_LAG = WIRE_KD / WIRE_KP
-"""[s]; damping acts on the absolute velocity, so a joint follows its target like a first-order low-pass."""
 CROUCH_POSE = np.tile([0.0, 1.3, -2.2], 4)
 """Joint angles [rad] with the body 9 cm over the ground, feet below the hips: losing current is soft from here."""
-
-
-@dataclass(frozen=True)
-class SafetyLimits:
-    """What the host lets pass to this robot, and what it calls a fault, with the reasons.
-
-    Attributes:
-        target_speed: fastest change of a position target [rad/s]. Walking policies reach 58 rad/s when a swing begins
-            (measured on the twin); the motors themselves end at 52.
-        slow_speed: the same while ramping and crouching [rad/s].
-        max_current: [A] per motor, the 2022 deployment.
-        highest_kp: [A/rad]; highest_kd: [A·s/rad]: above the gains of every known deployment.
-        highest_kd: see highest_kp.
-        max_tilt: |roll| or |pitch| beyond which the robot is falling [rad]; training episodes end at 0.4, walking stays
-            below 0.15.
-        tilt_time: for so long [s]: one damaged frame is no fall.
-        imu_time: an IMU that repeats itself for so long [s] is frozen: a sensor has noise.
-        tracking_error: between a joint and its target seen through a first-order lag of kd/kp [rad]. Five policies on
-            twelve twins each exceeded 0.45 for at most 0.2 s.
-        tracking_time: for so long [s].
-        stuck_motion: a joint that moved less than this [rad] while its lagged target moved by ``stuck_target`` ...
-        stuck_target: ... [rad] ...
-        stuck_time: ... within this time [s] has a frozen encoder or is blocked. On the same twins a joint that stood
-            still for so long was led at most 0.09 rad.
-        telemetry_age: oldest measurement that may be acted on [s].
-        implausible_frames: so many impossible frames in a row are no noise on the line.
-        joint_speed: fastest believable joint [rad/s]; walking stays below 13.
-        body_rate: fastest believable rotation of the body [rad/s], the range of the gyroscope (2000 °/s).
-        measured_current: of any motor [A], where it is sent; the firmware itself gives up at 10.
-        current_time: for so long [s]; one damaged frame is no overcurrent.
-        temperature: of any motor [°C], where it is sent; assumption, the motors' windings take about 100.
-        battery: lowest voltage [V], where it is sent; assumption, 3.3 V for each of six cells.
-        warning_time: temperature or battery beyond their bounds for so long [s].
-        tick_delay: longest delay of one control step [s].
-        late_ticks: so many late steps (by more than half a period) of the last hundred are a host that cannot keep up.
-        watchdog: the watchdog process sends idle when the host is silent for so long [s].
-    """
-
-    target_speed: float = 60.0
-    slow_speed: float = 1.5
-    max_current: float = MAX_CURRENT
-    highest_kp: float = 60.0
-    highest_kd: float = 6.0
-    max_tilt: float = 0.7
-    tilt_time: float = 0.03
-    imu_time: float = 0.3
-    tracking_error: float = 0.6
-    tracking_time: float = 0.25
-    stuck_motion: float = 0.004
-    stuck_target: float = 0.2
-    stuck_time: float = 0.25
-    telemetry_age: float = 0.1
-    implausible_frames: int = 3
-    joint_speed: float = 20.0
-    body_rate: float = 35.0
-    measured_current: float = 9.0
-    current_time: float = 0.02
-    temperature: float = 80.0
-    battery: float = 19.8
-    warning_time: float = 0.3
-    tick_delay: float = 0.05
-    late_ticks: int = 10
-    watchdog: float = 0.08
-
-
-SAFETY = SafetyLimits()
-
-
-def leg_drop(leg_pos: np.ndarray) -> np.ndarray:
-    """(..., ) distance of the foot's lowest point below the hip axis [m], upright body, abduction as it is.
-
-    Args:
-        leg_pos: (..., 3) abduction, hip and knee angle [rad].
-    """
-    hip, knee = leg_pos[..., 1], leg_pos[..., 1] + leg_pos[..., 2]
-    reach = THIGH_LENGTH * np.cos(hip) + SHANK_LENGTH * np.cos(knee)
-    return reach * np.cos(leg_pos[..., 0]) + FOOT_RADIUS
+FOLDED_POSE = np.tile([0.0, 1.6, -2.5], 4)
+"""How it lies before it is switched on [rad]: on its belly, legs folded."""
+ENCODER_COUNTS = 8192 * 36
+"""Of the encoder per turn of the output: 8192 per turn of the rotor, gear 36:1 (DJI M2006)."""

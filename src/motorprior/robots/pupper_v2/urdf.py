@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from motorprior.robots.model import ROTOR_GEAR_RATIO
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import _vector
 from motorprior.robots.pupper_v2.spec import Link
 
 NO_LOAD_SPEED = 52.0
 """Speed limit [rad/s] of the joints: about 500 rpm at 24 V; assumption."""
-ROTOR_GEAR_RATIO = 1e5
-"""Turns of a rotor per turn of its joint. Of the real 36 the same reflected inertia would couple to the motion of
-the link that carries the motor, by armature/36; MuJoCo's armature does not, so here it should not either: of a lightly
-damped PD 1e3 leaves 0.3 mrad, 1e5 0.02 mrad, and 1e6 no less."""
 ROTOR_MASS = 1e-6
 """[kg]; the rotors' masses are in the links already."""
 

@@ -1,0 +1,76 @@
+"""Stanford Pupper v2.1 as a `Robot`, from the constants of spec.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from motorprior.robots.model import GeneratedModel
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.pupper_v2.urdf import urdf
+from motorprior.robots.robot import Joint, Leg, Robot
+from motorprior.robots.wire import SafetyLimits, Wire
+
+_FLEETS = Path(__file__).parent / "fleets"
+_PHASES = {"FR": 0.0, "FL": 0.5, "RR": 0.5, "RL": 0.0}
+_WIRE = Wire(
+    kp=spec.WIRE_KP,
+    kd=spec.WIRE_KD,
+    max_current=spec.MAX_CURRENT,
+    torque_constant=spec.TORQUE_CONSTANT,
+    signs=tuple(spec.JOINT_SIGNS.tolist()),
+    encoder_counts=spec.ENCODER_COUNTS,
+    crouch=tuple(spec.CROUCH_POSE.tolist()),
+    folded=tuple(spec.FOLDED_POSE.tolist()),
+    safety=SafetyLimits(),
+)
+
+
+def _joint(index: int) -> Joint:
+    return Joint(
+        name=spec.JOINT_NAMES[index],
+        lower=float(spec.JOINT_LOWER[index]),
+        upper=float(spec.JOINT_UPPER[index]),
+        kp=spec.WIRE_KP * spec.TORQUE_CONSTANT,
+        kd=spec.WIRE_KD * spec.TORQUE_CONSTANT,
+        torque_limit=spec.TORQUE_LIMIT,
+        encoder=spec.ENCODER,
+    )
+
+
+def _leg(index: int) -> Leg:
+    name, first = spec.LEGS[index], len(spec.JOINTS_PER_LEG) * index
+    return Leg(
+        name=name,
+        joints=(first, first + 1, first + 2),
+        foot=f"{name}_foot",
+        phase=_PHASES[name],
+        thigh=spec.THIGH_LENGTH,
+        shank=spec.SHANK_LENGTH,
+        foot_radius=spec.FOOT_RADIUS,
+    )
+
+
+_LEGS = tuple(_leg(index) for index in range(len(spec.LEGS)))
+PUPPER_V2 = Robot(
+    name=spec.ROBOT_NAME,
+    motor="DJI M2006 P36 + C610",
+    joints=tuple(_joint(index) for index in range(spec.NUM_JOINTS)),
+    base="free",
+    model=GeneratedModel(mjcf, urdf),
+    num_links=1 + spec.NUM_JOINTS,
+    nominal=tuple(spec.NOMINAL_POSE.tolist()),
+    legs=_LEGS,
+    standing_height=round(_LEGS[0].drop(spec.NOMINAL_POSE), 9),
+    lowest=0.05,
+    highest=0.6,
+    hung_height=0.4,
+    reference_torque=1.0,
+    foot_friction=spec.FOOT_FRICTION,
+    fleets=tuple((name, str(_FLEETS / f"{name}.toml")) for name in ("pupper_v2", "mixed")),
+    physics_dt=spec.PHYSICS_DT,
+    control_dt=spec.CONTROL_DT,
+    twin_physics_dt=spec.TWIN_PHYSICS_DT,
+    wire=_WIRE,
+)
+"""The shipped robot."""

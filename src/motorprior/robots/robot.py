@@ -1,0 +1,200 @@
+"""A robot as data: joints, legs, poses, model, clocks and wire. Whoever needs a robot gets one handed in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.robots.model import GeneratedModel, ModelFile
+from motorprior.robots.wire import Wire
+
+GRAVITY = 9.81
+"""[m/s²]"""
+Encoder = Literal["joint", "rotor"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One driven joint; its motor's law is torque = clip(kp·error - kd·joint_vel, ±torque_limit).
+
+    Attributes:
+        name: of the hinge in the robot's model.
+        lower: limit [rad].
+        upper: limit [rad].
+        kp: nominal gain at the joint [N·m/rad]; error = position_target - joint_pos.
+        kd: nominal gain at the joint [N·m·s/rad].
+        torque_limit: [N·m].
+        encoder: where angle and velocity are measured, on the "joint" or on the motor's "rotor", before the gear.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    kp: float
+    kd: float
+    torque_limit: float
+    encoder: Encoder = "joint"
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg of three joints: abduction about x, hip and knee about y; a growing hip angle carries the foot back.
+
+    Attributes:
+        name: of the leg.
+        joints: places of abduction, hip and knee among the robot's joints.
+        foot: the geom in the robot's model that touches the ground.
+        phase: of the leg within a trot's cycle, in [0, 1).
+        thigh: from hip to knee axis [m].
+        shank: from knee axis to the centre of the foot [m].
+        foot_radius: [m].
+    """
+
+    name: str
+    joints: tuple[int, int, int]
+    foot: str
+    phase: float
+    thigh: float
+    shank: float
+    foot_radius: float
+
+    def drop(self, joint_pos: np.ndarray) -> float:
+        """Distance of the foot's lowest point below the hip axis [m] of an upright body.
+
+        (thigh·cos(hip) + shank·cos(hip + knee))·cos(abduction) + foot_radius.
+
+        Args:
+            joint_pos: (joints,) of the robot [rad].
+        """
+        abduction, hip, knee = (float(joint_pos[joint]) for joint in self.joints)
+        reach = self.thigh * math.cos(hip) + self.shank * math.cos(hip + knee)
+        return reach * math.cos(abduction) + self.foot_radius
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Amplitudes of the trajectory generator at full intensity, see `locomotion.trajectory_generator`.
+
+    The defaults are those of jietan/puppersim (Apache-2.0).
+
+    Attributes:
+        swing: of the hip [rad].
+        stance_extension: of the knee in stance [rad]; negative: the leg yields a little under load.
+        lift_extension: of the knee in swing [rad]: the leg folds.
+        residual: largest correction of a joint target by the policy [rad].
+    """
+
+    swing: float = 0.5
+    stance_extension: float = -0.02
+    lift_extension: float = 0.9
+    residual: float = 0.5
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Everything that the library knows of one robot. Arrays are new copies in the order of ``joints``.
+
+    Attributes:
+        name: short; priors, policies and logs carry it.
+        motor: name of the motors.
+        joints: in the order of the model; they are the model's last coordinates.
+        base: "free" where the body moves in space, "fixed" where it is mounted.
+        model: MJCF, generated or a file.
+        num_links: moving bodies of the model, the base of a free robot among them.
+        nominal: joint angles of the standing or resting pose [rad].
+        legs: none for an arm.
+        gait: amplitudes of its trot.
+        standing_height: of the base over the ground in the nominal pose [m].
+        lowest: height of the base below which a walking robot has fallen [m].
+        highest: height of the base above which the simulation has failed [m].
+        hung_height: of the base of a robot that hangs in the air [m].
+        reference_torque: load of a joint that the walking reward's torque penalty counts as 1 [N·m].
+        foot_friction: sliding friction of the feet [-].
+        fleets: (name, path) of the shipped populations of its motors, the default first.
+        physics_dt: MuJoCo's step in training [s].
+        control_dt: period of the policy [s].
+        twin_physics_dt: MuJoCo's step of the twin [s].
+        wire: how a host talks to the real robot; None where this library cannot.
+    """
+
+    name: str
+    motor: str
+    joints: tuple[Joint, ...]
+    base: Literal["free", "fixed"]
+    model: GeneratedModel | ModelFile
+    num_links: int
+    nominal: tuple[float, ...]
+    legs: tuple[Leg, ...] = ()
+    gait: Gait = field(default_factory=Gait)
+    standing_height: float = 0.0
+    lowest: float = 0.0
+    highest: float = 1e3
+    hung_height: float = 0.0
+    reference_torque: float = 1.0
+    foot_friction: float = 0.6
+    fleets: tuple[tuple[str, str], ...] = ()
+    physics_dt: float = 0.002
+    control_dt: float = 0.01
+    twin_physics_dt: float = 0.001
+    wire: Wire | None = None
+
+    @property
+    def num_joints(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def nominal_pose(self) -> np.ndarray:
+        """(joints,) angles of the nominal pose [rad]."""
+        return np.array(self.nominal)
+
+    @property
+    def limits(self) -> np.ndarray:
+        """(joints, 2) lower and upper limit [rad]."""
+        return np.array([(joint.lower, joint.upper) for joint in self.joints])
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(joints,) lower limits [rad]."""
+        return np.array([joint.lower for joint in self.joints])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(joints,) upper limits [rad]."""
+        return np.array([joint.upper for joint in self.joints])
+
+    @property
+    def encoder(self) -> Encoder:
+        """Where this robot's logs are measured."""
+        return self.joints[0].encoder
+
+    def require_legs(self) -> None:
+        """Refuse a robot that cannot walk.
+
+        Raises:
+            ConfigError: it has no legs or a fixed base.
+        """
+        if not self.legs or self.base != "free":
+            raise ConfigError(
+                f"robot {self.name!r} cannot walk: it has {len(self.legs)} legs and a {self.base} base",
+                remedy="give a robot with a free base and a table [legs] in its file",
+            )
+
+    def require_wire(self) -> Wire:
+        """The wire of the real robot.
+
+        Raises:
+            ConfigError: this library cannot talk to that robot.
+        """
+        if self.wire is None:
+            raise ConfigError(f"robot {self.name!r} has no wire that motorprior speaks", remedy="use a shipped robot")
+        return self.wire

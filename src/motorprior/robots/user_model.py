@@ -1,0 +1,135 @@
+"""What a robot's description needs to know of a user's MJCF or URDF, and what is refused in it."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.exceptions import ArtifactError
+
+
+class UserModel:
+    """A compiled model file.
+
+    Attributes:
+        num_links: moving bodies.
+
+    Raises:
+        ArtifactError: the file cannot be read or compiled, has actuators that may not be removed, or no base that fits.
+    """
+
+    def __init__(self, path: Path, is_free: bool, removes_actuators: bool):
+        import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
+
+        self._mujoco, self._path = mujoco, path
+        if not path.is_file():
+            raise ArtifactError("no such model file", where=path, remedy="correct the key model")
+        try:
+            self._model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            said = " ".join(str(error).split())[:300]
+            raise ArtifactError(f"MuJoCo cannot read it ({said})", where=path, remedy="correct the model") from error
+        if self._model.nu and not removes_actuators:
+            first = self._model.actuator(0).name
+            raise ArtifactError(
+                f"it has {self._model.nu} actuators of its own, the first is {first!r}: a joint would be driven twice",
+                where=path, remedy='delete the <actuator> section, or write actuators = "remove" in the robot\'s file',
+            )  # fmt: skip
+        self._require_base(is_free)
+        self.num_links = self._model.nbody - 1
+
+    def _require_base(self, is_free: bool) -> None:
+        free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
+        if is_free and free != [0]:
+            problem = "its base is free, but the model has no free joint that comes first"
+            raise ArtifactError(problem, where=self._path, remedy="add <freejoint/> to the base, or write base = fixed")
+        if not is_free and free:
+            problem = "its base is fixed, but the model has a free joint"
+            raise ArtifactError(problem, where=self._path, remedy='delete the free joint, or write base = "free"')
+        roots = int(np.sum(self._model.body_parentid[1:] == 0))
+        if roots != 1:
+            raise ArtifactError(
+                f"the world holds {roots} bodies", where=self._path, remedy="leave the robot alone in its model"
+            )
+
+    def joint_names(self, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
+        """Names of the hinges in the order of the model; they must be those that are ``wanted``.
+
+        Raises:
+            ArtifactError: a joint without a name or of another type, a missing, an unlisted or a misplaced one.
+        """
+        names = []
+        for index in range(self._model.njnt):
+            kind, name = self._model.jnt_type[index], self._model.joint(index).name
+            if kind == self._mujoco.mjtJoint.mjJNT_FREE:
+                continue
+            if kind != self._mujoco.mjtJoint.mjJNT_HINGE or not name:
+                problem = f"joint number {index} ({name!r}) is no hinge with a name"
+                raise ArtifactError(problem, where=self._path, remedy="name it, or weld it by deleting the joint")
+            names.append(name)
+        if wanted is None or tuple(names) == wanted:
+            return tuple(names)
+        for name in wanted:
+            if name not in names:
+                raise ArtifactError(f"no joint {name!r}", where=self._path, remedy=f"its joints are {', '.join(names)}")
+        for name in names:
+            if name not in wanted:
+                problem = f"joint {name!r} of the model is not in the robot's joints"
+                raise ArtifactError(problem, where=self._path, remedy="list it, or weld it by deleting the joint")
+        raise ArtifactError(
+            "the robot's joints are in another order than the model's", where=self._path,
+            remedy=f"list them as {list(names)}, or leave joints out",
+        )  # fmt: skip
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """Lower and upper limit of a joint [rad].
+
+        Raises:
+            ArtifactError: it has none.
+        """
+        joint = self._model.joint(name)
+        if not self._model.jnt_limited[joint.id]:
+            problem = f"joint {name!r} has no limits"
+            raise ArtifactError(
+                problem, where=self._path, remedy='give it range="LOWER UPPER" (and autolimits or limited)'
+            )
+        lower, upper = self._model.jnt_range[joint.id]
+        return float(lower), float(upper)
+
+    def leg_lengths(self, joints: tuple[str, ...], foot: str, pose: dict[str, float]) -> tuple[float, float, float]:
+        """Thigh, shank and radius of the foot [m].
+
+        Raises:
+            ArtifactError: no such foot, or one that is no sphere.
+        """
+        known = [self._model.geom(index).name for index in range(self._model.ngeom)]
+        if foot not in known:
+            found = ", ".join(name for name in known if name) or "none has a name"
+            raise ArtifactError(f"no foot {foot!r} among its geoms", where=self._path, remedy=f"its geoms are {found}")
+        geom = self._model.geom(foot).id
+        if self._model.geom_type[geom] != self._mujoco.mjtGeom.mjGEOM_SPHERE:
+            raise ArtifactError(f"foot {foot!r} is no sphere", where=self._path, remedy="give the foot a sphere")
+        data = self._at(pose)
+        hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
+        centre = data.geom_xpos[geom]
+        lengths = np.linalg.norm(knee - hip), np.linalg.norm(centre - knee)
+        return float(lengths[0]), float(lengths[1]), float(self._model.geom_size[geom, 0])
+
+    def standing_height(self, pose: dict[str, float], feet: list[str]) -> float:
+        """Height of the base [m] at which the lowest of its feet touches the ground."""
+        data, base = self._at(pose), 1
+        bottoms = [data.geom_xpos[geom, 2] - self._model.geom_size[geom, 0] for geom in map(self._geom, feet)]
+        return float(data.xpos[base, 2] - min(bottoms))
+
+    def _geom(self, name: str) -> int:
+        return self._model.geom(name).id
+
+    def _at(self, pose: dict[str, float]):
+        data = self._mujoco.MjData(self._model)
+        for name, angle in pose.items():
+            data.joint(name).qpos[0] = angle
+        self._mujoco.mj_kinematics(self._model, data)
+        return data

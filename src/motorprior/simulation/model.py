@@ -1,0 +1,85 @@
+"""The robot's model as it is simulated: on a flat floor, or with its base fixed, at a clock.
+
+Explicit foot-floor pairs are the only contacts: knees and body of a robot that goes down pass through the floor until
+the episode ends. A longer step leaves more bounce in a contact: its damping ratio grows with the step, so that the same
+motors trot alike at 1 and 2 ms (``benchmarks/floors.py``). Constraint islands are off, the Jacobian dense and the
+integrator Euler with implicit joint damping, which is fastest for a robot of this size. Armature, damping and dry
+friction of the joints are the motors', so the model's own are taken out.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import mujoco
+
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.robots.model import GeneratedModel
+from motorprior.robots.robot import GRAVITY, Robot
+
+CONTACT_TIME, CONTACT_DT = 0.02, 0.001
+"""Time constant of a foot's contact, MuJoCo's default, and longest step at which it is damped critically [s]."""
+FLOOR = "floor"
+
+
+def build_model(robot: Robot, physics_dt: float, foot_friction: float, hung: bool) -> mujoco.MjModel:
+    """The compiled model.
+
+    Args:
+        robot: whose model.
+        physics_dt: step [s].
+        foot_friction: sliding friction of the feet [-].
+        hung: weld a free base to the world, high enough that no foot reaches the floor.
+
+    Raises:
+        ConfigError: a robot with a fixed base cannot be hung.
+        ArtifactError: the model file is gone, or is not the one that the robot was loaded from.
+    """
+    if hung and robot.base == "fixed":
+        raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="only a free robot hangs: use hung=False")
+    spec = _read(robot)
+    option = spec.option
+    option.timestep, option.gravity = physics_dt, [0.0, 0.0, -GRAVITY]
+    option.integrator, option.jacobian = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtJacobian.mjJAC_DENSE
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    for joint in spec.joints:
+        joint.armature = joint.frictionloss = 0.0
+        joint.damping = 0.0 * joint.damping  # a number in MuJoCo 3, coefficients of a polynomial in 4
+    for element in (*spec.keys, *spec.actuators):
+        spec.delete(element)
+    if robot.base == "free":
+        _place(spec, robot, hung)
+    _add_floor(spec, robot, physics_dt, foot_friction)
+    return spec.compile()
+
+
+def _read(robot: Robot) -> Any:
+    source = robot.model
+    if isinstance(source, GeneratedModel):
+        return mujoco.MjSpec.from_string(source.mjcf())
+    if not source.path.is_file() or hashlib.sha256(source.path.read_bytes()).hexdigest() != source.sha256:
+        raise ArtifactError("the model is gone or has changed", where=source.path, remedy="load the robot again")
+    return mujoco.MjSpec.from_file(str(source.path))
+
+
+def _place(spec: Any, robot: Robot, hung: bool) -> None:
+    """Stand on the floor, or hang in the air without a free joint."""
+    base = spec.worldbody.first_body()
+    base.pos = [0.0, 0.0, robot.hung_height if hung else robot.standing_height]
+    if hung:
+        spec.delete(base.first_joint())
+
+
+def _add_floor(spec: Any, robot: Robot, physics_dt: float, foot_friction: float) -> None:
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    floor = spec.worldbody.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1])
+    floor.contype = floor.conaffinity = 0
+    damping = max(1.0, physics_dt / CONTACT_DT)
+    for leg in robot.legs:
+        friction = [foot_friction, foot_friction, 0.005, 0.0001, 0.0001]
+        spec.add_pair(geomname1=FLOOR, geomname2=leg.foot, condim=3, friction=friction, solref=[CONTACT_TIME, damping])
