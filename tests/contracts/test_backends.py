@@ -18,6 +18,7 @@ from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual_pupper import in_thread
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization
@@ -29,7 +30,8 @@ def mujoco(_: object) -> Backend:
     """Physical motors of the shipped fleet."""
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
-        lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)), WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
+        lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
+        WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
     )
 
 
@@ -62,7 +64,7 @@ def mujoco_randomized(_: object) -> Backend:
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
         lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
-        WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT),
+        WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
         EVERYTHING,
     )
 
@@ -77,7 +79,12 @@ def virtual_pupper(_: object) -> Backend:
     """Over a real serial port object, in real time."""
     robot, _ = make(Virtual(homing=False))
     limits = replace(
-        spec.SAFETY, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5
+        PUPPER_V2.require_wire().safety,
+        slow_speed=4.0,
+        tick_delay=float("inf"),
+        late_ticks=100,
+        telemetry_age=0.5,
+        watchdog=0.5,
     )
     return _Owned(Robot(SerialLink(robot.port), limits), in_thread(robot))
 

@@ -13,11 +13,13 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.walk import Walk, scene
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, SerialExecutor, make_executor
 from motorprior.search.train import Champion, new_search, train
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
 
 WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
 
@@ -28,13 +30,13 @@ def draw_pd(rng):
 
 
 def make_walker():
-    return WalkSimulator(draw_pd, walk=WALK)
+    return WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WALK)
 
 
 def searched(executor: Executor, iterations: int = 2, progress=None) -> bytes:
     """Everything a search has found, as bytes."""
-    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
-    champion = train(search, executor, iterations, Champion.nobody(), progress)
+    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), PUPPER_V2.num_joints)
+    champion = train(search, executor, iterations, Champion.none_yet(PUPPER_V2.num_joints), progress)
     assert np.any(search.parameters != 0.0)
     found = [*search.state().values(), *champion.state().values()]
     return b"".join(np.asarray(value).tobytes() for value in found)

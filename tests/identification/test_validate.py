@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import run
@@ -52,6 +53,6 @@ def test_its_error_is_that_of_the_prediction_not_the_mean_of_errors(motors):
 
 def test_an_ensemble_of_one_is_its_member_inside_the_robot(motors):
     models = {"alone": lambda index: pd(8.0), "ensemble": lambda index: Ensemble((pd(8.0),))}
-    found = robot_fidelity(motors, models, True, 0)
+    found = robot_fidelity(PUPPER_V2, motors, models, True, 0)
     for figure in (found.rmse, found.torque_hf):
         np.testing.assert_array_equal(figure["ensemble"], figure["alone"])

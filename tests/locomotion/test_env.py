@@ -6,12 +6,16 @@ from gymnasium.utils.env_checker import check_env
 
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
-from motorprior.locomotion.env import PupperWalkEnv
+from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import action_to_command, low_pass
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
+
+BODY = body_of(PUPPER_V2)
 
 
 class GlidingBackend:
@@ -49,12 +53,12 @@ class GlidingBackend:
 
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_contract():
-    check_env(PupperWalkEnv(GlidingBackend(), episode_steps=20), skip_render_check=True)
+    check_env(WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=20), skip_render_check=True)
 
 
 def test_order_of_a_control_step():
     backend = GlidingBackend()
-    env = PupperWalkEnv(backend)
+    env = WalkEnv(PUPPER_V2, backend)
     env.reset(seed=4)
     rng = np.random.default_rng(0)
     filtered, command, target, expected = np.zeros(16), np.empty(16), np.empty(12), np.empty(18)
@@ -63,33 +67,33 @@ def test_order_of_a_control_step():
         action = rng.uniform(-1.5, 1.5, 16)
         observation, earned, terminated, _, info = env.step(action)
         low_pass(action, 0.01, filtered)
-        action_to_command(filtered, command)
-        joint_targets(phase, command[13], command[14], command[15], target)  # the old phase
+        action_to_command(filtered, BODY.residual, command)
+        joint_targets(BODY, phase, command[13], command[14], command[15], target)  # the old phase
         target = np.clip(target + command[:12], JOINT_LOWER, JOINT_UPPER)
         np.testing.assert_array_equal(backend.targets[-1], target)
         np.testing.assert_array_equal(info["position_target"], target)
         phase = advance_phase(phase, command[12], 0.01)
-        observe(np.array([1.0, 0, 0, 0]), np.zeros(3), target, phase, expected)  # the new phase and state
+        observe(np.array([1.0, 0, 0, 0]), np.zeros(3), target, phase, NOMINAL_POSE, expected)  # the new phase and state
         np.testing.assert_array_equal(observation, expected)
         assert earned == pytest.approx(0.003 + weights.alive - 2.0 * weights.torque)
         assert not terminated
 
 
 def test_the_loop_over_the_two_compiled_functions_gives_the_same_bytes():
-    env, backend = PupperWalkEnv(GlidingBackend()), GlidingBackend()
+    env, backend = WalkEnv(PUPPER_V2, GlidingBackend()), GlidingBackend()
     observation, _ = env.reset(seed=1)
     state = backend.reset(1)
     filtered, command, target, seen = np.zeros(16), np.zeros(16), np.zeros(12), np.zeros(18)
     phase, weights = 0.0, TaskWeights().array()
-    observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, phase, seen)
+    observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, phase, NOMINAL_POSE, seen)
     for step in range(60):
         assert observation.tobytes() == seen.tobytes()
         action = np.sin(np.arange(16) + 0.1 * step)
         observation, earned, terminated, _, _ = env.step(action)
-        phase = command_step(action, filtered, phase, 0.01, command, target)
+        phase = command_step(BODY, action, filtered, phase, 0.01, command, target)
         before, state = state.base_pos[0], backend.step(target.copy())
         mine, down = evaluate_step(
-            state.base_pos, state.base_quat, state.base_lin_vel, state.base_ang_vel, state.measured_joint_pos,
+            BODY, state.base_pos, state.base_quat, state.base_lin_vel, state.base_ang_vel, state.measured_joint_pos,
             state.torque_squared_sum, state.fault, before, phase, 0.01, weights, seen,
         )  # fmt: skip
         assert (earned, terminated) == (mine, down)
@@ -102,12 +106,12 @@ def test_targets_stay_inside_the_joint_limits():
     filtered[14] = -1.0
     low = JOINT_LOWER.copy()
     for phase in np.linspace(0, 0.99, 60):
-        command_step(filtered.copy(), filtered.copy(), phase, 0.01, np.empty(16), target)
+        command_step(BODY, filtered.copy(), filtered.copy(), phase, 0.01, np.empty(16), target)
         assert np.all(target >= low) and np.all(target <= JOINT_UPPER)
 
 
 def test_zero_policy_trots_at_1_25_hz():
-    env = PupperWalkEnv(GlidingBackend())
+    env = WalkEnv(PUPPER_V2, GlidingBackend())
     env.reset(seed=0)
     phases = [env.step(np.zeros(16))[4]["phase"] for _ in range(81)]
     assert phases[0] == pytest.approx(0.0125)
@@ -119,12 +123,12 @@ def test_reset_forgets_the_episode_before():
         first, _ = env.reset(seed=7)
         return [first, *(env.step(np.full(16, 0.7))[0] for _ in range(5))]
 
-    env = PupperWalkEnv(GlidingBackend())
+    env = WalkEnv(PUPPER_V2, GlidingBackend())
     np.testing.assert_array_equal(episode(env), episode(env))
 
 
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
-    env = PupperWalkEnv(GlidingBackend(fall_at=2))
+    env = WalkEnv(PUPPER_V2, GlidingBackend(fall_at=2))
     env.reset(seed=0)
     _, upright, terminated, _, _ = env.step(np.zeros(16))
     _, falling, down, truncated, _ = env.step(np.zeros(16))
@@ -135,18 +139,18 @@ def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
 
 
 def test_a_fault_ends_the_episode_with_a_finite_observation():
-    env = PupperWalkEnv(GlidingBackend(fail_at=2))
+    env = WalkEnv(PUPPER_V2, GlidingBackend(fail_at=2))
     env.reset(seed=0)
     before = env.step(np.zeros(16))[0]
     observation, earned, terminated, _, info = env.step(np.zeros(16))
     assert (earned, terminated, info["fault"]) == (0.0, True, 1)
     np.testing.assert_array_equal(observation, before)
     with pytest.raises(SimulationFault):
-        PupperWalkEnv(GlidingBackend(fail_at=0)).reset(seed=0)
+        WalkEnv(PUPPER_V2, GlidingBackend(fail_at=0)).reset(seed=0)
 
 
 def test_time_runs_out_as_truncation():
-    env = PupperWalkEnv(GlidingBackend(), episode_steps=3)
+    env = WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=3)
     env.reset(seed=0)
     assert [env.step(np.zeros(16))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
 
@@ -154,7 +158,7 @@ def test_time_runs_out_as_truncation():
 def test_unseeded_resets_differ_and_follow_from_the_first_seed():
     backends = GlidingBackend(), GlidingBackend()
     for backend in backends:
-        env = PupperWalkEnv(backend)
+        env = WalkEnv(PUPPER_V2, backend)
         env.reset(seed=5)
         env.reset()
         env.reset()
@@ -164,7 +168,7 @@ def test_unseeded_resets_differ_and_follow_from_the_first_seed():
 
 
 def test_a_wrong_action_is_refused():
-    env = PupperWalkEnv(GlidingBackend())
+    env = WalkEnv(PUPPER_V2, GlidingBackend())
     with pytest.raises(ConfigError, match="reset"):
         env.step(np.zeros(16))
     env.reset(seed=0)

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import (
-    ACTION_SIZE,
-    NUM_PARAMETERS,
-    OBSERVATION_SIZE,
     Policy,
     act,
     action_to_command,
     low_pass,
 )
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 def a_policy(**changes):
@@ -28,6 +27,8 @@ def a_policy(**changes):
         kp=np.full(12, 8.8),
         kd=np.full(12, 0.84),
         control_dt=0.01,
+        robot=PUPPER_V2.name,
+        joint_names=PUPPER_V2.joint_names,
         provenance={"seed": 3, "prior": "abc"},
     )
     return replace(policy, **changes)
@@ -35,12 +36,12 @@ def a_policy(**changes):
 
 def command_of(action):
     out = np.full(16, np.nan)
-    action_to_command(np.asarray(action, dtype=float), out)
+    action_to_command(np.asarray(action, dtype=float), 0.5, out)
     return out
 
 
 def test_sizes():
-    assert (OBSERVATION_SIZE, ACTION_SIZE, NUM_PARAMETERS) == (18, 16, 304)
+    assert (observation_size(12), action_size(12)) == (18, 16)
 
 
 def test_action_is_the_clipped_affine_map_of_the_normalised_observation():
@@ -106,8 +107,9 @@ def test_file_holds_everything(tmp_path):
         ({"weights": np.full((16, 19), np.nan)}, r"weights\[0, 0\] is not finite"),
         ({"kp": np.float64(8.8)}, "kp has shape"),
         ({"observation_std": np.zeros(18)}, "must be > 0"),
-        ({"robot": "dog"}, "policy of robot 'dog', wanted 'pupper_v2'"),
-        ({"joint_names": ("a",)}, "joint_names"),
+        ({"robot": 3}, "robot '3', must be a name"),
+        ({"joint_names": ("a",)}, r"weights has shape \(16, 19\), wanted \(5, 8\)"),
+        ({"joint_names": ()}, "joint_names"),
         ({"control_dt": 0.0}, "control_dt"),
     ],
 )
@@ -117,6 +119,14 @@ def test_a_policy_that_does_not_fit_is_refused_before_it_is_written(tmp_path, ch
     assert list(tmp_path.iterdir()) == []
 
 
+def test_another_robots_policy_is_refused():
+    with pytest.raises(ConfigError, match="policy of robot 'dog', wanted 'pupper_v2'"):
+        a_policy(robot="dog").require_robot(PUPPER_V2)
+    with pytest.raises(ConfigError, match="its joints are"):
+        a_policy(joint_names=PUPPER_V2.joint_names[::-1]).require_robot(PUPPER_V2)
+    a_policy().require_robot(PUPPER_V2)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -124,7 +134,7 @@ def test_a_policy_that_does_not_fit_is_refused_before_it_is_written(tmp_path, ch
         (lambda tensors, header: header.update(kind="prior"), "'prior'"),
         (lambda tensors, header: header.update(colour=1), r"unknown keys \['colour'\]"),
         (lambda tensors, header: header.pop("robot"), r"missing keys \['robot'\]"),
-        (lambda tensors, header: header.update(robot="dog"), "dog"),
+        (lambda tensors, header: header.update(robot=7), "robot '7'"),
         (lambda tensors, header: header.update(control_dt="fast"), "control_dt"),
         (lambda tensors, header: header.update(joint_names=None), "joint_names"),
         (lambda tensors, header: tensors.pop("kd"), r"missing keys \['kd'\]"),

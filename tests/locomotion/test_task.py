@@ -19,9 +19,9 @@ def pay(forward=0.0, lateral=0.0, yaw_rate=0.0, yaw=0.0, torque=0.0, alive=True,
 
 def test_level_robot_in_nominal_pose_observes_zeros_and_its_phase():
     out = np.full(18, np.nan)
-    observe(LEVEL, np.zeros(3), NOMINAL_POSE.copy(), 0.0, out)
+    observe(LEVEL, np.zeros(3), NOMINAL_POSE.copy(), 0.0, NOMINAL_POSE, out)
     np.testing.assert_allclose(out, [0.0] * 16 + [1.0, 0.5], atol=1e-15)
-    observe(LEVEL, np.zeros(3), NOMINAL_POSE.copy(), 0.25, out)
+    observe(LEVEL, np.zeros(3), NOMINAL_POSE.copy(), 0.25, NOMINAL_POSE, out)
     assert out[16:] == pytest.approx([0.5, 1.0])
 
 
@@ -32,7 +32,7 @@ def test_observation_layout_and_signs():
     quaternion = np.array([cp * cr, cp * sr, sp * cr, -sp * sr])
     joints = NOMINAL_POSE + np.arange(12) * 0.01
     out = np.full(18, np.nan)
-    observe(quaternion, np.array([1.0, 2.0, 3.0]), joints, 0.5, out)
+    observe(quaternion, np.array([1.0, 2.0, 3.0]), joints, 0.5, NOMINAL_POSE, out)
     assert out[:4] == pytest.approx([roll, pitch, 1.0, 2.0])
     np.testing.assert_allclose(out[4:16], np.arange(12) * 0.01, atol=1e-15)
 
@@ -79,7 +79,7 @@ def test_standing_still_beats_falling_early_at_ordinary_torques():
     ],
 )
 def test_fallen(roll, pitch, height, down):
-    assert fallen(roll, pitch, height) is down
+    assert fallen(roll, pitch, height, 0.05, 0.6) is down
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -0.1, "0.1", None, True])

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets, warp_phase
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import (
     JOINT_LOWER,
     JOINT_UPPER,
@@ -15,11 +17,12 @@ from motorprior.robots.pupper_v2.spec import (
 )
 
 FR, FL, RR, RL = range(4)
+BODY = body_of(PUPPER_V2)
 
 
 def targets(phase, intensity=0.5, height=0.25, ratio=1.0):
     out = np.full(12, np.nan)
-    joint_targets(phase, intensity, height, ratio, out)
+    joint_targets(BODY, phase, intensity, height, ratio, out)
     return out.reshape(4, 3)
 
 

@@ -7,20 +7,21 @@ import numpy as np
 import pytest
 
 from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import urdf
+from motorprior.simulation.model import build_model
 
 LINKS = [f"{leg}_{link}" for leg in spec.LEGS for link in ("abduction_link", "thigh", "shank")]
 
 
 @pytest.fixture(scope="module")
 def model():
-    return mujoco.MjModel.from_xml_string(mjcf())
+    return build_model(PUPPER_V2, 0.002, 0.45, hung=False)
 
 
 @pytest.fixture(scope="module")
 def hung():
-    return mujoco.MjModel.from_xml_string(mjcf(hung=True))
+    return build_model(PUPPER_V2, 0.002, 0.45, hung=True)
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +126,7 @@ def test_only_the_feet_can_touch_and_only_the_floor(model):
 
 
 def test_arguments_reach_the_model():
-    model = mujoco.MjModel.from_xml_string(mjcf(physics_dt=0.00125, foot_friction=0.37))
+    model = build_model(PUPPER_V2, 0.00125, 0.37, hung=False)
     assert model.opt.timestep == 0.00125
     np.testing.assert_array_equal(model.pair_friction[:, :2], 0.37)
     assert (model.nq, model.nv) == (19, 18)
@@ -134,7 +135,7 @@ def test_arguments_reach_the_model():
 def test_a_hung_robot_has_only_its_joints(hung):
     assert (hung.nq, hung.nv) == (12, 12)
     pose = poses(1)[0]
-    np.testing.assert_allclose(feet(hung, pose), feet(mujoco.MjModel.from_xml_string(mjcf()), pose), atol=1e-9)
+    np.testing.assert_allclose(feet(hung, pose), feet(build_model(PUPPER_V2, 0.002, 0.45, hung=False), pose), atol=1e-9)
 
 
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):

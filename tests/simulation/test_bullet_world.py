@@ -8,9 +8,12 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO
+from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.replay import replay
 from motorprior.simulation.terrain import Terrain, heights
@@ -18,8 +21,8 @@ from motorprior.simulation.world import World, WorldConfig, physics_step
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 
-HUNG = WorldConfig(hung=True, physics_dt=0.001)
-STANDING = WorldConfig(physics_dt=0.001)
+HUNG = WorldConfig.of(PUPPER_V2, hung=True, physics_dt=0.001)
+STANDING = WorldConfig.of(PUPPER_V2, physics_dt=0.001)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
 PHYSICAL = PhysicalActuator(load_fleet("pupper_v2").sample(np.random.default_rng(0), 12))
@@ -67,7 +70,7 @@ def make():
 def trot(steps):
     targets, phase = np.zeros((steps, 12)), 0.0
     for step in range(steps):
-        joint_targets(phase, 0.4, 0.1, 1.0, targets[step])
+        joint_targets(body_of(PUPPER_V2), phase, 0.4, 0.1, 1.0, targets[step])
         phase = advance_phase(phase, 1.5, spec.CONTROL_DT)
     return targets
 
@@ -115,7 +118,7 @@ def test_a_limp_shank_is_a_pendulum(make, engine, armature):
     held = IdealPd(np.zeros(12), np.zeros(12), np.ones(12), np.array([1e3, 1e3, armature] * 4), np.zeros(12))
     world = make(HUNG) if engine == "pybullet" else World(HUNG)
     angles = moved(world, held, np.tile([0.0, 0.0, rest + amplitude], 4), 1000)
-    wave = np.sqrt(mass * spec.GRAVITY * np.hypot(x, z) / (KNEE_INERTIA + armature))
+    wave = np.sqrt(mass * GRAVITY * np.hypot(x, z) / (KNEE_INERTIA + armature))
     t = 0.001 * np.arange(1, 1001)
     # Euler errs by dt·wave/2 of the amplitude, 4e-4 rad; a finite swing is slower by amplitude²/16, 5e-4 rad in 1 s
     np.testing.assert_allclose(angles[:, 2::3] - rest, np.tile(amplitude * np.cos(wave * t), (4, 1)).T, atol=1.2e-3)
@@ -268,7 +271,7 @@ def test_the_standing_robot_carries_its_weight_on_four_feet(make):
 def test_the_base_is_the_chassis_frame_not_its_centre_of_mass(make):
     world = make(STANDING)
     world.reset(PD)
-    np.testing.assert_allclose(world.base().pos, [0.0, 0.0, spec.standing_height()], atol=1e-9)
+    np.testing.assert_allclose(world.base().pos, [0.0, 0.0, PUPPER_V2.standing_height], atol=1e-9)
     # turning about z at 2 rad/s about the centre of mass, 0.048 m ahead of the frame: the frame moves to -y
     world.call("resetBaseVelocity", world.robot, [0, 0, 0], [0, 0, 2])
     base = world.base()

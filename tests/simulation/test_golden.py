@@ -12,12 +12,14 @@ from llvmlite.binding import get_host_cpu_name
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
 from motorprior.search.train import Champion, new_search, train
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
 
 HOLDS_FOR = {
     "mujoco": "4.0.0",
@@ -44,8 +46,9 @@ def found(draw: DrawMotors) -> str:
         command_delay=(0.001, 0.018), push=0.1, push_interval=0.2,
     )  # fmt: skip
     walk = WalkConfig(episode_steps=80, randomization=everything)
-    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=11))
-    champion = train(search, SerialExecutor(lambda: WalkSimulator(draw, walk=walk)), 3, Champion.nobody())
+    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=11), PUPPER_V2.num_joints)
+    executor = SerialExecutor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), walk))
+    champion = train(search, executor, 3, Champion.none_yet(PUPPER_V2.num_joints))
     arrays = [*search.state().values(), *champion.state().values()]
     return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
 

@@ -8,6 +8,7 @@ import pytest
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.hung_load import with_loads
 from motorprior.simulation.world import World, WorldConfig
 
@@ -16,7 +17,7 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
     """Known torques on a hung robot without motors, finely simulated."""
     import mujoco
 
-    world = World(WorldConfig(physics_dt=step, hung=True))
+    world = World(WorldConfig.of(PUPPER_V2, physics_dt=step, hung=True))
     world.model.jnt_limited[:] = 0  # an end stop is no load of the motor's
     world.data.qpos[:] = spec.NOMINAL_POSE
     rng = np.random.default_rng(0)
@@ -37,7 +38,7 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
 
 def test_inertia_times_acceleration_is_torque_plus_load():
     log, torque = moved(0.05)
-    loaded = with_loads(log)
+    loaded = with_loads(log, PUPPER_V2)
     assert loaded.load_inertia is not None and loaded.external_torque is not None and log.joint_vel is not None
     acceleration = np.gradient(log.joint_vel, log.time, axis=0)
     balance = loaded.load_inertia * acceleration - loaded.external_torque - torque
@@ -47,7 +48,7 @@ def test_inertia_times_acceleration_is_torque_plus_load():
 
 def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
     log, _ = moved(0.0, 0.01)
-    knee = with_loads(log).load_inertia[0, 2]  # pyright: ignore[reportOptionalSubscript]
+    knee = with_loads(log, PUPPER_V2).load_inertia[0, 2]  # pyright: ignore[reportOptionalSubscript]
     expected = spec.SHANK.inertia[1] + spec.SHANK.mass * (spec.SHANK.com[0] ** 2 + spec.SHANK.com[2] ** 2)
     assert knee == pytest.approx(expected, rel=1e-6)
 
@@ -58,13 +59,13 @@ def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
 def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pitch: float, words: str):
     log, _ = moved(0.0, 0.01)
     sway = 0.1 * np.sin(np.linspace(0.0, 20.0, log.num_rows))[:, None]
-    with_loads(replace(log, base_orientation=np.array([0.02, -0.02]) + sway))
+    with_loads(replace(log, base_orientation=np.array([0.02, -0.02]) + sway), PUPPER_V2)
     with pytest.raises(LogError, match=f"{words} off level.*hang the robot up"):
-        with_loads(replace(log, base_orientation=np.array([roll, pitch]) + sway))
+        with_loads(replace(log, base_orientation=np.array([roll, pitch]) + sway), PUPPER_V2)
 
 
 def test_another_robot_is_refused():
     log, _ = moved(0.0, 0.01)
     for other in (replace(log, joint_vel=None), log.joint(0)):
         with pytest.raises(LogError, match="give a recording of the robot"):
-            with_loads(other)
+            with_loads(other, PUPPER_V2)

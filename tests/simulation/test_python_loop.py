@@ -5,8 +5,10 @@ import pytest
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, torchscript_torque
+from motorprior.simulation.world import WorldConfig
 
 
 def motors(period: float) -> LatentActuator:
@@ -32,7 +34,8 @@ def test_it_moves_as_the_kernel_does(make, kind, grey_network):
     torque = make(actuator)
     if torque is None:
         pytest.skip("PyTorch is not installed: pip install 'motorprior[rl]'")
-    ours, kernel = PythonLoopBackend(actuator, torque), MujocoBackend(lambda rng: actuator)
+    ours = PythonLoopBackend(PUPPER_V2, actuator, torque)
+    kernel = MujocoBackend(lambda rng: actuator, WorldConfig.of(PUPPER_V2))
     ours.reset(0)
     kernel.reset(0)
     for step in range(15):

@@ -13,11 +13,12 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import MujocoBackend
-from motorprior.simulation.randomization import NOMINAL, Randomization
+from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
 
@@ -38,24 +39,27 @@ def draw_pd(rng):
 
 
 def episode(randomization, seed=3):
-    return WalkSimulator(draw_pd, walk=WalkConfig(STEPS, randomization=randomization)).run(*POLICY, seed, trace=True)
+    return WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS, randomization=randomization)).run(
+        *POLICY, seed, trace=True
+    )
 
 
 def test_off_by_default():
-    conditions = replace(Randomization(), push_interval=0.5).conditions(5, 100)  # drawn, from empty ranges
-    assert Randomization().conditions(5, 100) is NOMINAL
+    conditions = replace(Randomization(), push_interval=0.5).conditions(PUPPER_V2, 5, 100)  # drawn, from empty ranges
+    nominal = nominal_conditions(PUPPER_V2)
     for field in fields(conditions):
-        np.testing.assert_array_equal(getattr(conditions, field.name), getattr(NOMINAL, field.name))
-    assert NOMINAL.friction == 1.0 and np.all(NOMINAL.mass == 1.0) and NOMINAL.push.shape == (0, 2)
-    np.testing.assert_array_equal(NOMINAL.gravity, [0.0, 0.0, -9.81])
-    sensors = Randomization().sensors(5, 100)
+        for drawn in (conditions, Randomization().conditions(PUPPER_V2, 5, 100)):
+            np.testing.assert_array_equal(getattr(drawn, field.name), getattr(nominal, field.name))
+    assert nominal.friction == 1.0 and np.all(nominal.mass == 1.0) and nominal.push.shape == (0, 2)
+    np.testing.assert_array_equal(nominal.gravity, [0.0, 0.0, -9.81])
+    sensors = Randomization().sensors(PUPPER_V2, 5, 100)
     assert (len(sensors.noise), sensors.delay, len(sensors.past)) == (0, 0.0, 0)
 
 
 def test_the_compiled_episode_is_the_python_episode_with_everything_on():
     walk = WalkConfig(STEPS, randomization=EVERYTHING)
-    compiled = WalkSimulator(draw_pd, walk=walk)
-    python = BackendSimulator(MujocoBackend(draw_pd, None, EVERYTHING, STEPS), walk)
+    compiled = WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk)
+    python = BackendSimulator(PUPPER_V2, MujocoBackend(draw_pd, WorldConfig.of(PUPPER_V2), EVERYTHING, STEPS), walk)
     for seed in range(4):
         one, other = (simulator.run(*POLICY, seed, trace=True) for simulator in (compiled, python))
         assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
@@ -64,12 +68,15 @@ def test_the_compiled_episode_is_the_python_episode_with_everything_on():
 
 
 def test_an_episode_does_not_depend_on_those_before_it():
-    used = WalkSimulator(draw_pd, walk=WalkConfig(STEPS, randomization=EVERYTHING))
+    used = WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS, randomization=EVERYTHING))
     for seed in (8, 9):
         used.run(*POLICY, seed)
     after, fresh = used.run(*POLICY, 3, trace=True), episode(EVERYTHING)
     np.testing.assert_array_equal(after.trace, fresh.trace)
-    assert episode(Randomization()).total == WalkSimulator(draw_pd, walk=WalkConfig(STEPS)).run(*POLICY, 3).total
+    assert (
+        episode(Randomization()).total
+        == WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS)).run(*POLICY, 3).total
+    )
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Randomization) if field.name != "push_interval"])
@@ -82,7 +89,7 @@ def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
 
 
 def test_draws_fill_their_ranges():
-    draws = [EVERYTHING.conditions(seed, STEPS) for seed in range(300)]
+    draws = [EVERYTHING.conditions(PUPPER_V2, seed, STEPS) for seed in range(300)]
     for name in ("armature", "damping", "friction", "mass"):
         low, high = getattr(EVERYTHING, name)
         values = np.array([getattr(draw, name) for draw in draws])
@@ -95,8 +102,8 @@ def test_draws_fill_their_ranges():
 
 
 def test_mass_friction_and_gravity_reach_mujoco():
-    conditions, world = EVERYTHING.conditions(1, STEPS), World(WorldConfig())
-    plain = World(WorldConfig()).model
+    conditions, world = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(WorldConfig.of(PUPPER_V2))
+    plain = World(WorldConfig.of(PUPPER_V2)).model
     world.reset(PD, conditions=conditions)
     np.testing.assert_allclose(world.model.body_mass[1:], plain.body_mass[1:] * conditions.mass)
     np.testing.assert_allclose(world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None])
@@ -110,8 +117,8 @@ def test_mass_friction_and_gravity_reach_mujoco():
 
 
 def test_the_reported_torque_is_the_motors_without_the_added_damping():
-    world = World(WorldConfig(hung=True))
-    motors = world.reset(PD, conditions=replace(NOMINAL, damping=np.full(12, 0.1)))
+    world = World(WorldConfig.of(PUPPER_V2, hung=True))
+    motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), damping=np.full(12, 0.1)))
     world.data.qvel[:] = 1.0
     hold_target(world.arrays._replace(substeps=1), motors, spec.NOMINAL_POSE.copy())
     np.testing.assert_allclose(world.arrays.torque, -0.84 * world.data.qvel)  # at the speed after the step
@@ -120,9 +127,9 @@ def test_the_reported_torque_is_the_motors_without_the_added_damping():
 
 def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     offset = np.linspace(-0.05, 0.05, 12)
-    world = World(WorldConfig(hung=True))
+    world = World(WorldConfig.of(PUPPER_V2, hung=True))
     world.model.opt.gravity[:] = 0.0
-    motors = world.reset(PD, conditions=replace(NOMINAL, encoder_offset=offset))
+    motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset))
     measured, target = np.zeros(12), spec.NOMINAL_POSE + 0.1
     for _ in range(200):
         hold_target(world.arrays, motors, target)
@@ -135,8 +142,8 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
 def test_a_command_delay_is_the_delay_of_the_motors_own_line(delay):
     # an ideal PD has a delay line of its own, at the same physics steps: the two must give the same motion
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
-    ours, theirs = World(WorldConfig(hung=True)), World(WorldConfig(hung=True))
-    one = ours.reset(PD, conditions=replace(NOMINAL, command_delay=delay))
+    ours, theirs = World(WorldConfig.of(PUPPER_V2, hung=True)), World(WorldConfig.of(PUPPER_V2, hung=True))
+    one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_delay=delay))
     other = theirs.reset(replace(PD, delay=np.full(12, delay)))
     for target in targets:
         hold_target(ours.arrays, one, target)
@@ -145,9 +152,11 @@ def test_a_command_delay_is_the_delay_of_the_motors_own_line(delay):
 
 
 def backends(randomization):
-    yield MujocoBackend(lambda rng: LIMP, WorldConfig(physics_dt=0.001), randomization, 20)
+    yield MujocoBackend(lambda rng: LIMP, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, 20)
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    yield PybulletBackend(lambda rng: LIMP, None, randomization, episode_steps=20)
+    yield PybulletBackend(
+        lambda rng: LIMP, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, episode_steps=20
+    )
 
 
 SOFT = IdealPd.uniform(12, kp=8.8, kd=0.3, torque_limit=1.26, armature=0.003)
@@ -155,7 +164,7 @@ SOFT = IdealPd.uniform(12, kp=8.8, kd=0.3, torque_limit=1.26, armature=0.003)
 
 def falling(kind, randomization):
     """Joints as measured, base positions and quaternions of a robot that kicks in the air, (30, 19): no contact."""
-    backend = kind(lambda rng: SOFT, WorldConfig(physics_dt=0.001), randomization, episode_steps=30)
+    backend = kind(lambda rng: SOFT, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, episode_steps=30)
     backend.reset(3)
     if kind is MujocoBackend:
         backend._world.data.qpos[2] += 10.0
@@ -182,7 +191,7 @@ def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
 
 def test_a_push_is_an_impulse_in_both_engines():
     only = Randomization(push=0.2, push_interval=0.05)
-    force = only.conditions(7, 20).push
+    force = only.conditions(PUPPER_V2, 7, 20).push
     assert np.flatnonzero(force.any(axis=1)).tolist() == [5, 10, 15] and np.hypot(*force.T).max() <= 0.2 / 0.01
     speeds = []
     for backend in backends(only):
@@ -201,8 +210,11 @@ def test_a_push_is_an_impulse_in_both_engines():
 
 def test_masses_and_gravity_reach_pybullet():
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    conditions, world = EVERYTHING.conditions(1, STEPS), BulletWorld(WorldConfig(physics_dt=0.001))
-    mujoco = World(WorldConfig())
+    conditions, world = (
+        EVERYTHING.conditions(PUPPER_V2, 1, STEPS),
+        BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
+    )
+    mujoco = World(WorldConfig.of(PUPPER_V2))
     mujoco.reset(PD, conditions=conditions)
     world.reset(PD, conditions=conditions)
     for body, index in enumerate([-1, *world._indices]):
@@ -215,15 +227,15 @@ def test_masses_and_gravity_reach_pybullet():
 
 
 def test_both_engines_fall_along_the_tilted_gravity():
-    tilted = replace(NOMINAL, gravity=np.array([1.0, -2.0, -9.0]))
-    world = World(WorldConfig())
+    tilted = replace(nominal_conditions(PUPPER_V2), gravity=np.array([1.0, -2.0, -9.0]))
+    world = World(WorldConfig.of(PUPPER_V2))
     motors = world.reset(LIMP, conditions=tilted)
     world.data.qpos[2] = 10.0
     for _ in range(10):
         hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
     np.testing.assert_allclose(world.data.qvel[:3], 0.1 * tilted.gravity, atol=1e-9)
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    bullet = BulletWorld(WorldConfig(physics_dt=0.001))
+    bullet = BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
     motors = bullet.reset(LIMP, conditions=tilted)
     bullet.call("resetBasePositionAndOrientation", bullet.robot, [0, 0, 10], [0, 0, 0, 1])
     for _ in range(100):
@@ -250,7 +262,7 @@ def test_delayed_readings_are_interpolated_and_the_phase_is_not_delayed(delay):
 
 
 def test_noise_has_the_stated_deviations():
-    noise = Randomization(joint_noise=0.01, tilt_noise=0.02, rate_noise=0.03).sensors(0, 20_000).noise
+    noise = Randomization(joint_noise=0.01, tilt_noise=0.02, rate_noise=0.03).sensors(PUPPER_V2, 0, 20_000).noise
     np.testing.assert_allclose(noise.std(axis=0), [0.02] * 2 + [0.03] * 2 + [0.01] * 12, rtol=0.03)
 
 

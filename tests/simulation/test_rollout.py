@@ -18,6 +18,7 @@ from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.task import TaskWeights
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
 from motorprior.search.train import Champion, advance, new_search, train
@@ -69,10 +70,10 @@ def draw_grey_box(rng):
 
 Weights = tuple[np.ndarray, np.ndarray, np.ndarray]
 KINDS = {
-    "ideal_pd": (draw_pd, WorldConfig(physics_dt=0.002)),
-    "physical": (draw_physical, WorldConfig(physics_dt=0.001)),
-    "latent": (draw_latent, WorldConfig(physics_dt=0.001)),
-    "grey_box": (draw_grey_box, WorldConfig(physics_dt=0.002)),
+    "ideal_pd": (draw_pd, WorldConfig.of(PUPPER_V2, physics_dt=0.002)),
+    "physical": (draw_physical, WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
+    "latent": (draw_latent, WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
+    "grey_box": (draw_grey_box, WorldConfig.of(PUPPER_V2, physics_dt=0.002)),
 }
 POLICY = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
 CLUMSY = (3.0 * np.random.default_rng(2).standard_normal((16, 19)), np.zeros(18), np.full(18, 0.5))
@@ -124,8 +125,8 @@ def test_compiled_equals_python_bit_for_bit(kind, policy: Weights, falls):
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
     simulators = (
         WalkSimulator(draw, world, walk),
-        BackendSimulator(MujocoBackend(draw, world), walk),
-        BackendSimulator(PlainLoop(draw, world), walk),
+        BackendSimulator(PUPPER_V2, MujocoBackend(draw, world), walk),
+        BackendSimulator(PUPPER_V2, PlainLoop(draw, world), walk),
     )
     for seed in (0, 1):
         episode, *others = (simulator.run(*policy, seed, trace=True) for simulator in simulators)
@@ -150,7 +151,7 @@ def test_encoder_noise_is_drawn_from_the_seed_and_only_observed():
     noisy = WalkConfig(episode_steps=STEPS, randomization=Randomization(joint_noise=0.02))
     clean = WalkConfig(episode_steps=STEPS)
     blind = (np.zeros((16, 19)), np.zeros(18), np.ones(18))  # does not look, so the noise cannot reach the robot
-    simulators = [WalkSimulator(draw_pd, walk=walk) for walk in (noisy, noisy, clean)]
+    simulators = [WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk) for walk in (noisy, noisy, clean)]
     first, again, without = (simulator.run(*blind, 3, trace=True) for simulator in simulators)
     np.testing.assert_array_equal(first.trace, without.trace)
     np.testing.assert_array_equal(first.m2, again.m2)
@@ -171,10 +172,10 @@ def test_the_zero_policy_trots_and_stays_up():
 def test_any_number_of_workers_gives_the_same_search():
     def searched(workers):
         walk = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01))
-        executor = make_executor(lambda: WalkSimulator(draw_pd, walk=walk), workers)
-        search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5))
+        executor = make_executor(lambda: WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk), workers)
+        search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), PUPPER_V2.num_joints)
         try:
-            champion = train(search, executor, 2, Champion.nobody())
+            champion = train(search, executor, 2, Champion.none_yet(PUPPER_V2.num_joints))
         finally:
             executor.close()
         found = [*search.state().values(), *champion.state().values()]
@@ -192,8 +193,8 @@ def test_both_signs_of_a_direction_walk_on_the_same_motors():
         drawn.append(rng.bit_generator.state["state"]["state"])
         return draw_pd(rng)
 
-    executor = make_executor(lambda: WalkSimulator(draw, walk=WalkConfig(episode_steps=2)), 1)
-    search = new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1))
+    executor = make_executor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), WalkConfig(episode_steps=2)), 1)
+    search = new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1), PUPPER_V2.num_joints)
     for _ in range(2):
         advance(search, executor)
     assert drawn[::2] == drawn[1::2] and len(set(drawn)) == 6
@@ -212,11 +213,14 @@ def test_both_signs_of_a_direction_walk_on_the_same_motors():
 def test_a_policy_that_compiled_code_would_misread_is_refused(changed, words):
     policy = [changed.get(place, value) for place, value in enumerate(POLICY)]
     walk = WalkConfig(episode_steps=2)
-    for simulator in (WalkSimulator(draw_pd, walk=walk), BackendSimulator(MujocoBackend(draw_pd), walk)):
+    for simulator in (
+        WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk),
+        BackendSimulator(PUPPER_V2, MujocoBackend(draw_pd, WorldConfig.of(PUPPER_V2)), walk),
+    ):
         with pytest.raises(ConfigError, match=words):
             simulator.run(*policy, seed=0)
 
 
 def test_physical_motors_refuse_the_learned_motors_clock():
     with pytest.raises(ConfigError, match=r"0\.001"):
-        WalkSimulator(draw_physical, WorldConfig(physics_dt=0.002)).run(*POLICY, 0)
+        WalkSimulator(draw_physical, WorldConfig.of(PUPPER_V2, physics_dt=0.002)).run(*POLICY, 0)

@@ -7,6 +7,7 @@ import pytest
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.speed import TimedPath, interpreted_paths, measure
 
@@ -19,9 +20,8 @@ def test_a_median_is_of_an_odd_number_of_rounds_and_at_least_five(repeats: int):
 
 def test_pybullet_is_left_out_where_it_is_not_installed(monkeypatch: pytest.MonkeyPatch, grey_network):
     monkeypatch.setitem(sys.modules, "pybullet", None)
-    assert {"python_numpy"} <= set(interpreted_paths(LatentActuator(grey_network(), np.zeros((12, 3))))) <= {
-        "python_numpy", "python_torch",
-    }  # fmt: skip
+    paths = interpreted_paths(PUPPER_V2, LatentActuator(grey_network(), np.zeros((12, 3))))
+    assert {"python_numpy"} <= set(paths) <= {"python_numpy", "python_torch"}
 
 
 def test_what_else_is_wrong_with_pybullet_is_told(monkeypatch: pytest.MonkeyPatch, grey_network):
@@ -32,4 +32,4 @@ def test_what_else_is_wrong_with_pybullet_is_told(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(PybulletBackend, "__init__", broken)
     with pytest.raises(ConfigError, match="broken"):
-        interpreted_paths(LatentActuator(grey_network(), np.zeros((12, 3))))
+        interpreted_paths(PUPPER_V2, LatentActuator(grey_network(), np.zeros((12, 3))))

@@ -11,8 +11,10 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.robots.model import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation import world as world_module
+from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.replay import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -20,12 +22,12 @@ from motorprior.simulation.world import FAULTS, World, WorldConfig, hold_target,
 
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-HUNG = WorldConfig(hung=True)
+HUNG = WorldConfig.of(PUPPER_V2, hung=True)
 
 
 @pytest.mark.parametrize("physics_dt", [0.001, 0.002])
 def test_free_fall(physics_dt):
-    world = World(WorldConfig(physics_dt=physics_dt))
+    world = World(WorldConfig.of(PUPPER_V2, physics_dt=physics_dt))
     motors = world.reset(PD)
     world.data.qpos[2] = 10.0
     for _ in range(20):
@@ -39,7 +41,7 @@ def test_free_fall(physics_dt):
 
 
 def test_internal_torques_leave_the_momentum_of_a_falling_robot_alone():
-    world = World(WorldConfig(physics_dt=0.001))
+    world = World(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
     world.model.opt.gravity[:] = 0.0
     motors = world.reset(PD)
     world.data.qpos[2] = 10.0
@@ -57,7 +59,7 @@ def test_internal_torques_leave_the_momentum_of_a_falling_robot_alone():
 
 def test_a_hung_knee_is_a_second_order_system():
     # shank about the knee 3.450e-4 kg·m² (see the robot's tests) plus armature; gravity off, other joints held
-    world = World(WorldConfig(hung=True, physics_dt=0.0005))
+    world = World(WorldConfig.of(PUPPER_V2, hung=True, physics_dt=0.0005))
     world.model.opt.gravity[:] = 0.0
     kp, kd, armature = 2.0, 0.02, 0.003
     stiff = np.array([1e4, 1e4, kp] * 4)
@@ -76,7 +78,7 @@ def test_a_hung_knee_is_a_second_order_system():
 
 
 def test_the_standing_robot_carries_its_weight_on_four_feet():
-    world = World(WorldConfig())
+    world = World(WorldConfig.of(PUPPER_V2))
     motors = world.reset(PD)
     for _ in range(100):
         hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
@@ -118,7 +120,7 @@ def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
 
 def test_reset_forgets():
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.3, 0.3, (30, 12))
-    fresh, used = World(WorldConfig()), World(WorldConfig())
+    fresh, used = World(WorldConfig.of(PUPPER_V2)), World(WorldConfig.of(PUPPER_V2))
     heavy = IdealPd.uniform(12, kp=3.0, kd=0.1, torque_limit=5.0, armature=0.02, delay=0.02)
     replay(used, heavy, -targets)  # other motors, other fall
     used.data.qfrc_applied[:] = 7.0
@@ -148,32 +150,31 @@ NAN = replace(PD, kd=np.full(12, np.nan))
 def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_reward(motors, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo may write its log here
     weights = np.random.default_rng(0).standard_normal((16, 19))
-    simulator = WalkSimulator(lambda rng: motors)
+    simulator = WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2))
     episode = simulator.run(weights, np.zeros(18), np.ones(18), seed=0)
     assert episode.fault == 1 and episode.steps < 250
     assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
-    backend = MujocoBackend(lambda rng: motors)
+    backend = MujocoBackend(lambda rng: motors, WorldConfig.of(PUPPER_V2))
     backend.reset(0)
     states = [backend.step(spec.NOMINAL_POSE + 0.1) for _ in range(5)]
     assert states[-1].fault == 1
     with pytest.raises(SimulationFault, match="not finite"):
-        replay(World(WorldConfig()), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
+        replay(World(WorldConfig.of(PUPPER_V2)), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
 
 
 def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):
     # 4 kB hold a robot in the air and no constraint: the first touch of the ground is one too many
     monkeypatch.chdir(tmp_path)
-    whole = world_module.mjcf
-    small = '<size memory="4K"/><worldbody>'
-    monkeypatch.setattr(world_module, "mjcf", lambda **settings: whole(**settings).replace("<worldbody>", small, 1))
+    small = mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
+    cramped = WorldConfig.of(replace(PUPPER_V2, model=GeneratedModel(lambda: small)))
     weights = (np.zeros((16, 19)), np.zeros(18), np.ones(18))
-    episode = WalkSimulator(lambda rng: PD, walk=WalkConfig(episode_steps=60)).run(*weights, seed=0)
+    episode = WalkSimulator(lambda rng: PD, cramped, WalkConfig(episode_steps=60)).run(*weights, seed=0)
     assert (episode.fault, FAULTS[episode.fault]) == (2, "MuJoCo ran out of contact or constraint memory")
     assert episode.steps < 60 and np.isfinite(episode.total)
 
 
 def test_a_link_without_inertia_ends_the_episode_with_its_name():
-    simulator = WalkSimulator(lambda rng: LIMP)
+    simulator = WalkSimulator(lambda rng: LIMP, WorldConfig.of(PUPPER_V2))
     model = simulator.world.model
     model.body_mass[-1], model.body_inertia[-1] = 0.0, 0.0
     episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)
@@ -184,7 +185,7 @@ def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
     kinds = mujoco.mjtWarning
     of_no_concern = {int(kinds.mjNWARNING), int(kinds.mjWARN_BADCTRL)}  # a robot without controls
     for kind in set(map(int, kinds.__members__.values())) - of_no_concern:
-        world = World(WorldConfig())
+        world = World(WorldConfig.of(PUPPER_V2))
         world.reset(PD)
         assert world.fault() == 0
         world.data.warning.number[kind] = 1
@@ -193,7 +194,9 @@ def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
 
 def test_a_step_that_breaks_earns_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    episode = WalkSimulator(lambda rng: NAN).run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)
+    episode = WalkSimulator(lambda rng: NAN, WorldConfig.of(PUPPER_V2)).run(
+        np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0
+    )
     assert (episode.total, episode.steps, episode.fault) == (0.0, 1, 1)
 
 
@@ -202,17 +205,19 @@ def test_after_a_fault_the_next_episode_is_as_if_nothing_had_happened(tmp_path, 
     queue = [NAN, PD]
     weights = 0.1 * np.random.default_rng(0).standard_normal((16, 19))
     walk = WalkConfig(episode_steps=60)
-    simulator = WalkSimulator(lambda rng: queue.pop(0), walk=walk)
+    simulator = WalkSimulator(lambda rng: queue.pop(0), WorldConfig.of(PUPPER_V2), walk)
     assert simulator.run(weights, np.zeros(18), np.ones(18), seed=0).fault == 1
     after = simulator.run(weights, np.zeros(18), np.ones(18), seed=0)
-    clean = WalkSimulator(lambda rng: PD, walk=walk).run(weights, np.zeros(18), np.ones(18), seed=0)
+    clean = WalkSimulator(lambda rng: PD, WorldConfig.of(PUPPER_V2), walk).run(
+        weights, np.zeros(18), np.ones(18), seed=0
+    )
     assert (after.total, after.steps, after.fault) == (clean.total, clean.steps, 0)
 
 
 @pytest.mark.parametrize("physics_dt", [0.003, 0.02, -0.002])
 def test_a_physics_step_that_does_not_divide_the_control_step_is_refused(physics_dt):
     with pytest.raises(ConfigError, match=r"does not divide control_dt 0\.01 s"):
-        World(WorldConfig(physics_dt=physics_dt))
+        World(WorldConfig.of(PUPPER_V2, physics_dt=physics_dt))
 
 
 def test_a_hung_robot_is_not_asked_to_walk():

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.skeleton import Skeleton, skeleton
 from motorprior.transfer import plots
 from motorprior.transfer.gait_picture import gait_animation, gait_strip
@@ -37,9 +38,9 @@ def latents(count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], 
 def trot(frames: int = 60) -> Skeleton:
     qpos = np.zeros((frames, 19))
     qpos[:, 0] = 0.004 * np.arange(frames)
-    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = spec.standing_height(), 1.0, spec.NOMINAL_POSE
+    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = PUPPER_V2.standing_height, 1.0, spec.NOMINAL_POSE
     qpos[:, 8] += 0.3 * np.sin(np.arange(frames) / 5.0)
-    return skeleton(qpos)
+    return skeleton(PUPPER_V2, qpos)
 
 
 def curves() -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
