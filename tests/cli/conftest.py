@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motorprior.logs.pupper_import import CSV_COLUMNS
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
@@ -16,7 +17,6 @@ from motorprior.cli.console import Bar
 from motorprior.cli.main import main
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.walk import Walk, run_walk
-from motorprior.logs.pupper_import import CSV_COLUMNS
 from motorprior.robots.pupper_v2 import spec
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.checks import check_log, drop_repeats
-from motorprior.logs.pupper_import import read_pupper_logs
+from motorprior.logs.puppersim import read_puppersim_logs
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER
 
 
@@ -122,7 +123,7 @@ def test_a_very_short_log_is_no_crash(make_log, rows):
 
 def test_the_published_logs_are_usable(pupper_folder):
     limits = np.stack([JOINT_LOWER, JOINT_UPPER], axis=1)
-    for name, log in read_pupper_logs(pupper_folder).items():
+    for name, log in read_puppersim_logs(pupper_folder, PUPPER_V2).items():
         report = check_log(log, limits)
         assert report.usable, (name, report.errors)
         assert not report.of("limits"), name

@@ -7,8 +7,9 @@ import pytest
 
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
-from motorprior.logs.pupper_import import read_pupper_logs
+from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.transfer.real_replay import prepare, replay_log
 
 BOUND = 0.028
@@ -20,7 +21,7 @@ def test_the_central_motor_replays_a_real_log(shared_data: Path, name: str):
     folder = shared_data / "pupper_v2"
     if not folder.is_dir():
         pytest.skip("no logs of a real Pupper")
-    log = read_pupper_logs(folder)[name]
+    log = read_puppersim_logs(folder, PUPPER_V2)[name]
     center = PhysicalActuator(load_fleet("pupper_v2").center(spec.NUM_JOINTS))
-    error = replay_log(log, center, prepare(log, name)).rmse
+    error = replay_log(log, PUPPER_V2, center, prepare(log, PUPPER_V2, name)).rmse
     assert np.nanmean(error) <= BOUND

@@ -18,8 +18,8 @@ class GeneratedModel:
 
     Attributes:
         mjcf: returns the MJCF text; its only body in the world is the robot's base.
-        urdf: returns URDF text for engines that read no MJCF, from the joints' reflected inertias [kg·m²] and a shift of
-            the base's centre of mass [m]; None where there is none.
+        urdf: returns URDF text for engines that read no MJCF, from the joints' reflected inertias [kg·m²] and a shift
+            of the base's centre of mass [m]; None where there is none.
     """
 
     mjcf: Callable[[], str]

@@ -66,7 +66,7 @@ class LiveRobot:
         self.advance(0, folded)  # compile, or load what was compiled, before time counts
 
     def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:
-        """Gains (joints,) [A/rad], [A·s/rad] and current limit [A] from now on; each motor keeps its torque per ampere."""
+        """Set gains (joints,) [A/rad], [A·s/rad] and current limit [A]; each motor keeps its torque per ampere."""
         motors = replace(
             self._motors,
             kp=self._motors.kp * kp / self._wire.kp,

@@ -47,7 +47,7 @@ class TimedPath:
 
 @njit(cache=True, nogil=True)
 def _record(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray) -> None:
-    """Fill drive (2, physics steps, joints): what the engine is given, torque and damping, with targets (steps, joints)."""
+    """Fill drive (2, physics steps, joints) with the torque and damping that the engine gets for these targets."""
     applied, row = world.applied[world.applied.shape[0] - targets.shape[1] :], 0
     for step in range(targets.shape[0]):
         for _ in range(world.substeps):

@@ -116,7 +116,8 @@ class WalkVectorEnv(VectorEnv):
             actions: (N, actions), clipped to [-1, 1].
 
         Returns:
-            Observations (N, observations), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase, base_pos.
+            Observations (N, observations), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase,
+            base_pos.
 
         Raises:
             ConfigError: no reset before; actions of another shape, or not finite.

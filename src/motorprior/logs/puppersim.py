@@ -1,4 +1,4 @@
-"""Logs of a real Stanford Pupper v2, as published in jietan/puppersim (Apache-2.0), become `MotorLog`s.
+"""Logs of a legged robot in the format of jietan/puppersim (Apache-2.0) become `MotorLog`s.
 
 Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``, ``IMU``,
 ``MotorAngle``, ``action``) and CSV, plain or gzip (``.csv``, ``.csv.gz``). Angles are in rad, time in s.
@@ -16,22 +16,28 @@ from motorprior.logs.checks import require_plausible_angles
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
 from motorprior.logs.restricted_unpickler import load_plain
-from motorprior.robots.pupper_v2.spec import ENCODER, JOINT_NAMES
+from motorprior.robots.robot import Robot
 
-ROBOT = "pupper_v2"
-MOTOR = "DJI M2006 P36 + C610"
 GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
 CSV_SUFFIXES = (".csv.gz", ".csv")
 PICKLE_SUFFIXES = (".txt",)
 
-_J = len(JOINT_NAMES)
 _IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
-CSV_COLUMNS = ("t_s", *(f"q_des_{i}" for i in range(_J)), *(f"q_{i}" for i in range(_J)), *_IMU)
-PICKLE_WIDTHS = {"t": 1, "action": _J, "MotorAngle": _J, "IMU": len(_IMU)}
 
 
-def read_pupper_log(path: str | Path) -> MotorLog:
-    """Read one recording, ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
+def csv_columns(num_joints: int) -> tuple[str, ...]:
+    """Names of the columns: time, targets, angles, IMU."""
+    targets, angles = (tuple(f"{name}_{joint}" for joint in range(num_joints)) for name in ("q_des", "q"))
+    return ("t_s", *targets, *angles, *_IMU)
+
+
+def _pickle_widths(num_joints: int) -> dict[str, int]:
+    """Lists in an original pickle, in the order of the columns, and the numbers in each of their rows."""
+    return {"t": 1, "action": num_joints, "MotorAngle": num_joints, "IMU": len(_IMU)}
+
+
+def read_puppersim_log(path: str | Path, robot: Robot) -> MotorLog:
+    """Read one recording of ``robot``, ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
 
     The first two IMU columns are taken as roll and pitch; their order is an assumption about the source.
     The rates of the IMU are dropped. There is no velocity and no torque in these logs.
@@ -40,34 +46,34 @@ def read_pupper_log(path: str | Path) -> MotorLog:
         LogError: wrong name or columns, truncated, not numbers, not finite, or time that does not increase;
             names file, row, column and value.
     """
-    path = Path(path)
+    path, joints = Path(path), robot.num_joints
     if path.name.endswith(CSV_SUFFIXES):
-        table = read_number_table(path, CSV_COLUMNS)
+        table = read_number_table(path, csv_columns(joints))
     elif path.name.endswith(PICKLE_SUFFIXES):
-        table = _pickle_table(path)
+        table = _pickle_table(path, _pickle_widths(joints))
     else:
         raise LogError(
             f"unknown kind of file, expected one of {(*CSV_SUFFIXES, *PICKLE_SUFFIXES)}",
             where=path,
             remedy=GET_LOGS,
         )
-    time, position_target, joint_pos, imu = np.split(table, [1, 1 + _J, 1 + 2 * _J], axis=1)
+    time, position_target, joint_pos, imu = np.split(table, [1, 1 + joints, 1 + 2 * joints], axis=1)
     log = MotorLog(
         time=time[:, 0],
         position_target=position_target,
         joint_pos=joint_pos,
         base_orientation=imu[:, :2],
-        joint_names=JOINT_NAMES,
-        robot=ROBOT,
-        motor=MOTOR,
+        joint_names=robot.joint_names,
+        robot=robot.name,
+        motor=robot.motor,
         source=str(path),
-        encoder=ENCODER,
+        encoder=robot.encoder,
     )
     return checked(log, where=path)
 
 
-def read_pupper_logs(directory: str | Path) -> dict[str, MotorLog]:
-    """Read every recording of the robot in a folder, by short name: ``0116``, ``bf``, ``lr``, ``1_joint``.
+def read_puppersim_logs(directory: str | Path, robot: Robot) -> dict[str, MotorLog]:
+    """Read every recording of ``robot`` in a folder, by short name: ``0116``, ``bf``, ``lr``, ``1_joint``.
 
     Replays in simulation (``*_sim_*``) and other files are left out.
 
@@ -91,8 +97,8 @@ def read_pupper_logs(directory: str | Path) -> dict[str, MotorLog]:
             )
         paths[name] = path
     if not paths:
-        raise LogError("no log of a real Pupper (env_*real_*) in this folder", where=directory, remedy=GET_LOGS)
-    logs = {name: read_pupper_log(path) for name, path in paths.items()}
+        raise LogError("no log of a real robot (env_*real_*) in this folder", where=directory, remedy=GET_LOGS)
+    logs = {name: read_puppersim_log(path, robot) for name, path in paths.items()}
     for name, log in logs.items():
         require_plausible_angles(log, paths[name])
     return logs
@@ -109,13 +115,13 @@ def short_name(path: Path) -> str | None:
     return "_".join(word for word in words[1:] if word not in ("log", "real")) or None
 
 
-def _pickle_table(path: Path) -> np.ndarray:
+def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
     """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
     content = load_plain(path)
-    if not isinstance(content, dict) or not set(PICKLE_WIDTHS) <= set(content):
+    if not isinstance(content, dict) or not set(widths) <= set(content):
         found = sorted(map(str, content)) if isinstance(content, dict) else type(content).__name__
-        raise LogError(f"expected a dict of {list(PICKLE_WIDTHS)}, found {found}", where=path, remedy=GET_LOGS)
-    columns = {key: _column_block(content[key], key, width, path) for key, width in PICKLE_WIDTHS.items()}
+        raise LogError(f"expected a dict of {list(widths)}, found {found}", where=path, remedy=GET_LOGS)
+    columns = {key: _column_block(content[key], key, width, path) for key, width in widths.items()}
     lengths = {key: len(block) for key, block in columns.items()}
     if len(set(lengths.values())) != 1:
         raise LogError(f"lists of unequal length {lengths}", where=path, remedy=GET_LOGS)

@@ -8,11 +8,12 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
-from motorprior.logs.pupper_import import CSV_COLUMNS, read_pupper_log, read_pupper_logs
+from motorprior.logs.puppersim import csv_columns, read_puppersim_log, read_puppersim_logs
 from motorprior.logs.resampling import drop_repeats, repeated_rows
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
-ROWS = 30
+ROWS, CSV_COLUMNS = 30, csv_columns(PUPPER_V2.num_joints)
 
 
 @pytest.fixture
@@ -55,15 +56,15 @@ VARIANTS = {
 def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path, table, protocol, variant):
     content = {key: VARIANTS[variant](value) for key, value in content_of(table).items()}
     (tmp_path / "env_real_bf_log.txt").write_bytes(pickle.dumps(content, protocol))
-    pickled = read_pupper_log(tmp_path / "env_real_bf_log.txt")
+    pickled = read_puppersim_log(tmp_path / "env_real_bf_log.txt", PUPPER_V2)
     for name in ("env_real_bf_log.csv", "env_real_bf_log.csv.gz"):
-        read = read_pupper_log(write_csv(tmp_path / name, csv_lines(table)))
+        read = read_puppersim_log(write_csv(tmp_path / name, csv_lines(table)), PUPPER_V2)
         for channel, value in channels(read).items():
             np.testing.assert_array_equal(value, getattr(pickled, channel))
 
 
 def test_columns_go_where_they_belong(tmp_path, table):
-    log = read_pupper_log(write_csv(tmp_path / "env_real_bf_log.csv", csv_lines(table)))
+    log = read_puppersim_log(write_csv(tmp_path / "env_real_bf_log.csv", csv_lines(table)), PUPPER_V2)
     assert log.joint_names == JOINT_NAMES
     np.testing.assert_array_equal(log.time, table[:, 0])
     np.testing.assert_array_equal(log.position_target, table[:, 1:13])
@@ -88,20 +89,20 @@ def test_a_bad_cell_is_named(tmp_path, table, row, column, cell, problem):
     cells = lines[1 + row].split(",")
     lines[1 + row] = ",".join([*cells[:column], cell, *cells[column + 1 :]])
     with pytest.raises(LogError, match=rf"env_real_x_log\.csv: {problem}.* -> "):
-        read_pupper_log(write_csv(tmp_path / "env_real_x_log.csv", lines))
+        read_puppersim_log(write_csv(tmp_path / "env_real_x_log.csv", lines), PUPPER_V2)
 
 
 def test_another_header_is_refused(tmp_path, table):
     lines = csv_lines(table)
     path = write_csv(tmp_path / "env_real_x_log.csv", [lines[0].replace("q_3", "p_3"), *lines[1:]])
     with pytest.raises(LogError, match="column 16 is named 'p_3', expected 'q_3'"):
-        read_pupper_log(path)
+        read_puppersim_log(path, PUPPER_V2)
     path = write_csv(path, [line.rpartition(",")[0] for line in lines])
     with pytest.raises(LogError, match="28 columns, expected 29"):
-        read_pupper_log(path)
+        read_puppersim_log(path, PUPPER_V2)
     path = write_csv(path, lines[:1])
     with pytest.raises(LogError, match="no rows"):
-        read_pupper_log(path)
+        read_puppersim_log(path, PUPPER_V2)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])
@@ -110,7 +111,7 @@ def test_a_truncated_gzip_file_is_refused(tmp_path, table, share):
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(LogError, match=r"x_log\.csv\.gz: .* -> "):
-        read_pupper_log(path)
+        read_puppersim_log(path, PUPPER_V2)
 
 
 def test_a_damaged_gzip_file_is_refused(tmp_path, table):
@@ -119,7 +120,7 @@ def test_a_damaged_gzip_file_is_refused(tmp_path, table):
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)
     with pytest.raises(LogError):
-        read_pupper_log(path)
+        read_puppersim_log(path, PUPPER_V2)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +142,7 @@ def test_a_pickle_that_does_not_fit_is_refused(tmp_path, table, change, problem)
     path = tmp_path / "env_real_x_log.txt"
     path.write_bytes(pickle.dumps(content))
     with pytest.raises(LogError, match=rf"x_log\.txt: .*{problem}"):
-        read_pupper_log(path)
+        read_puppersim_log(path, PUPPER_V2)
 
 
 def test_a_folder_gives_the_real_logs_by_short_name(tmp_path, table):
@@ -151,43 +152,43 @@ def test_a_folder_gives_the_real_logs_by_short_name(tmp_path, table):
     (tmp_path / "env_real_lr_log.txt").write_bytes(pickle.dumps(content))
     (tmp_path / "env_log_sim_0116.txt").write_text("not read")
     (tmp_path / "README.txt").write_text("not read")
-    assert sorted(read_pupper_logs(tmp_path)) == ["0116", "1_joint", "bf", "lr"]
+    assert sorted(read_puppersim_logs(tmp_path, PUPPER_V2)) == ["0116", "1_joint", "bf", "lr"]
 
 
 def test_two_files_of_one_log_are_refused(tmp_path, table):
     for name in ("env_real_bf_log.csv", "env_real_bf_log.csv.gz"):
         write_csv(tmp_path / name, csv_lines(table))
     with pytest.raises(LogError, match="are both log 'bf'"):
-        read_pupper_logs(tmp_path)
+        read_puppersim_logs(tmp_path, PUPPER_V2)
 
 
 def test_a_folder_without_logs_says_where_they_come_from(tmp_path):
     (tmp_path / "env_log_sim_0116.csv.gz").touch()
     for folder in (tmp_path, tmp_path / "absent"):
         with pytest.raises(LogError, match=r"jietan/puppersim, folder puppersim/data/system_id \(Apache-2\.0\)"):
-            read_pupper_logs(folder)
+            read_puppersim_logs(folder, PUPPER_V2)
 
 
 def test_an_unknown_kind_of_file_is_refused(tmp_path):
     with pytest.raises(LogError, match="unknown kind of file"):
-        read_pupper_log(tmp_path / "env_real_bf_log.npz")
+        read_puppersim_log(tmp_path / "env_real_bf_log.npz", PUPPER_V2)
 
 
 def test_the_published_logs_read(pupper_folder):
-    logs = read_pupper_logs(pupper_folder)
+    logs = read_puppersim_logs(pupper_folder, PUPPER_V2)
     durations = {"0116": 18.7, "1_joint": 3.7, "bf": 7.2, "lr": 6.7}
     assert {name: round(log.duration, 1) for name, log in logs.items()} == durations
     assert all(log.num_joints == 12 and np.abs(log.joint_pos).max() < 3.0 for log in logs.values())
 
 
 def test_more_than_half_of_the_0116_rows_repeat(pupper_folder):
-    log = read_pupper_log(pupper_folder / "env_log_real_0116.csv.gz")
+    log = read_puppersim_log(pupper_folder / "env_log_real_0116.csv.gz", PUPPER_V2)
     assert repeated_rows(log)[1:].mean() == pytest.approx(0.55, abs=0.005)
 
 
 def test_a_log_says_which_file_it_is_from(tmp_path, table):
     path = write_csv(tmp_path / "mine.csv", csv_lines(table))
-    log = read_pupper_log(path)
+    log = read_puppersim_log(path, PUPPER_V2)
     assert log.source == str(path)
     log.joint_pos[:] = log.joint_pos[0]
     with pytest.raises(LogError) as error:
