@@ -1,0 +1,230 @@
+"""A robot is loaded from a TOML beside its model; what does not fit is refused with joint, file and remedy."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.locomotion.body import body_of
+from motorprior.locomotion.trajectory_generator import open_loop_trot
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.replay import replay
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import World, WorldConfig
+
+ARM = """<mujoco><worldbody><body name="base"><geom size="0.1" mass="1"/>
+  <body name="upper" pos="0 0 0.1"><joint name="shoulder" axis="0 1 0" range="-90 90" armature="0.5"
+      frictionloss="0.3"/>
+    <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.4"/>
+    <body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0" range="-120 120"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.2"/></body></body></body></worldbody></mujoco>"""
+ARM_TOML = """
+name = "arm"
+motor = "a servo"
+model = "arm.xml"
+base = "fixed"
+nominal_pose = [0.1, -0.2]
+kp = 20.0
+kd = 1.0
+torque_limit = [4.0, 2.0]
+"""
+FOOT = "FR"
+"""A geom of the quadruped's."""
+
+
+def quadruped(feet: bool = True) -> str:
+    """Four legs of three joints, thigh 0.2 m and shank 0.2 m."""
+    legs = ""
+    for x, front in ((0.2, "F"), (-0.2, "R")):
+        for y, side in ((-0.1, "R"), (0.1, "L")):
+            leg = front + side
+            foot = f'<geom name="{leg}" size="0.02" pos="0 0 -0.2" mass="0.02"/>' if feet else ""
+            legs += f"""
+  <body pos="{x} {y} 0"><joint name="{leg}_a" axis="1 0 0" range="-50 50"/><geom size="0.03" mass="0.2"/>
+    <body><joint name="{leg}_h" axis="0 1 0" range="-90 180"/><geom size="0.03" pos="0 0 -0.1" mass="0.4"/>
+      <body pos="0 0 -0.2"><joint name="{leg}_k" axis="0 1 0" range="-160 0"/>
+        <geom size="0.02" pos="0 0 -0.1" mass="0.1"/>{foot}</body></body></body>"""
+    return f"""<mujoco><worldbody><body name="body" pos="0 0 1"><freejoint/>
+  <geom type="box" size="0.2 0.1 0.05" mass="3"/>{legs}</body></worldbody></mujoco>"""
+
+
+LEGS_TOML = """
+name = "dog"
+motor = "a motor"
+model = "dog.xml"
+base = "free"
+nominal_pose = [0.0, 0.8, -1.6]
+kp = 20.0
+kd = 0.5
+torque_limit = 10.0
+""" + "".join(
+    f'[legs.{leg}]\njoints = ["{leg}_a", "{leg}_h", "{leg}_k"]\nfoot = "{leg}"\nphase = {phase}\n'
+    for leg, phase in (("FR", 0.0), ("FL", 0.5), ("RR", 0.5), ("RL", 0.0))
+)
+
+
+def written(folder: Path, toml: str, name: str, xml: str) -> Path:
+    (folder / f"{name}.xml").write_text(xml, encoding="utf-8")
+    (folder / f"{name}.toml").write_text(toml, encoding="utf-8")
+    return folder / f"{name}.toml"
+
+
+@pytest.fixture
+def dog(tmp_path: Path) -> Robot:
+    return load_robot(written(tmp_path, LEGS_TOML, "dog", quadruped()))
+
+
+def test_the_default_robot_is_shipped_and_an_unknown_name_lists_the_known():
+    assert load_robot(DEFAULT_ROBOT).num_joints == len(load_robot(DEFAULT_ROBOT).joint_names) > 0
+    with pytest.raises(ArtifactError, match=f"no robot 'spot'.*{DEFAULT_ROBOT}"):
+        load_robot("spot")
+
+
+def test_an_arm_is_what_its_two_files_say(tmp_path: Path):
+    arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
+    assert (arm.name, arm.base, arm.joint_names, arm.num_links) == ("arm", "fixed", ("shoulder", "elbow"), 3)
+    np.testing.assert_allclose(arm.limits, np.radians([[-90, 90], [-120, 120]]))
+    assert [(joint.kp, joint.kd, joint.torque_limit) for joint in arm.joints] == [(20.0, 1.0, 4.0), (20.0, 1.0, 2.0)]
+    np.testing.assert_array_equal(arm.nominal_pose, [0.1, -0.2])
+    with pytest.raises(ConfigError, match="robot 'arm' cannot walk"):
+        body_of(arm)
+
+
+def test_an_arm_is_simulated_on_its_motors_alone(tmp_path: Path):
+    arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
+    world = World(WorldConfig.of(arm))
+    assert not world.model.dof_armature.any() and not world.model.dof_frictionloss.any()  # the file's own are gone
+    motors = IdealPd.uniform(2, 40.0, 2.0, 20.0, 0.01)
+    target = np.array([0.3, 0.4])
+    played = replay(world, motors, np.tile(target, (400, 1)))
+    # at rest the PD carries the arm: kp·error = gravity about the joint, with the centres of mass at half length
+    shoulder, both = played.joint_pos[-1, 0], played.joint_pos[-1].sum()
+    lower = 0.2 * 9.81 * 0.1 * np.cos(both)
+    upper = lower + 9.81 * (0.4 * 0.15 + 0.2 * 0.3) * np.cos(shoulder)
+    np.testing.assert_allclose(40.0 * (played.joint_pos[-1] - target), [upper, lower], rtol=1e-3)
+    np.testing.assert_allclose(played.joint_torque[-1], [-upper, -lower], rtol=1e-3)
+
+
+def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: Robot):
+    assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in dog.legs] == [pytest.approx((0.2, 0.2, 0.02))] * 4
+    height = 0.4 * np.cos(0.8) + 0.02
+    assert dog.standing_height == pytest.approx(height)
+    assert dog.legs[0].drop(dog.nominal_pose) == pytest.approx(height)
+    world = World(WorldConfig.of(dog))
+    assert world.data.qpos[2] == pytest.approx(height)
+    assert (world.model.npair, world.model.nu) == (4, 0)
+
+
+def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
+    motors = IdealPd.uniform(12, 20.0, 0.5, 10.0, 0.01)
+    simulator = WalkSimulator(lambda rng: motors, WorldConfig.of(dog), WalkConfig(30))
+    episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0, trace=True)
+    assert episode.fault == 0 and episode.trace.shape == (episode.steps, 19)
+    targets = open_loop_trot(body_of(dog), 80, 1.25, 0.5, 0.25, 1.0, dog.control_dt).reshape(-1, 4, 3)
+    front_right, front_left, rear_right, rear_left = targets.swapaxes(0, 1)
+    np.testing.assert_allclose(front_right, rear_left)
+    np.testing.assert_allclose(front_right[:40], front_left[40:], atol=1e-9)  # half a cycle of 0.8 s apart
+    assert np.ptp(rear_right[:, 2]) > 0.3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("[0.1, -0.2]", "[0.1, -0.2, 0.3]"), "nominal_pose has 3 numbers.*give \\[1, 2\\] numbers"),
+        (("[0.1, -0.2]", "[0.1, -9.0]"), "nominal_pose -9 rad of joint 'elbow' is outside its limits"),
+        (("kp = 20.0", "kp = -1"), "kp -1 of joint 'shoulder' is not above 0"),
+        (("kp = 20.0", 'kp = "stiff"'), "kp = 'stiff' is not a number"),
+        (("kp = 20.0", "kP = 20.0"), r"unknown keys \['kP'\] and missing keys \['kp'\].*the keys are"),
+        (("arm.xml", "leg.xml"), "leg.xml: no such model file"),
+        (("fixed", "flying"), "base = 'flying' is unknown.*free"),
+        (('"fixed"', '"free"'), "arm.xml: its base is free, but the model has no free joint"),
+        (('name = "arm"', 'name = "arm"\njoints = ["shoulder", "wrist"]'), "no joint 'wrist'.*shoulder, elbow"),
+        (('name = "arm"', 'name = "arm"\njoints = ["shoulder"]'), "joint 'elbow' of the model is not in.*weld it"),
+        (('name = "arm"', 'name = "arm"\njoints = ["elbow", "shoulder"]'), "another order.*list them as"),
+        (("name", "name = 1\nname"), "not valid TOML"),
+    ],
+)
+def test_a_description_that_does_not_fit_is_refused_with_key_and_remedy(tmp_path: Path, change, words: str):
+    path = written(tmp_path, ARM_TOML.replace(*change), "arm", ARM)
+    with pytest.raises(ArtifactError, match=words) as refused:
+        load_robot(path)
+    assert refused.value.remedy and str(tmp_path) in str(refused.value)
+
+
+ACTUATOR = '<actuator><motor name="pull" joint="elbow"/></actuator></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ((' range="-120 120"', ""), "joint 'elbow' has no limits.*give it range"),
+        (("</mujoco>", ACTUATOR), "1 actuators of its own, the first is 'pull'.*delete the <actuator> section"),
+        (('name="elbow"', ""), r"joint number 1 \(''\) is no hinge with a name"),
+        (('name="elbow"', 'type="slide" name="elbow"'), r"joint number 1 \('elbow'\) is no hinge"),
+        (("</worldbody>", '<body><geom size="0.1"/></body></worldbody>'), "the world holds 2 bodies"),
+        (("<mujoco>", "<mujoco><nonsense/>"), "MuJoCo cannot read it"),
+    ],
+)
+def test_a_model_that_does_not_fit_is_refused_with_joint_file_and_remedy(tmp_path: Path, change, words: str):
+    path = written(tmp_path, ARM_TOML, "arm", ARM.replace(*change))
+    with pytest.raises(ArtifactError, match=f"arm.xml: .*{words}") as refused:
+        load_robot(path)
+    assert refused.value.remedy
+
+
+def test_the_models_own_actuators_are_removed_where_the_user_says_so(tmp_path: Path):
+    toml = ARM_TOML.replace('base = "fixed"', 'base = "fixed"\nactuators = "remove"')
+    arm = load_robot(written(tmp_path, toml, "arm", ARM.replace("</mujoco>", ACTUATOR)))
+    assert World(WorldConfig.of(arm)).model.nu == 0
+
+
+@pytest.mark.parametrize(
+    ("toml", "xml", "words"),
+    [
+        (LEGS_TOML, quadruped(feet=False), "no foot 'FR' among its geoms.*none has a name"),
+        (LEGS_TOML.replace('foot = "FR"', 'foot = "toe"'), quadruped(), "no foot 'toe'.*its geoms are FR"),
+        (LEGS_TOML.replace("phase = 0.5", "phase = 1.5"), quadruped(), r"phase 1.5 is not in \[0, 1\)"),
+        (LEGS_TOML.replace('"FR_k"', '"FR_x"'), quadruped(), "are not three joints of the robot"),
+        (LEGS_TOML.replace('"free"', '"fixed"'), quadruped(), "its base is fixed, but the model has a free joint"),
+    ],
+)
+def test_legs_that_do_not_fit_are_refused(tmp_path: Path, toml: str, xml: str, words: str):
+    with pytest.raises(ArtifactError, match=words) as refused:
+        load_robot(written(tmp_path, toml, "dog", xml))
+    assert refused.value.remedy
+
+
+def test_a_model_that_changed_since_it_was_loaded_is_refused(tmp_path: Path):
+    arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
+    (tmp_path / "arm.xml").write_text(ARM.replace("0.4", "0.5"), encoding="utf-8")
+    with pytest.raises(ArtifactError, match="the model is gone or has changed"):
+        World(WorldConfig.of(arm))
+
+
+@pytest.mark.parametrize(("name", "joints"), [("go2", 12), ("so101", 6)])
+def test_published_models_load(shared_data: Path, tmp_path: Path, name: str, joints: int):
+    source = shared_data / "robots" / f"{name}.xml"
+    if not source.is_file():
+        pytest.skip(f"no {name}.xml in {shared_data}")
+    (tmp_path / source.name).write_bytes(source.read_bytes())
+    base = "free" if name == "go2" else "fixed"
+    pose = "[0.0, 0.9, -1.8]" if name == "go2" else "0.0"
+    legs = "".join(
+        f'[legs.{leg}]\njoints = ["{leg}_hip_joint", "{leg}_thigh_joint", "{leg}_calf_joint"]\nfoot = "{leg}"\n'
+        f"phase = {phase}\n"
+        for leg, phase in (("FL", 0.5), ("FR", 0.0), ("RL", 0.0), ("RR", 0.5))
+    )
+    toml = (
+        f'name = "{name}"\nmotor = "m"\nmodel = "{name}.xml"\nactuators = "remove"\nbase = "{base}"\n'
+        f"nominal_pose = {pose}\nkp = 20\nkd = 0.5\ntorque_limit = 20\n{legs if name == 'go2' else ''}"
+    )
+    (tmp_path / "robot.toml").write_text(toml, encoding="utf-8")
+    robot = load_robot(tmp_path / "robot.toml")
+    assert robot.num_joints == joints
+    played = replay(World(WorldConfig.of(robot)), IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
+                    np.tile(robot.nominal_pose, (50, 1)))  # fmt: skip
+    assert np.isfinite(played.joint_pos).all()
