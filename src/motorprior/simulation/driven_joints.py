@@ -1,0 +1,89 @@
+"""Motors on the joints of any MuJoCo model: the user's own loop calls `drive` before every ``mj_step``."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.motors import Motors
+from motorprior.exceptions import ConfigError
+
+_INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+
+
+class DrivenJoints:
+    """Motors that drive some joints of a model.
+
+    The joints' own armature, damping and dry friction are replaced: they are the motors' now. The torque goes to
+    ``data.qfrc_applied``, the damping to ``model.dof_damping``, which these integrators take implicitly. Set
+    ``data.qpos`` before: the motors start at rest where the joints are.
+
+    Args:
+        model: compiled; changed in place.
+        data: of the model.
+        actuator: one motor per joint.
+        joints: names of hinges.
+
+    Raises:
+        ConfigError: an unknown joint, one that is no hinge or is driven by an actuator of the model already, another
+            number of joints than motors, an integrator without implicit damping, or a step that the motors cannot be
+            simulated at.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]
+    ):
+        _require_integrator(model)
+        if len(joints) != actuator.num_motors:
+            raise ConfigError(
+                f"{len(joints)} joints for {actuator.num_motors} motors", remedy="sample one motor per joint"
+            )
+        found = [_hinge(model, name) for name in joints]
+        self._model, self._data = model, data
+        self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
+        self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
+        model.dof_armature[self._dof] = self._motors.armature
+        model.dof_frictionloss[self._dof] = 0.0
+        model.dof_damping[self._dof] = actuator.damping
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # what MuJoCo derives from inertias
+
+    def drive(self, position_target: np.ndarray) -> np.ndarray:
+        """Put the motors' effort for the step that begins now into model and data; returns the torque (n,) [N·m].
+
+        Raises:
+            ConfigError: targets of another shape, or a state that is not finite any more.
+        """
+        torque, damping = self._motors.step(position_target, self._data.qpos[self._pos], self._data.qvel[self._dof])
+        self._data.qfrc_applied[self._dof] = torque
+        self._model.dof_damping[self._dof] = damping
+        return torque
+
+
+def _require_integrator(model: mujoco.MjModel) -> None:
+    flags = mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & flags:
+        raise ConfigError(
+            "the model's integrator does not damp its joints implicitly",
+            remedy='use <option integrator="implicitfast"/> or "Euler" without the flag eulerdamp="disable"',
+        )
+
+
+def _hinge(model: mujoco.MjModel, name: str) -> int:
+    known = [model.joint(index).name for index in range(model.njnt)]
+    if name not in known:
+        raise ConfigError(f"no joint {name!r} in the model", remedy=f"its joints are {', '.join(filter(None, known))}")
+    joint = known.index(name)
+    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+        raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
+    for actuator in range(model.nu):
+        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[actuator, 0] == joint:
+            raise ConfigError(
+                f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}",
+                remedy="delete that actuator, or the joint would be driven twice",
+            )
+    return joint
