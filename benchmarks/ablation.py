@@ -40,7 +40,7 @@ from motorprior.cli.stage import code_digest, digest, fleet_files
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.validate import bench_errors
-from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
+from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 
 BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
 CENTER = {

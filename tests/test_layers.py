@@ -21,7 +21,7 @@ WORDS = {
 }  # "": __init__.py
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
-    *("locomotion", "simulation", "search", "transfer", "hardware", "cli", "environments"),
+    *("locomotion", "simulation", "search", "transfer", "report", "hardware", "cli", "environments"),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
@@ -34,7 +34,7 @@ HOMES = {
     "ray": "search/executor",
     **dict.fromkeys(["serial", "msgpack"], "hardware/"),
     "pyarrow": "logs/",
-    **dict.fromkeys(["matplotlib", "jinja2"], "transfer/"),
+    **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}

@@ -122,8 +122,8 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
         of the training motors' posteriors to N(0, I) [nat].
     """
     from motorprior.identification import distribution
-    from motorprior.transfer.plots_distribution import feature_quantiles
-    from motorprior.transfer.plots_style import png_bytes
+    from motorprior.report.plots_distribution import feature_quantiles
+    from motorprior.report.plots_style import png_bytes
 
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
     pairs = []

@@ -36,7 +36,7 @@ def build_report(run: Path) -> Path:
     """
     from motorprior.cli import sections  # here: they import matplotlib, a second that no other command needs
     from motorprior.cli.demo_command import demo_command  # here: it needs the demo, which needs this module
-    from motorprior.transfer.report import Report, Section, write_report
+    from motorprior.report.page import Report, Section, write_report
 
     stages: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Section]]]] = {
         "bench": (("bench/rollout", "bench/paper"), sections.bench),

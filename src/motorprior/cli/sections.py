@@ -16,12 +16,12 @@ from motorprior.cli.run_record import belongs
 from motorprior.cli.transfer import TRANSFER_COLUMNS, conditions_in, transfer_rows
 from motorprior.cli.validate import COLUMNS, MODELS
 from motorprior.cli.walk import CURVE
+from motorprior.report import plots
+from motorprior.report.gait_picture import gait_animation, gait_strip
+from motorprior.report.page import Picture, Section, Table, picture
+from motorprior.report.plots_directions import behaviour_directions, told_best
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import skeleton
-from motorprior.transfer import plots
-from motorprior.transfer.gait_picture import gait_animation, gait_strip
-from motorprior.transfer.plots_directions import behaviour_directions, told_best
-from motorprior.transfer.report import Picture, Section, Table, picture
 
 _LATENT_PANELS = 6
 

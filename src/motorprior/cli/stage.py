@@ -24,7 +24,7 @@ _STAGES = ("bench", "identify", "validate", "replay", "walk", "transfer")
 _NEEDS = {"identify": ("bench",), "validate": ("bench",)}
 """Stages whose own module another one's numbers depend on: which motors stood on a bench."""
 _PRESENTATION = (
-    *("transfer/plots*", "transfer/gait_picture*", "transfer/report*"),
+    *("report/*"),
     *(f"cli/{name}.py" for name in ("main", "console", "bounds", "stage", "logs", "speed")),
     *("cli/demo*", "cli/report*", "cli/sections*", "cli/run_record*"),
     *("hardware/*", "cli/deploy*", "cli/record*", "cli/doctor*", "cli/virtual_pupper*"),
