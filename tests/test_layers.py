@@ -17,6 +17,7 @@ WORDS = {
     "rotations",
     "signals",
     "artifacts",
+    "bounds",
     "backend",
 }  # "": __init__.py
 ORDER = [

@@ -21,9 +21,9 @@ from typing import Any, Literal
 
 import gymnasium
 
+from motorprior.bounds import require_number
 from motorprior.cli.motors import MotorChoice
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.bounds import require_number
 from motorprior.locomotion.env import PupperWalkEnv
 from motorprior.locomotion.task import TaskWeights
 from motorprior.simulation.engines import Scene

@@ -101,7 +101,7 @@ def test_a_posterior_of_another_prior_or_robot_does_not_walk(folder: Path, tmp_p
         "walk", "--prior", other, "--posterior", posterior, *out, words=("posterior.safetensors", "no posterior of")
     )
     line = ("walk", "--actuator", "pd", "--posterior", posterior)
-    refused(*line, *out, words=("posterior.safetensors", "--posterior"))
+    refused(*line, *out, words=("posterior.safetensors", "--actuator pd", "a posterior"))
 
 
 def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):

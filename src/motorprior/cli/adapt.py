@@ -11,7 +11,7 @@ import tyro
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.cli.bounds import require_at_least
+from motorprior.bounds import require_number
 from motorprior.cli.console import bar, table
 from motorprior.cli.motors import load_prior
 from motorprior.cli.recipe import recipe_of
@@ -126,10 +126,10 @@ def run_adapt(config: Adapt) -> None:
     """Adapt, unless the folder holds this very posterior already.
 
     Raises:
-        LogError: the log does not fit, or is unlike anything the prior knows and --anyway was not given.
+        LogError: the log does not fit, or is unlike anything the prior knows and ``anyway`` is not set.
     """
     if config.seconds is not None:
-        require_at_least(0, seconds=config.seconds)
+        require_number("seconds", config.seconds)
     prior, log = load_prior(config.prior), first_seconds(read_log(config.log), config.seconds)
     wanted = description("adapt", asdict(config), [config.prior, config.log])
     if is_finished(config.out, wanted):
@@ -151,7 +151,7 @@ def run_adapt(config: Adapt) -> None:
             f"motors are unlike any the prior was trained on ({'; '.join(strangers)}): one of its fleet is as odd with "
             f"a chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
             where=config.log,
-            remedy="check the log with `motorprior logs check`, train a prior on such motors, or give --anyway",
+            remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
         )
     begin(config.out)
     posterior = MotorPosterior(

@@ -12,7 +12,7 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import read_json, require_keys, write_json
 from motorprior.bench.fleet import Fleet, fleet_of, load_fleet
 from motorprior.bench.record import bench_preset, record
-from motorprior.cli.bounds import require_at_least, require_at_most, require_seed
+from motorprior.bounds import require_count, require_seed
 from motorprior.cli.console import bar
 from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
@@ -73,21 +73,24 @@ class BenchFacts:
         }
 
 
-def require_bench_size(motors: int, steps: int, steps_option: str = "steps") -> None:
+def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> None:
     """Refuse a bench of no or of too many samples.
 
+    Args:
+        motors: number of motors.
+        steps: samples per motor.
+        steps_name: what the caller calls them.
+
     Raises:
-        ConfigError: names the option and its bound.
+        ConfigError: names the argument and its bounds.
     """
-    require_at_least(1, motors=motors)
-    require_at_least(2, **{steps_option: steps})
-    require_at_most(MOST_MOTORS, motors=motors)
-    require_at_most(MOST_STEPS, **{steps_option: steps})
+    require_count("motors", motors, 1, MOST_MOTORS)
+    require_count(steps_name, steps, 2, MOST_STEPS)
     if motors * steps > MOST_SAMPLES:
-        option = f"--{steps_option.replace('_', '-')}"
         raise ConfigError(
-            f"--motors {motors} times {option} {steps} is above {MOST_SAMPLES} samples",
+            f"motors {motors} times {steps_name} {steps} is above {MOST_SAMPLES} samples",
             remedy="give fewer motors or fewer steps",
+            argument="motors",
         )
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.artifacts import read_json, write_json
+from motorprior.bounds import require_count, require_seed
 from motorprior.cli.bench import Bench, require_bench_size, run_bench
-from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE
 from motorprior.cli.identify import PRIOR, Identify, run_identify
 from motorprior.cli.motors import MotorChoice, load_robot_fleet
@@ -67,10 +67,12 @@ def run_demo(config: Demo, started: float | None = None) -> None:
     Raises:
         MotorPriorError: a stage cannot run; what is finished stays.
     """
-    require_at_least(spec.NUM_JOINTS, motors=config.motors)
+    require_count("motors", config.motors, spec.NUM_JOINTS)
     require_bench_size(config.motors, config.bench_steps, "bench_steps")
-    require_at_least(1, iterations=config.iterations, seeds=config.seeds, workers=config.workers)
-    require_at_least(1, adam_steps=config.adam_steps)
+    for name in ("iterations", "seeds", "workers"):
+        require_count(name, getattr(config, name))
+    if config.adam_steps is not None:
+        require_count("adam_steps", config.adam_steps)
     require_seed(config.seed)
     load_robot_fleet(config.fleet)
     if config.logs is not None:

@@ -13,8 +13,8 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors, write_text
+from motorprior.bounds import require_count, require_seed
 from motorprior.cli.bench import FACTS, LOG, read_bench
-from motorprior.cli.bounds import require_at_least, require_seed
 from motorprior.cli.console import CONSOLE, bar
 from motorprior.cli.stage import begin, description, finish, is_finished
 from motorprior.exceptions import ArtifactError
@@ -51,7 +51,8 @@ def run_identify(config: Identify) -> None:
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
-    require_at_least(1, steps=config.steps)
+    if config.steps is not None:
+        require_count("steps", config.steps)
     require_seed(config.seed)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.presets import identification_preset

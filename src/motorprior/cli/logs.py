@@ -81,7 +81,9 @@ def run_logs_import(config: LogsImport) -> None:
     """
     _require_paths(config.paths)
     if config.period is not None and not 0.0 < config.period < 1.0:
-        raise ConfigError(f"--period {config.period:g} s is out of range", remedy="give for example 0.002")
+        raise ConfigError(
+            f"period {config.period:g} s is out of range", remedy="give for example 0.002", argument="period"
+        )
     targets: dict[Path, Path] = {}
     for path in config.paths:
         target = config.out / (path.name.split(".")[0] + ".parquet")

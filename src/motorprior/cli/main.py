@@ -99,7 +99,7 @@ def main() -> None:
         config = parse(sys.argv[1:])
         RUN[type(config)](config)
     except MotorPriorError as error:
-        CONSOLE.print(f"error: {error}", style="bold red", markup=False, soft_wrap=True)
+        CONSOLE.print(f"error: {error.on_command_line()}", style="bold red", markup=False, soft_wrap=True)
         raise SystemExit(2) from None
     except (OSError, MemoryError) as error:  # what no check can foresee: a folder that goes away, a full memory
         CONSOLE.print(f"error: {_outside(error)}", style="bold red", markup=False, soft_wrap=True)

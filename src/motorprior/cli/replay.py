@@ -12,7 +12,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_json, write_tensors
-from motorprior.cli.bounds import require_at_least, require_seed
+from motorprior.bounds import require_count, require_seed
 from motorprior.cli.console import CONSOLE, Bar, bar, table
 from motorprior.cli.motors import load_prior, load_robot_fleet
 from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished, read_figures
@@ -51,7 +51,7 @@ def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
     Raises:
         LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
     """
-    require_at_least(1, draws=config.draws)
+    require_count("draws", config.draws)
     require_seed(config.seed)
     load_robot_fleet(config.fleet)
     logs, prepared = read_logs(config.logs)

@@ -25,7 +25,7 @@ _NEEDS = {"identify": ("bench",), "validate": ("bench",)}
 """Stages whose own module another one's numbers depend on: which motors stood on a bench."""
 _PRESENTATION = (
     *("report/*"),
-    *(f"cli/{name}.py" for name in ("main", "console", "bounds", "stage", "logs", "speed")),
+    *(f"cli/{name}.py" for name in ("main", "console", "stage", "logs", "speed")),
     *("cli/demo*", "cli/report*", "cli/sections*", "cli/run_record*"),
     *("hardware/*", "cli/deploy*", "cli/record*", "cli/doctor*", "cli/virtual_pupper*"),
     *("cli/robot_choice*", "cli/twin_body*", "simulation/live_robot*", "simulation/hung_load*", "logs/robot_run*"),
@@ -146,7 +146,7 @@ def begin(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise ArtifactError(
-            f"cannot write there ({error.strerror})", where=folder, remedy="choose another --out folder"
+            f"cannot write there ({error.strerror})", where=folder, remedy="choose another folder"
         ) from error
 
 

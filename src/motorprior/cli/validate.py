@@ -17,8 +17,8 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.record import bench_preset, record
+from motorprior.bounds import require_seed
 from motorprior.cli.bench import BenchFacts, facts_from_json
-from motorprior.cli.bounds import require_seed
 from motorprior.cli.console import Bar, bar, table
 from motorprior.cli.fidelity_traces import write_traces
 from motorprior.cli.identify import SECONDS
@@ -101,7 +101,7 @@ def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFa
     if facts[0].motors < spec.NUM_JOINTS:
         raise ConfigError(
             f"its bench has {facts[0].motors} motors, the robot needs {spec.NUM_JOINTS}", where=paths[0],
-            remedy=f"record a bench with --motors {spec.NUM_JOINTS} or more",
+            remedy=f"record a bench of {spec.NUM_JOINTS} motors or more",
         )  # fmt: skip
     return priors, facts[0]
 
@@ -132,8 +132,9 @@ def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
     for seconds in config.adapt_seconds:
         if not SHORTEST_LOG <= seconds <= LONGEST_LOG:
             raise ConfigError(
-                f"--adapt-seconds {seconds:g} s is not from {SHORTEST_LOG:g} to {LONGEST_LOG:g} s",
+                f"adapt_seconds {seconds:g} s is not from {SHORTEST_LOG:g} to {LONGEST_LOG:g} s",
                 remedy="give lengths of log in between",
+                argument="adapt_seconds",
             )
     priors, facts = load_priors(config.priors)
     wanted = description("validate", asdict(config), list(config.priors))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motorprior.artifacts import write_json
-from motorprior.cli.bounds import require_at_least, require_at_most, require_seed
+from motorprior.bounds import require_number, require_seed
 from motorprior.cli.console import CONSOLE
 from motorprior.cli.motors import load_robot_fleet
 from motorprior.exceptions import ConfigError, RobotFault
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from motorprior.hardware.virtual_pupper import VirtualPupper
 
 RATES = (100, 200)
+LONGEST_DELAY = 2.0
+"""[s]."""
 _LONGEST_START = 60.0
 
 
@@ -90,13 +92,11 @@ def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
     from motorprior.hardware.virtual_pupper import VirtualPupper
 
     require_seed(config.seed)
-    require_at_least(0, delay=config.delay)
-    require_at_most(2.0, delay=config.delay)
-    shares = {name: getattr(config, name) for name in ("drop", "corrupt", "duplicate")}
-    require_at_least(0, **shares)
-    require_at_most(1.0, **shares)
+    require_number("delay", config.delay, most=LONGEST_DELAY)
+    for name in ("drop", "corrupt", "duplicate"):
+        require_number(name, getattr(config, name), most=1.0)
     if config.rate not in RATES:
-        raise ConfigError(f"--rate {config.rate} is no rate of the firmware", remedy="give 100 or 200")
+        raise ConfigError(f"rate {config.rate} is no rate of the firmware", remedy="give 100 or 200", argument="rate")
     faults = [parse_fault(text) for text in config.fault]
     body = TwinBody(draw_motors(load_robot_fleet(config.fleet), config.seed), config.hung, config.seed)
     firmware = FirmwareConfig(1000 // config.rate, config.currents, config.imu, config.homing)
@@ -112,7 +112,7 @@ def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
 def run_virtual_pupper(config: VirtualPupperCommand) -> None:
     """Live until Ctrl-C, or for the seconds that were asked for."""
     if config.seconds is not None:
-        require_at_least(0, seconds=config.seconds)
+        require_number("seconds", config.seconds)
     parent = os.getppid()
     robot, body = make(config.robot)
     start = body.live.state().base

@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from motorprior.artifacts import read_tensors, write_json, write_tensors
-from motorprior.cli.bounds import require_at_least, require_at_most
+from motorprior.bounds import require_count
 from motorprior.cli.console import CONSOLE, bar
 from motorprior.cli.motors import MotorChoice
 from motorprior.cli.stage import begin, description, digest, finish, is_finished
@@ -76,8 +76,9 @@ def run_walk(config: Walk, name: str = "walk") -> None:
         ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
         KeyboardInterrupt: after a checkpoint of the iterations that are complete.
     """
-    require_at_least(1, iterations=config.iterations, episode_steps=config.episode_steps, workers=config.workers)
-    require_at_most(MOST_WORKERS, workers=config.workers)
+    require_count("iterations", config.iterations)
+    require_count("episode_steps", config.episode_steps)
+    require_count("workers", config.workers, 1, MOST_WORKERS)
     draw = config.motors.drawer()
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
@@ -88,7 +89,9 @@ def run_walk(config: Walk, name: str = "walk") -> None:
         return
     make_simulator = scene(config, draw).simulator
     if config.ray_address is not None and config.executor != "ray":
-        raise ConfigError("--ray-address is for --executor ray", remedy="give both, or leave it out")
+        raise ConfigError(
+            "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
+        )
     begin(config.out)
     executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
     try:

@@ -9,8 +9,8 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from motorprior.bounds import is_number, require_count, require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.bounds import is_number, require_count, require_finite
 from motorprior.locomotion.control_step import command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense

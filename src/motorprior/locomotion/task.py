@@ -11,8 +11,8 @@ from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 
+from motorprior.bounds import require_number
 from motorprior.compiled import njit
-from motorprior.locomotion.bounds import require_number
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 from motorprior.rotations import roll_pitch_yaw
 
@@ -47,7 +47,7 @@ class TaskWeights:
     def __post_init__(self) -> None:
         """Refuse coefficients that are negative, not finite or no numbers."""
         for name, value in asdict(self).items():
-            require_number(f"--task.{name.replace('_', '-')}", value)
+            require_number(f"task.{name}", value)
 
     def array(self) -> np.ndarray:
         """Shape (6,), in the order of the attributes, for `reward`."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.backend import BackendState
+from motorprior.bounds import require_finite
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.bounds import require_finite
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.bullet_world import PHYSICS_DT, BulletWorld
 from motorprior.simulation.mujoco_backend import DrawMotors

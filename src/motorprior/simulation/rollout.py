@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.locomotion.bounds import require_count, require_finite
+from motorprior.bounds import require_count, require_finite
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
 from motorprior.locomotion.sensing import Sensors, sense

@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from numba import njit
 from numba.typed import List
 
+from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.env import FURTHEST
 from motorprior.locomotion.policy import ACTION_SIZE
 from motorprior.locomotion.sensing import sense
