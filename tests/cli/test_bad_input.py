@@ -20,9 +20,9 @@ from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.fleet import SHIPPED
 from motorprior.cli import main as command
-from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.speed import Speed
 from motorprior.identification.presets import identification_preset
+from motorprior.pipeline.bench import Bench, run_bench
 
 Command = Callable[..., Any]
 Edit = Callable[[Path], object]
@@ -474,7 +474,7 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
 def test_a_file_of_figures_that_cannot_be_written_is_refused_before_anything_is_timed(
     refused: Command, tmp_path: Path, prior: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("motorprior.cli.speed.measure", lambda *_, **__: pytest.fail("timed"))
+    monkeypatch.setattr("motorprior.pipeline.speed.measure", lambda *_, **__: pytest.fail("timed"))
     (tmp_path / "file").write_text("in the way")
     refused(
         "speed", "--prior", prior, "--json", tmp_path / "file" / "x.json", words=(str(tmp_path / "file"), "writable")
@@ -499,7 +499,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, one_error: Comm
 
 def test_a_report_needs_the_folder_of_a_demo(refused: Command, tmp_path: Path):
     refused("report", tmp_path, words=(str(tmp_path), "demo.json", "motorprior demo"))
-    for text in ("{", "[]", '{"seed": 1}'):
+    for text in ("{", "[]", '{"settings": {"seed": 1}, "command": ""}'):
         (tmp_path / "demo.json").write_text(text)
         refused("report", tmp_path, words=(str(tmp_path / "demo.json"),))
 

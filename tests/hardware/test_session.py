@@ -17,8 +17,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.cli.motors import load_robot_fleet
-from motorprior.cli.twin_body import TwinBody, draw_motors
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.commands import run_doctor, run_record
 from motorprior.hardware.control_loop import ControlLoop
@@ -36,6 +34,8 @@ from motorprior.hardware.terminal import careful
 from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.pupper_v2 import spec
 
 

@@ -17,8 +17,8 @@ from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.artifacts import require_keys
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
-from motorprior.cli.stage import digest, fleet_files
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.pipeline.stage import digest, fleet_files
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.mujoco_backend import DrawMotors
 
@@ -68,6 +68,12 @@ def load_robot_fleet(name_or_path: str) -> Fleet:
             remedy=f"use a fleet of {spec.ROBOT_NAME}",
         )  # fmt: skip
     return fleet
+
+
+def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
+    """The ideal PD: the gains and the torque limit of the fleet's central motor, nothing else."""
+    center = fleet.center(1)
+    return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
 
 
 @dataclass(frozen=True)
