@@ -33,14 +33,14 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.behaviour import behaviours
+from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import bench_preset, record
-from motorprior.cli.bench import training_motors
-from motorprior.cli.stage import code_digest, digest, fleet_files
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.validate import bench_errors
-from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
+from motorprior.pipeline.stage import code_digest, digest, fleet_files
+from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 
 BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
 CENTER = {

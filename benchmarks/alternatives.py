@@ -35,10 +35,10 @@ import tyro
 
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_json, write_text
+from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS as BENCHES
 from motorprior.bench.record import record
-from motorprior.cli.bench import training_motors
 from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.network import Parameters
 from motorprior.identification.objectives import POSITION_SCALE, VELOCITY_SCALE, huber

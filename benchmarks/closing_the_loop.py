@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,14 +28,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from motorprior.cli.adapt import POSTERIOR, Adapt, run_adapt
-from motorprior.cli.logs import LogsImport, run_logs_import
-from motorprior.cli.motors import MotorChoice
-from motorprior.cli.walk import POLICY, Walk, run_walk
 from motorprior.exceptions import LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.search.ars import ArsConfig
 from simulated_port import SimulatedPort, on_its_clock
 
@@ -60,7 +62,7 @@ def record(number: int, folder: Path, seconds: float) -> Path:
             recorded = commands.run_record(
                 port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
             )
-        run_logs_import(LogsImport((recorded,), log.parent, hung=True))
+        import_logs(LogsImport((recorded,), log.parent, hung=True))
     return log
 
 
@@ -92,7 +94,7 @@ class Training:
         motors = MotorChoice(prior=self.prior, posterior=posterior)
         iterations = self.iterations if start is None else self.further
         task, search = TaskWeights(max_speed=self.max_speed), ArsConfig(seed=self.seed)
-        run_walk(Walk(out, motors, start, iterations, search=search, task=task), name=out.name)
+        run_walk(Walk(out, motors, start, iterations, search=search, task=task), Lines(sys.stderr), out.name)
         return out / POLICY
 
 
@@ -100,10 +102,10 @@ def posterior_of(number: int, folder: Path, prior: Path, seconds: float) -> Path
     """The posterior of robot ``number``'s motors, found from a recording; one that looks odd is taken anyway."""
     posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(number, folder, seconds)
     try:
-        run_adapt(Adapt(prior, log, posterior.parent))
+        run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
     except LogError as error:
         print(f"robot {number}: {error}")
-        run_adapt(Adapt(prior, log, posterior.parent, anyway=True))
+        run_adapt(Adapt(prior, log, posterior.parent, anyway=True), Lines(sys.stderr))
     return posterior
 
 

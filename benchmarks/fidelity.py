@@ -8,7 +8,7 @@ Stages that are finished are kept. Twenty minutes per fleet on two cores.
 from __future__ import annotations
 
 import os
-import time
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,17 +17,19 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
-from motorprior.cli.bench import LOG, Bench, read_bench, run_bench
-from motorprior.cli.console import bar
-from motorprior.cli.held_out import held_out_motors
-from motorprior.cli.identify import PRIOR, SECONDS, Identify, run_identify
-from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.cli.validate import Validate, fidelity_figures, load_priors, run_validate
+from motorprior.bench.facts import LOG, read_bench
 from motorprior.identification.validate import Ensemble, Prediction
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.held_out import held_out_motors
+from motorprior.pipeline.identify import PRIOR, Identify, run_identify
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.stage import description, is_finished, seconds_of, working
+from motorprior.pipeline.validate import Validate, fidelity_figures, load_priors, run_validate
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
+PROGRESS = Lines(sys.stderr)
 WITH_PLAY = "per_motor_play"
 """per_motor with the play and the spring of the gear among its constants."""
 MEMBERS = 3
@@ -58,7 +60,7 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
     """The prior of one preset, trained unless it is there."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     folder = settings.out / "priors" / name
-    run_identify(Identify(bench, folder, preset, settings.seed + seed, settings.adam_steps, torque))
+    run_identify(Identify(bench, folder, preset, settings.seed + seed, settings.adam_steps, torque), PROGRESS)
     return folder / PRIOR
 
 
@@ -75,18 +77,15 @@ def fit_with_play(settings: Settings) -> Path:
     wanted = description("identify", {"preset": WITH_PLAY}, [bench / LOG], recipe=asdict(preset))
     if is_finished(folder, wanted):
         return folder / PRIOR
-    begin(folder)
-    data, started = training_data(log, preset, str(bench)), time.monotonic()
-    with bar(f"identify {WITH_PLAY}", 1):
-        network, mean, log_var = fit_motors(data, preset)
-    seconds = time.monotonic() - started
-    provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": settings.seed}
-    metrics = reference_metrics(network, data, preset, mean, log)
-    MotorPrior(
-        network, mean, log_var, WITH_PLAY, facts.fleet.robot, facts.fleet.motor, provenance, metrics
-    ).save(folder / PRIOR)  # fmt: skip
-    write_text(folder / SECONDS, f"{seconds:.1f}\n")
-    finish(folder, wanted)
+    with working(folder, wanted):
+        data = training_data(log, preset, str(bench))
+        with PROGRESS.start(f"identify {WITH_PLAY}", 1):
+            network, mean, log_var = fit_motors(data, preset)
+        provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": settings.seed}
+        metrics = reference_metrics(network, data, preset, mean, log)
+        MotorPrior(
+            network, mean, log_var, WITH_PLAY, facts.fleet.robot, facts.fleet.motor, provenance, metrics
+        ).save(folder / PRIOR)  # fmt: skip
     return folder / PRIOR
 
 
@@ -96,12 +95,13 @@ def measure(settings: Settings) -> dict[str, float]:
         run_bench(
             Bench(
                 settings.out / "bench" / preset, settings.fleet, preset, settings.motors, settings.steps, settings.seed
-            )
+            ),
+            PROGRESS,
         )
     priors = (*(identify(settings, preset, preset) for preset in PRESETS), fit_with_play(settings))
-    figures = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed))
+    figures = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
     blind = identify(settings, "rollout", "position_only", torque=False)
-    found = run_validate(Validate((blind,), settings.out / "validate" / "position_only", settings.seed))
+    found = run_validate(Validate((blind,), settings.out / "validate" / "position_only", settings.seed), PROGRESS)
     figures |= {
         name.replace("/rollout", "/position_only"): value for name, value in found.items() if "/rollout" in name
     }
@@ -116,11 +116,11 @@ def ensemble_figures(settings: Settings) -> dict[str, float]:
         "ensemble": lambda index: Ensemble(tuple(member.training_motors(index) for member in members))
     }
     figures = {}
-    with bar("the ensemble: bench, standing robot, hung robot, twice", 6) as progress:
+    with PROGRESS.start("the ensemble: bench, standing robot, hung robot, twice", 6) as task:
         for which, motors in (("train", facts.physical_motors()), ("held_out", held_out_motors(facts))):
-            found = fidelity_figures(motors, model, settings.seed, progress)
+            found = fidelity_figures(motors, model, settings.seed, task)
             figures |= {f"{name}/{which}": value for name, value in found.items() if name.endswith("/ensemble")}
-    seconds = [float((path.parent / SECONDS).read_text(encoding="utf-8")) for path in paths]
+    seconds = [seconds_of(path.parent) for path in paths]
     return figures | {"identify_seconds/ensemble": float(np.sum(seconds))}
 
 

@@ -71,7 +71,7 @@ def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[
     """A virtual robot in its own process: its port, and what it went through, to ask for afterwards."""
     link, life = folder / "port", folder / "life.json"
     life.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--link", str(link), "--json", str(life)]
+    command = [sys.executable, "-m", "motorprior", "virtual-pupper", "--link", str(link), "--json", str(life)]
     with open(folder / WORDS, "a") as words:
         process = subprocess.Popen([*command, "--robot.no-homing", *options], stderr=words)
 

@@ -13,14 +13,14 @@ from unittest import mock
 
 import numpy as np
 
-from motorprior.cli.motors import load_robot_fleet
-from motorprior.cli.twin_body import TwinBody, draw_motors
 from motorprior.hardware import commands, robot, session
 from motorprior.hardware.firmware import Firmware, FirmwareConfig
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.injected import CommandCutter, NoisyLine
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.serial_link import SerialLink
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.twin_body import TwinBody, draw_motors
 
 WAY = 1e-4
 """From the robot to the host [s]."""

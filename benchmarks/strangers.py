@@ -19,9 +19,9 @@ import tyro
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.record import bench_preset, record
-from motorprior.cli.adapt import FALSE_ALARMS, adapt_to, judge
-from motorprior.cli.validate import load_priors
 from motorprior.identification.validate import HELD_OUT_SEED, bench_errors
+from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
+from motorprior.pipeline.validate import load_priors
 
 CHANGES: dict[str, dict[str, float]] = {
     "none": {},

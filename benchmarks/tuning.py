@@ -20,11 +20,12 @@ import tyro
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.cli.bench import Bench, read_bench, run_bench
-from motorprior.cli.stage import code_digest, digest, fleet_files
+from motorprior.bench.facts import read_bench
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.validate import bench_errors
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.stage import code_digest, digest, fleet_files
 
 FACTORS = (1 / 3, 1.0, 3.0)
 SEED = 1

@@ -27,13 +27,13 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import BenchPreset, bench_preset, record
-from motorprior.cli.bench import training_motors
 from motorprior.identification.validate import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
+from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.signals import high_frequency_rms
-from motorprior.transfer.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.transfer.robot_fidelity import CUTOFF, robot_fidelity
 
 STEPS, MOTORS = 10_000, 32

@@ -33,7 +33,7 @@ def test_a_value_that_cannot_be_written_leaves_nothing(tmp_path: Path):
 def test_a_folder_that_cannot_be_made_is_named_with_a_remedy(tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
     final = tmp_path / "file" / "run" / "prior"
-    with pytest.raises(ArtifactError, match="--out") as error:
+    with pytest.raises(ArtifactError, match="another folder") as error:
         write_json(final, {})
     assert error.value.where == final
     assert [file.name for file in tmp_path.iterdir()] == ["file"]

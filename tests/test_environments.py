@@ -125,7 +125,7 @@ def test_seeds_are_one_or_one_for_each_robot():
     [
         ({"engine": "bullet"}, "mujoco"),
         ({"actuator": "servo"}, "prior"),
-        ({"actuator": "prior"}, "--prior"),
+        ({"actuator": "prior"}, "needs the file of a prior"),
         ({"roughness": 0.01}, "PyBullet only"),
         ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
         ({"randomization": {"push": 0.1}}, r"randomization \{'push': 0.1\} is not a Randomization -> import it"),

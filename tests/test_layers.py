@@ -1,6 +1,7 @@
 """Imports go one way, heavy libraries have one home, files stay small and have names that say something."""
 
 import ast
+import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,11 +18,12 @@ WORDS = {
     "rotations",
     "signals",
     "artifacts",
+    "bounds",
     "backend",
 }  # "": __init__.py
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
-    *("locomotion", "simulation", "search", "transfer", "hardware", "cli", "environments"),
+    *("locomotion", "simulation", "search", "transfer", "report", "hardware", "pipeline", "environments", "cli"),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
@@ -34,7 +36,7 @@ HOMES = {
     "ray": "search/executor",
     **dict.fromkeys(["serial", "msgpack"], "hardware/"),
     "pyarrow": "logs/",
-    **dict.fromkeys(["matplotlib", "jinja2"], "transfer/"),
+    **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
@@ -107,7 +109,11 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_home():
         ("misc/thing.py", "", "misc has no place in the order"),
         ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
         ("search/executor.py", "import ray\nfrom motorprior.locomotion.policy import act", None),
-        ("cli/main.py", "import tyro\nfrom motorprior.simulation import rollout", None),
+        ("cli/main.py", "import tyro\nfrom motorprior.pipeline import walk", None),
+        ("environments.py", "from motorprior.cli import main", "environments imports cli"),
+        ("pipeline/walk.py", "from motorprior.cli.console import bar", "pipeline imports cli"),
+        ("report/page.py", "from motorprior.pipeline import stage", "report imports pipeline"),
+        ("pipeline/walk.py", "import tyro", "tyro is at home in cli/ only"),
     ],
 )
 def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: str | None):
@@ -128,6 +134,48 @@ def test_the_host_never_imports_the_virtual_robot():
     for name in set(files) - virtual:
         found = [what for _, what in imported(ast.parse(files[name].read_text("utf-8")), ["motorprior", "hardware"])]
         assert not {part for what in found for part in what.split(".")} & virtual, name
+
+
+def test_nobody_needs_the_command_line():
+    """Benchmarks, examples and tests import the library, but those of the command line and of the README's lines."""
+    root = SOURCE.parents[1]
+    files = [file for folder in ("benchmarks", "examples", "tests") for file in (root / folder).rglob("*.py")]
+    own = {*(root / "tests" / "cli").rglob("*.py"), root / "tests" / "test_readme.py"}
+    found = [
+        f"{file.relative_to(root)}:{line}"
+        for file in sorted(set(files) - own)
+        for line, name in imported(ast.parse(file.read_text("utf-8")), [])
+        if name.startswith("motorprior.cli")
+    ]
+    assert len(files) > 50 and found == []
+
+
+def test_the_command_line_only_parses_and_prints():
+    assert sum(len(file.read_text("utf-8").splitlines()) for file in (SOURCE / "cli").glob("*.py")) <= 1500
+
+
+def options_named(source: Path) -> list[str]:
+    """Every text outside the command lines that writes an argument as an option, as "file:line"; no docstrings."""
+    found = []
+    for file in sorted(source.rglob("*.py")):
+        place = file.relative_to(source).as_posix()
+        if place.startswith("cli/") or place == "hardware/__main__.py":
+            continue
+        tree = ast.parse(file.read_text("utf-8"))
+        docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        found += [
+            f"{place}:{node.lineno}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings
+            if re.search(r"--[a-z]", node.value)
+        ]
+    return found
+
+
+def test_the_library_names_arguments_and_not_options(tmp_path: Path):
+    assert options_named(SOURCE) == []
+    (tmp_path / "walk.py").write_text('"""See --workers."""\nraise ValueError("--workers 0")\n')
+    assert options_named(tmp_path) == ["walk.py:2"]
 
 
 @pytest.mark.filterwarnings("default::UserWarning")

@@ -43,7 +43,7 @@ def atomic_path(final: Path) -> Iterator[Path]:
         raise ArtifactError(
             f"cannot write ({error.strerror or error})",
             where=final,
-            remedy="choose another --out folder or file, one that is writable and has free space",
+            remedy="choose another folder or file, one that is writable and has free space",
         ) from error
     finally:
         if temporary is not None:

@@ -21,11 +21,11 @@ from typing import Any, Literal
 
 import gymnasium
 
-from motorprior.cli.motors import MotorChoice
+from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.bounds import require_number
 from motorprior.locomotion.env import PupperWalkEnv
 from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig

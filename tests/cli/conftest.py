@@ -12,11 +12,12 @@ from motorprior.logs.pupper_import import CSV_COLUMNS
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.cli.bench import Bench, read_bench, run_bench
+from motorprior.bench.facts import read_bench
 from motorprior.cli.console import Bar
 from motorprior.cli.main import main
-from motorprior.cli.motors import MotorChoice
-from motorprior.cli.walk import Walk, run_walk
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walk import Walk, run_walk
 from motorprior.robots.pupper_v2 import spec
 
 

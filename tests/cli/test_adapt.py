@@ -11,10 +11,10 @@ import closing_the_loop
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
-from motorprior.cli.bench import Bench, run_bench
-from motorprior.cli.identify import Identify, run_identify
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
 
@@ -101,7 +101,7 @@ def test_a_posterior_of_another_prior_or_robot_does_not_walk(folder: Path, tmp_p
         "walk", "--prior", other, "--posterior", posterior, *out, words=("posterior.safetensors", "no posterior of")
     )
     line = ("walk", "--actuator", "pd", "--posterior", posterior)
-    refused(*line, *out, words=("posterior.safetensors", "--posterior"))
+    refused(*line, *out, words=("posterior.safetensors", "--actuator pd", "a posterior"))
 
 
 def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):

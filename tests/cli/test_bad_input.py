@@ -20,9 +20,9 @@ from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.fleet import SHIPPED
 from motorprior.cli import main as command
-from motorprior.cli.bench import Bench, run_bench
 from motorprior.cli.speed import Speed
 from motorprior.identification.presets import identification_preset
+from motorprior.pipeline.bench import Bench, run_bench
 
 Command = Callable[..., Any]
 Edit = Callable[[Path], object]
@@ -41,11 +41,11 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("bench --motors 0", ("--motors 0", "give 1 or more")),
+        ("bench --motors 0", ("--motors 0", "from 1 to 4096")),
         ("bench --motors -3", ("--motors -3",)),
-        ("bench --steps 1", ("--steps 1", "give 2 or more")),
-        ("bench --seed -1", ("--seed -1", "give 0 or more")),
-        ("bench --seed 99999999999999999999", ("--seed", "2147483647 or less")),
+        ("bench --steps 1", ("--steps 1", "from 2 to 1000000")),
+        ("bench --seed -1", ("--seed -1", "from 0 to 2147483647")),
+        ("bench --seed 99999999999999999999", ("--seed", "to 2147483647")),
         ("bench --preset unknown", ("'unknown'", "rollout", "paper")),
         ("bench --fleet unknown", ("'unknown'", "pupper_v2", "mixed")),
         ("bench --fleet nowhere.toml", ("nowhere.toml", ".toml file")),
@@ -63,16 +63,16 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("walk --actuator pd --episode-steps 0", ("--episode-steps 0",)),
         ("walk --actuator pd --workers 0", ("--workers 0",)),
         ("walk --actuator pd --kp -1", ("--kp -1",)),
-        ("walk --actuator pd --kd nan", ("--kd nan", "not finite")),
-        ("walk --actuator pd --torque-limit inf", ("--torque-limit inf", "not finite")),
-        ("walk --actuator pd --delay 1e9", ("--delay 1000000000", "or less")),
+        ("walk --actuator pd --kd nan", ("--kd nan", "finite number")),
+        ("walk --actuator pd --torque-limit inf", ("--torque-limit inf", "finite number")),
+        ("walk --actuator pd --delay 1e9", ("--delay 1000000000", "to 1")),
         ("walk --actuator pd --task.alive nan", ("--task.alive nan",)),
         ("walk --actuator pd --fleet unknown", ("'unknown'", "pupper_v2")),
-        ("walk --actuator pd --prior {prior}", ("--prior", "prior.safetensors")),
-        ("walk", ("--prior FILE", "pd")),
+        ("walk --actuator pd --prior {prior}", ("--actuator pd", "prior.safetensors")),
+        ("walk", ("--actuator prior", "file of a prior")),
         ("transfer", ("no policy", "walk")),
         ("transfer {walk} --fleet unknown", ("'unknown'", "pupper_v2")),
-        ("demo --motors 5", ("--motors 5", "12 or more")),
+        ("demo --motors 5", ("--motors 5", "at least 12")),
         ("demo --bench-steps 0", ("--bench-steps 0",)),
         ("demo --adam-steps 0", ("--adam-steps 0",)),
         ("demo --iterations 0", ("--iterations 0",)),
@@ -310,7 +310,7 @@ def test_a_bench_of_fewer_motors_than_a_robot_cannot_be_validated(
     latents = prior_of_bench.mean[:5]
     few = replace(prior_of_bench, mean=latents, log_var=latents, provenance={"bench": facts})
     few.save(tmp_path / "few.safetensors")
-    words = ("few.safetensors", "5 motors", "--motors 12")
+    words = ("few.safetensors", "5 motors", "12 motors or more")
     refused("validate", tmp_path / "few.safetensors", "--out", tmp_path / "out", words=words)
 
 
@@ -468,13 +468,13 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
     (tmp_path / "file").write_text("in the way")
     paths = {"bench": bench, "prior": prior, "walk": walk, "logs": pupper_logs}
     out = tmp_path / "file" / below
-    refused(*line.format(**paths).split(), "--out", out, words=(str(tmp_path / "file"), "another --out folder"))
+    refused(*line.format(**paths).split(), "--out", out, words=(str(tmp_path / "file"), "another folder"))
 
 
 def test_a_file_of_figures_that_cannot_be_written_is_refused_before_anything_is_timed(
     refused: Command, tmp_path: Path, prior: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("motorprior.cli.speed.measure", lambda *_, **__: pytest.fail("timed"))
+    monkeypatch.setattr("motorprior.pipeline.speed.measure", lambda *_, **__: pytest.fail("timed"))
     (tmp_path / "file").write_text("in the way")
     refused(
         "speed", "--prior", prior, "--json", tmp_path / "file" / "x.json", words=(str(tmp_path / "file"), "writable")
@@ -484,7 +484,7 @@ def test_a_file_of_figures_that_cannot_be_written_is_refused_before_anything_is_
 @pytest.mark.skipif(os.geteuid() == 0, reason="root writes anywhere")
 def test_a_read_only_folder_is_refused(refused: Command, tmp_path: Path):
     (tmp_path / "closed").mkdir(mode=0o500)
-    words = (str(tmp_path / "closed"), "another --out folder")
+    words = (str(tmp_path / "closed"), "another folder")
     refused("bench", "--motors", 1, "--steps", 2, "--out", tmp_path / "closed", words=words)
 
 
@@ -499,7 +499,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, one_error: Comm
 
 def test_a_report_needs_the_folder_of_a_demo(refused: Command, tmp_path: Path):
     refused("report", tmp_path, words=(str(tmp_path), "demo.json", "motorprior demo"))
-    for text in ("{", "[]", '{"seed": 1}'):
+    for text in ("{", "[]", '{"settings": {"seed": 1}, "command": ""}'):
         (tmp_path / "demo.json").write_text(text)
         refused("report", tmp_path, words=(str(tmp_path / "demo.json"),))
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import read_json, write_json
-from motorprior.cli import demo as demo_module
-from motorprior.cli.demo import Demo, run_demo
-from motorprior.cli.demo_command import demo_command
-from motorprior.cli.report import build_report
+from motorprior.cli.demo import demo_command
 from motorprior.exceptions import ConfigError
+from motorprior.pipeline import demo as demo_module
+from motorprior.pipeline.demo import Demo, run_demo
+from motorprior.pipeline.report import build_report, seconds_by_kind
 
 LOG = "env_real_1_joint_log.csv.gz"
 MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
@@ -29,6 +29,7 @@ MEASURED_ANEW = re.compile("seconds|.*mj_step_share/.*|control_steps_per_s/.*|.*
 CHAPTERS = (
     *("Bench: motors show themselves", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
     *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),
+    "Where the time goes",
 )
 
 
@@ -131,29 +132,23 @@ def moved(demo: Run, tmp_path: Path) -> Demo:
 
 def test_a_moved_run_folder_is_still_finished_and_keeps_its_seconds(moved: Demo):
     before = {stage: modified(moved.out / stage) for stage in STAGES}
-    took = seconds(moved)
-    run_demo(moved)
+    took = seconds_by_kind(moved.out)
+    found = run_demo(moved)
     assert {stage: modified(moved.out / stage) for stage in STAGES} == before
-    again = seconds(moved)
-    assert {name: value for name, value in again.items() if name != "speed"} == {
-        name: value for name, value in took.items() if name != "speed"
-    }
-    assert finished(moved).figures["seconds"] == pytest.approx(sum(again.values()))
-
-
-def seconds(config: Demo) -> dict[str, float]:
-    return {name: entry["seconds"] for name, entry in read_json(config.out / "seconds.json").items()}
+    assert seconds_by_kind(moved.out) == took and min(took.values()) > 0.0
+    assert found.seconds.items() >= took.items() and found.seconds["everything else"] > 0.0
+    assert found.figures["seconds"] == pytest.approx(sum(found.seconds.values()))
 
 
 def test_stages_of_other_settings_are_not_shown(moved: Demo, monkeypatch: pytest.MonkeyPatch):
-    def interrupted(config: object) -> None:
+    def interrupted(*args: object) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as context, pytest.raises(KeyboardInterrupt):
         context.setattr(demo_module, "run_bench", interrupted)
         run_demo(replace(moved, seed=moved.seed + 1, logs=None))
     page = build_report(moved.out).read_text("utf-8")
-    assert chapters(page) == ["Real robot logs"] and "None were given" in page
+    assert chapters(page) == ["Real robot logs"] and "Where the time goes" not in page and "None were given" in page
 
 
 def test_a_replay_of_earlier_logs_is_not_shown_without_logs(moved: Demo):
@@ -202,10 +197,9 @@ def test_damaged_figures_of_the_run_are_named(moved: Demo):
 
 
 def test_the_command_names_every_option_that_is_not_the_default(demo: Run):
-    settings = read_json(demo.config.out / "demo.json")
-    words = demo_command(settings | {"logs": "somewhere"})
+    words = demo_command(replace(demo.config, logs=Path("somewhere")))
     assert words == (
         "motorprior demo --fleet pupper_v2 --logs FOLDER --seed 0 --motors 16 --bench-steps 1500 "
         "--adam-steps 30 --iterations 2 --seeds 1"
     )
-    assert demo_command({}) == "motorprior demo --fleet pupper_v2 --seed 0"
+    assert demo_command(Demo()) == "motorprior demo --fleet pupper_v2 --seed 0"

@@ -13,7 +13,6 @@ import pytest
 from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.cli.diff import UNITS, flattened, header_difference
 
 Command = Callable[..., Any]
 
@@ -72,13 +71,12 @@ def test_every_kind_of_difference_is_shown_with_its_size(one, tmp_path: Path, mo
         "torque_limit": [3.0, 1.5],
     }
     assert found["tensors"].keys() == {"mean", "motor_center", "w1"}
-    assert found["tensors"]["w1"]["largest"] == pytest.approx(0.4)
-    assert found["tensors"]["w1"]["rms"] == pytest.approx(0.4 / np.sqrt(w1.size))
-    armature = found["constants"]["armature"]
-    assert armature["center_a"] == pytest.approx(0.002) and armature["center_b"] == pytest.approx(0.003)
-    assert armature["spread_b"] == pytest.approx(1.5 * armature["spread_a"])
+    assert found["tensors"]["w1"] == pytest.approx(0.4)
+    motors = found["motors"]
+    assert motors["armature"] == pytest.approx([0.002, 0.003])
+    assert motors["spread of armature"][1] == pytest.approx(1.5 * motors["spread of armature"][0])
     length = np.linalg.norm(prior.mean, axis=1).mean()
-    assert found["motors"] == {"training motors": [5, 5], "mean |z|": pytest.approx([length, 2 * length])}
+    assert motors["training motors"] == [5, 5] and motors["mean |z|"] == pytest.approx([length, 2 * length])
     for words in (
         "metrics.loss_mean",
         "-20.0 %",
@@ -98,15 +96,13 @@ def test_the_spread_is_that_of_the_fleet(one, tmp_path: Path, motorprior: Comman
     wide = GearedMotor(prior.network.motor.center, 2 * prior.network.motor.slope)
     changed = replace(prior, network=replace(prior.network, motor=wide))
     assert motorprior("diff", path, other_of(changed, tmp_path), "--json", tmp_path / "diff.json").code == 1
-    constants = json.loads((tmp_path / "diff.json").read_text())["constants"]
-    assert constants.keys() == set(PARAMETERS) == UNITS.keys()
+    motors = json.loads((tmp_path / "diff.json").read_text())["motors"]
     for row, name in enumerate(PARAMETERS):
-        entry, sigma = constants[name], np.linalg.norm(prior.network.motor.slope[:, row])
+        sigma, spread = np.linalg.norm(prior.network.motor.slope[:, row]), motors[f"spread of {name}"]
         if name not in ("encoder_zero", "delay"):
             # lognormal: 68 % of the motors within e^±σ; 256 of them
-            expected = entry["center_a"] * np.sinh(sigma)
-            assert entry["spread_a"] == pytest.approx(expected, rel=0.25), name
-            assert entry["spread_b"] > 1.8 * entry["spread_a"]
+            assert spread[0] == pytest.approx(motors[name][0] * np.sinh(sigma), rel=0.25), name
+            assert spread[1] > 1.8 * spread[0]
 
 
 def test_a_network_and_a_grey_box_of_other_sizes_can_be_compared(
@@ -117,11 +113,11 @@ def test_a_network_and_a_grey_box_of_other_sizes_can_be_compared(
     outcome = motorprior("diff", one[1], path, "--json", tmp_path / "diff.json")
     assert outcome.code == 1
     found = json.loads((tmp_path / "diff.json").read_text())
-    assert found["constants"] == {} and found["header"]["grey_box"] == [True, False]
-    assert found["tensors"]["mean"] == {"shape_a": [5, 3], "shape_b": [4, 2]}
-    assert found["tensors"]["motor_center"] == {"shape_a": [14], "shape_b": None}
+    assert found["motors"]["kp"][1] is None and found["header"]["grey_box"] == [True, False]
+    assert found["tensors"]["mean"] == [[5, 3], [4, 2]]
+    assert found["tensors"]["motor_center"] == [[14], None]
     back = motorprior("diff", path, one[1])
-    assert back.code == 1 and "[4, 2] and [5, 3]" in back.out
+    assert back.code == 1 and "[[4, 2], [5, 3]]" in back.out
 
 
 def test_a_prior_without_latents_has_constants_without_spread(tmp_path: Path, motorprior: Command, grey_network):
@@ -130,7 +126,7 @@ def test_a_prior_without_latents_has_constants_without_spread(tmp_path: Path, mo
         paths.append(tmp_path / f"{name}.safetensors")
         a_prior(grey_network(latents=0, kp=kp)).save(paths[-1])
     outcome = motorprior("diff", *paths)
-    assert outcome.code == 1 and "8 ± 0" in outcome.out and "+25.0 %" in outcome.out
+    assert outcome.code == 1 and "spread of kp" in outcome.out and "+25.0 %" in outcome.out
 
 
 def test_what_is_no_prior_is_refused(one, tmp_path: Path, refused: Command):
@@ -142,8 +138,3 @@ def test_what_is_no_prior_is_refused(one, tmp_path: Path, refused: Command):
     (tmp_path / "file").write_text("in the way")
     out = ("--json", tmp_path / "file" / "diff.json")
     refused("diff", path, path, *out, words=(str(tmp_path / "file"),))
-
-
-def test_tables_in_tables_have_dotted_keys():
-    assert flattened({"a": {"b": 1, "c": {}}, "d": [{"e": 2}]}) == {"a.b": 1, "a.c": {}, "d": [{"e": 2}]}
-    assert header_difference({"a": {"b": 1}, "c": 0}, {"a": 1, "c": False}) == {"a.b": (1, None), "a": (None, 1)}

@@ -9,25 +9,27 @@ from typing import Any
 
 import pytest
 
-from motorprior.cli.bench import Bench
-from motorprior.cli.demo import Demo
+from motorprior.cli.adapt import AdaptCommand
 from motorprior.cli.deploy import Deploy
 from motorprior.cli.diff import Diff
 from motorprior.cli.doctor import Doctor
-from motorprior.cli.identify import Identify
-from motorprior.cli.logs import LogsCheck, LogsImport
+from motorprior.cli.identify import IdentifyCommand
+from motorprior.cli.logs import LogsCheck, LogsImportCommand
 from motorprior.cli.main import RUN, parse
-from motorprior.cli.motors import MotorChoice
 from motorprior.cli.record import Record
-from motorprior.cli.replay import Replay
+from motorprior.cli.replay import ReplayCommand
 from motorprior.cli.report import MakeReport
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.cli.speed import Speed
-from motorprior.cli.transfer import Transfer
-from motorprior.cli.validate import Validate
-from motorprior.cli.virtual_pupper import Virtual, VirtualPupperCommand
-from motorprior.cli.walk import Walk
+from motorprior.cli.transfer import TransferCommand
+from motorprior.cli.validate import ValidateCommand
+from motorprior.cli.virtual_pupper import VirtualPupperCommand
+from motorprior.cli.walk import WalkCommand
 from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.pipeline.bench import Bench
+from motorprior.pipeline.demo import Demo
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.virtual_robot import Virtual
 
 COMMANDS = (
     *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "diff", "adapt"),
@@ -80,15 +82,16 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
     ("line", "config"),
     [
         ("demo --motors 16", Demo(motors=16)),
-        ("logs import a b --out c", LogsImport((Path("a"), Path("b")), Path("c"))),
+        ("logs import a b --out c", LogsImportCommand((Path("a"), Path("b")), Path("c"))),
         ("logs check a", LogsCheck((Path("a"),))),
         ("bench --out a --steps 5", Bench(Path("a"), steps=5)),
-        ("identify a --out b", Identify(Path("a"), Path("b"))),
-        ("validate a b --out c", Validate((Path("a"), Path("b")), Path("c"))),
+        ("identify a --out b", IdentifyCommand(Path("a"), Path("b"))),
+        ("validate a b --out c", ValidateCommand((Path("a"), Path("b")), Path("c"))),
         ("diff a b --json c", Diff(Path("a"), Path("b"), Path("c"))),
-        ("replay a --prior b --out c", Replay(Path("a"), Path("b"), Path("c"))),
-        ("walk --out a --actuator pd --kp 8", Walk(Path("a"), MotorChoice("pd", kp=8.0))),
-        ("transfer a --out b", Transfer((Path("a"),), Path("b"))),
+        ("adapt a b --out c", AdaptCommand(Path("a"), Path("b"), Path("c"))),
+        ("replay a --prior b --out c", ReplayCommand(Path("a"), Path("b"), Path("c"))),
+        ("walk --out a --actuator pd --kp 8", WalkCommand(Path("a"), MotorChoice("pd", kp=8.0))),
+        ("transfer a --out b", TransferCommand((Path("a"),), Path("b"))),
         ("doctor --port a", Doctor(RobotChoice("a"))),
         ("deploy a --port b --yes", Deploy(Path("a"), RobotChoice("b"), DeploySettings(yes=True))),
         ("record --virtual --joint knee", Record(RobotChoice(virtual=True), RecordSettings(joint="knee"))),

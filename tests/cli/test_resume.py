@@ -14,18 +14,22 @@ import pytest
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.fleet import SHIPPED
 from motorprior.bench.record import PRESETS as bench_presets
-from motorprior.cli import stage as stage_module
-from motorprior.cli import walk as walk_module
 from motorprior.identification.presets import PRESETS as identification_presets
+from motorprior.pipeline import stage as stage_module
+from motorprior.pipeline import walk as walk_module
 
 Command = Callable[..., Any]
-RESULTS = ("policy.safetensors", "curve.json", "stage.json")
+RESULTS = ("policy.safetensors", "curve.json")
+MARKER = "stage.json"
 WALK = ("walk", "--actuator", "pd", "--episode-steps", 20, "--iterations", 12)
 """Twelve: the champion is challenged in the middle and at the end."""
 
 
-def results(folder: Path) -> list[bytes]:
-    return [(folder / name).read_bytes() for name in RESULTS]
+def results(folder: Path) -> list[Any]:
+    """Bytes of the results, and what the marker says of them, less the seconds."""
+    marker = read_json(folder / MARKER)
+    assert marker.pop("seconds") > 0.0
+    return [*((folder / name).read_bytes() for name in RESULTS), marker]
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +56,11 @@ def test_an_interrupted_walk_ends_at_the_same_bytes(
         iterations += stop
         state, header = read_tensors(out / "search.safetensors")
         assert int(state["iteration"]) == len(header["curve"]) == iterations
-        assert not (out / "stage.json").exists() and not (out / "policy.safetensors").exists()
+        assert not (out / MARKER).exists() and not (out / "policy.safetensors").exists()
     ctrl_c(0)
     assert motorprior(*line).code == 0
     assert results(out) == results(whole_walk)
-    assert sorted(path.name for path in out.iterdir()) == sorted(RESULTS)
+    assert sorted(path.name for path in out.iterdir()) == sorted((*RESULTS, MARKER))
 
 
 def test_a_walk_stopped_before_its_first_iteration_starts_anew(
@@ -215,7 +219,7 @@ def test_a_changed_recipe_or_code_runs_it_again(
 def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
     package = Path(stage_module.__file__).parents[1]
     code = {}
-    for changed in ("actuator/physical.py", "cli/bench.py", "cli/console.py", "transfer/plots_style.py"):
+    for changed in ("actuator/physical.py", "pipeline/adapt.py", "cli/console.py", "report/plots_style.py"):
         copy = tmp_path / "package" / changed.replace("/", "-")
         for path in package.rglob("*.py"):
             target = copy / path.relative_to(package)
@@ -224,5 +228,5 @@ def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
         code[changed] = [stage_module.package_digest(stage, copy) for stage in ("bench", "validate", "walk")]
     now = [stage_module.package_digest(stage, package) for stage in ("bench", "validate", "walk")]
     assert [a == b for a, b in zip(code["actuator/physical.py"], now, strict=True)] == [False, False, False]
-    assert [a == b for a, b in zip(code["cli/bench.py"], now, strict=True)] == [False, False, True]
-    assert code["cli/console.py"] == code["transfer/plots_style.py"] == now
+    assert [a == b for a, b in zip(code["pipeline/adapt.py"], now, strict=True)] == [True, False, True]
+    assert code["cli/console.py"] == code["report/plots_style.py"] == now

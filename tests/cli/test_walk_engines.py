@@ -92,7 +92,7 @@ def test_randomisation_is_recorded_with_the_result_and_changes_it(motorprior: Co
     [
         (("--roughness", 0.01), ("--roughness", "pybullet")),
         (("--engine", "pybullet", "--roughness", 1), ("--roughness 1", "0.05")),
-        (("--ray-address", "127.0.0.1:6379"), ("--ray-address", "--executor ray")),
+        (("--ray-address", "127.0.0.1:6379"), ("--ray-address", "executor ray")),
         (("--randomization.friction", 1.2, 0.8), ("--randomization.friction", "0.8")),
         (("--randomization.sensor-delay", 0, 3), ("--randomization.sensor-delay", "0.2")),
         (("--randomization.push", "nan"), ("--randomization.push", "nan")),

@@ -11,12 +11,12 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
-from motorprior.cli.virtual_pupper import Virtual, make
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.pupper_backend import PupperBackend
 from motorprior.hardware.robot import Robot
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual_pupper import in_thread
+from motorprior.pipeline.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend

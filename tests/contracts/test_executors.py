@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.cli.motors import MotorChoice
-from motorprior.cli.walk import Walk, scene
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walk import Walk, scene
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, SerialExecutor, make_executor

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from full_disk import file_sizes_restored, limit_file_sizes
-from motorprior.cli.virtual_pupper import Virtual, make
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.firmware import Drive, Sensors
 from motorprior.hardware.motions import ramp
@@ -23,6 +22,7 @@ from motorprior.hardware.session import Gains
 from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
+from motorprior.pipeline.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
 
 PATIENT = replace(spec.SAFETY, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)

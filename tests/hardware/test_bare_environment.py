@@ -98,7 +98,7 @@ def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
     [
         (("deploy", "no.safetensors", "--port", "/dev/null"), "no such file"),
         (("doctor", "--port", "/dev/ttyNONE"), "cannot open /dev/ttyNONE (No such file or directory)"),
-        (("record", "--port", "/dev/null", "--joint", "tail", "--yes"), "no joint 'tail'"),
+        (("record", "--port", "/dev/null", "--joint", "tail", "--yes"), "--joint 'tail' is unknown"),
         (("record", "--port", "/dev/null"), "nobody is at the terminal"),
     ],
 )

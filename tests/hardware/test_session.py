@@ -17,8 +17,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.cli.motors import load_robot_fleet
-from motorprior.cli.twin_body import TwinBody, draw_motors
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.commands import run_doctor, run_record
 from motorprior.hardware.control_loop import ControlLoop
@@ -36,13 +34,15 @@ from motorprior.hardware.terminal import careful
 from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.pupper_v2 import spec
 
 
 @pytest.mark.parametrize(
     ("robot", "fault", "need_imu", "words"),
     [
-        ({"imu": False}, None, True, "no IMU.*--without-imu"),
+        ({"imu": False}, None, True, "no IMU.*without_imu"),
         ({}, "tilted", True, "fall"),
         ({}, "mute", True, "stale telemetry"),
         ({"imu": False}, None, False, None),
@@ -248,7 +248,7 @@ def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, am
 
 @pytest.mark.parametrize("joint", ["abduction", "FL_abduction"])
 def test_an_excitation_that_would_move_nothing_is_refused(joint: str):
-    with pytest.raises(ConfigError, match=r"gait does not move .*FL_abduction.*other joints"):
+    with pytest.raises(ConfigError, match=r"gait does not move .*FL_abduction.*another joint"):
         excitation_targets("gait", joints_of(joint), 2.0, 0.3, 8.0, spec.CONTROL_DT, 0)
 
 

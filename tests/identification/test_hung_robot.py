@@ -9,12 +9,12 @@ from closing_the_loop import record
 from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Distribution, load_fleet
-from motorprior.cli.twin_body import draw_motors
 from motorprior.identification.adapt import Posterior, adapt
 from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.logs.parquet_io import read_log
+from motorprior.pipeline.twin_body import draw_motors
 
 RECIPE = identification_preset("rollout")
 FLEET = load_fleet("pupper_v2")

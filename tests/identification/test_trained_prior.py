@@ -10,13 +10,13 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record
-from motorprior.cli.validate import nominal_pd
 from motorprior.identification.adapt import adapt, window_losses
 from motorprior.identification.outliers import Outliers, latent_names, outliers
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
 from motorprior.identification.validate import Prediction, bench_errors
 from motorprior.identification.windows import training_data
+from motorprior.pipeline.motor_choice import nominal_pd
 
 RECIPE = replace(identification_preset("rollout"), steps=1500, batch=128, warm_up=90)
 """The training motors must be where they belong: their spread is the yardstick."""

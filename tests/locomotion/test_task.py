@@ -84,5 +84,5 @@ def test_fallen(roll, pitch, height, down):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -0.1, "0.1", None, True])
 def test_a_coefficient_that_is_no_finite_number_of_at_least_zero_is_refused(value):
-    with pytest.raises(ConfigError, match=f"--task.yaw-rate {value!r} is not a finite number of at least 0"):
+    with pytest.raises(ConfigError, match=f"task.yaw_rate {value!r} is not a finite number of at least 0"):
         TaskWeights(yaw_rate=value)

@@ -2,165 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import tyro
 
-from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.cli.bounds import require_at_least
-from motorprior.cli.console import bar, table
-from motorprior.cli.motors import load_prior
-from motorprior.cli.recipe import recipe_of
-from motorprior.cli.stage import begin, description, digest, finish, is_finished
-from motorprior.exceptions import ArtifactError, LogError
+from motorprior.cli.console import TERMINAL, table
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log
+from motorprior.pipeline.adapt import Adapt, Judged, run_adapt
 
-if TYPE_CHECKING:  # they import JAX
+if TYPE_CHECKING:  # it imports JAX
     from motorprior.identification.adapt import Posterior
-    from motorprior.identification.presets import Preset
-    from motorprior.identification.windows import TrainingData
-
-POSTERIOR = "posterior.safetensors"
-FALSE_ALARMS = 0.01
-"""About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 
 
 @dataclass(frozen=True)
-class Adapt:
+class AdaptCommand(Adapt):
     """Find where in the prior's latent space the motors of a log are."""
 
     prior: tyro.conf.Positional[Path]
-    """Prior that `motorprior identify` wrote."""
     log: tyro.conf.Positional[Path]
-    """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
-    out: Path
-    """Folder for posterior.safetensors."""
-    seconds: float | None = None
-    """Use the first seconds of the log only [s]; all of it if not given."""
-    anyway: bool = False
-    """Write the posterior even if the log is unlike anything the prior knows."""
 
 
-def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
-    """The first rows of a log; a last segment cut to a single row is left out."""
-    if seconds is None:
-        return log
-    period = float(np.median(np.diff(log.time)))
-    kept = log.rows(slice(0, max(2, round(seconds / period))))
-    last = kept.segment_slices()[-1]
-    return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
+def adapt(config: AdaptCommand) -> None:
+    """See `run_adapt`."""
+    run_adapt(config, TERMINAL, _show)
 
 
-@dataclass(frozen=True)
-class Judged:
-    """How odd the M motors of a log are.
-
-    Attributes:
-        chance: (M,) that a motor of the prior's fleet seems as odd: twice the smaller of the chances that it fits its
-            log as badly (`reference.surprise`) and that it lies as far out (`outliers`).
-        reason: M times what is oddest.
-    """
-
-    chance: np.ndarray
-    reason: tuple[str, ...]
-
-
-def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Posterior:
-    """Posterior of every motor of the log.
-
-    Raises:
-        LogError: the log lacks a channel, has another period, or is shorter than a window.
-        ArtifactError: a prior without latents or without the figures of its own errors.
-    """
-    from motorprior.identification.adapt import adapt
-
-    preset, data, temperature, _ = _prepared(prior, path, log, where)
-    return adapt(prior.network, data, preset, temperature)
-
-
-def judge(prior: MotorPrior, path: Path, log: MotorLog, where: str, found: Posterior) -> Judged:
-    """Whether the motors that `adapt_to` ``found`` in this log are like those that the prior was trained on.
-
-    Raises:
-        LogError, ArtifactError: see `adapt_to`.
-    """
-    from motorprior.identification.outliers import outliers
-    from motorprior.identification.reference import pieces, surprise
-
-    preset, data, temperature, which = _prepared(prior, path, log, where)
-    badly = surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
-    reason = ["it fits its log badly"] * len(badly)
-    if len(prior.mean) < 2:
-        return Judged(badly, tuple(reason))
-    far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
-    for motor in np.flatnonzero(far.chance < badly):
-        reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
-    return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
-
-
-def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[Preset, TrainingData, float, str]:
-    """Recipe, data, temperature, and the `reference.ending` of the metrics that a log is judged by."""
-    from motorprior.identification.reference import ending, knows_its_errors
-    from motorprior.identification.windows import training_data
-
-    preset = recipe_of(prior, path)
-    if prior.network.num_latents == 0 or not knows_its_errors(prior.metrics, preset.objective == "rollout"):
-        raise ArtifactError(
-            "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
-        )
-    data = training_data(log, preset, where)
-    # A prior that never saw torques judges by positions, whatever the log has.
-    knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"
-    measured = replace(data.measured, torque=data.measured.torque and knows_torque)
-    data = replace(data, measured=measured)
-    which = ending(measured.torque) if knows_torque else ""
-    return preset, data, prior.metrics[f"loss_mean{which}"], which
-
-
-def run_adapt(config: Adapt) -> None:
-    """Adapt, unless the folder holds this very posterior already.
-
-    Raises:
-        LogError: the log does not fit, or is unlike anything the prior knows and --anyway was not given.
-    """
-    if config.seconds is not None:
-        require_at_least(0, seconds=config.seconds)
-    prior, log = load_prior(config.prior), first_seconds(read_log(config.log), config.seconds)
-    wanted = description("adapt", asdict(config), [config.prior, config.log])
-    if is_finished(config.out, wanted):
-        return
-    with bar(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as progress:
-        found = adapt_to(prior, config.prior, log, str(config.log))
-        judged = judge(prior, config.prior, log, str(config.log), found)
-        progress.advance()
+def _show(log: MotorLog, found: Posterior, judged: Judged) -> None:
     rows = [
         [name, f"{loss:.3f}", f"{chance:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
         for name, loss, chance, mean in zip(log.joint_names, found.loss, judged.chance, found.mean, strict=True)
     ]
     table("Posterior of z", ["motor", "loss", "P(as odd)", "mean"], rows)
-    bound = FALSE_ALARMS / log.num_joints
-    odd = zip(log.joint_names, judged.chance, judged.reason, strict=True)
-    strangers = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]
-    if strangers and not config.anyway:
-        raise LogError(
-            f"motors are unlike any the prior was trained on ({'; '.join(strangers)}): one of its fleet is as odd with "
-            f"a chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
-            where=config.log,
-            remedy="check the log with `motorprior logs check`, train a prior on such motors, or give --anyway",
-        )
-    begin(config.out)
-    posterior = MotorPosterior(
-        found.mean,
-        found.covariance,
-        log.joint_names,
-        digest(config.prior),
-        log.duration,
-        tuple(float(value) for value in judged.chance),
-    )
-    posterior.save(config.out / POSTERIOR)
-    finish(config.out, wanted)

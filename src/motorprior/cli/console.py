@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -45,6 +45,21 @@ def bar(name: str, total: int) -> Iterator[Bar]:
         CONSOLE.print(f"{name} ...")
         yield Bar(None, name, total)
     CONSOLE.print(f"{name}: {time.monotonic() - started:.1f} s")
+
+
+class Terminal:
+    """`pipeline.progress.Progress` on the terminal."""
+
+    def start(self, name: str, total: int) -> AbstractContextManager[Bar]:
+        """A bar."""
+        return bar(name, total)
+
+    def note(self, text: str) -> None:
+        """A line of its own."""
+        CONSOLE.print(text, markup=False, soft_wrap=True)
+
+
+TERMINAL = Terminal()
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -2,168 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import tyro
 
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_json, read_tensors, write_json, write_tensors, write_text
-from motorprior.cli.bench import FACTS, LOG, read_bench
-from motorprior.cli.bounds import require_at_least, require_seed
-from motorprior.cli.console import CONSOLE, bar
-from motorprior.cli.stage import begin, description, finish, is_finished
-from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log
-
-PRIOR, CHECKPOINT, SECONDS = "prior.safetensors", "checkpoint.safetensors", "seconds.txt"
-SPENT = "seconds_so_far.json"
+from motorprior.cli.console import TERMINAL
+from motorprior.pipeline.identify import Identify, run_identify
 
 
 @dataclass(frozen=True)
-class Identify:
+class IdentifyCommand(Identify):
     """Learn a motor prior from the log of a bench or of a hung robot."""
 
     bench: tyro.conf.Positional[Path]
-    """Folder that `motorprior bench` wrote, or a motor log (.parquet) whose loads are known, as from `motorprior logs
-    import --hung`."""
-    out: Path
-    """Folder for prior.safetensors."""
-    preset: str = "rollout"
-    """Recipe: rollout (closed loop, grey box), paper (torque regression), or one of the baselines one_motor, per_motor,
-    latent_network, one_network, actuator_net, paper_wide."""
-    seed: int = 0
-    """Seed of weights, windows and noise."""
-    steps: int | None = None
-    """Adam steps; the preset's own number if not given."""
-    torque: bool = True
-    """Use the log's joint_torque; --no-torque learns from positions and velocities alone."""
 
 
-def run_identify(config: Identify) -> None:
-    """Train, unless the folder holds this very prior already.
-
-    Raises:
-        LogError, ConfigError: the log does not fit the recipe.
-    """
-    require_at_least(1, steps=config.steps)
-    require_seed(config.seed)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    from motorprior.identification.presets import identification_preset
-    from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.standardise import MOTORS_TO_TRUST
-    from motorprior.identification.train import CHUNK, identify
-    from motorprior.identification.windows import training_data
-
-    preset = identification_preset(config.preset)
-    if config.steps is not None:
-        preset = replace(preset, steps=config.steps)
-    log, inputs, origin = _training_log(config.bench)
-    wanted = description("identify", asdict(config), inputs, recipe=asdict(preset))
-    if is_finished(config.out, wanted):
-        return
-    data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(inputs[0]))
-    if preset.num_latents and log.num_joints < MOTORS_TO_TRUST:
-        CONSOLE.print(
-            f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
-            f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
-        )
-    begin(config.out)
-    stopwatch = _Stopwatch(config.out / SPENT, wanted)
-    with bar(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as progress:
-
-        def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
-            stopwatch.note()
-            progress.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
-
-        try:
-            found = identify(data, preset, config.seed, report, _Checkpoint(config.out / CHECKPOINT, wanted))
-        finally:
-            seconds = stopwatch.note()
-    metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-    metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
-    metrics |= reference_metrics(found.network, data, preset, found.mean, log)
-    prior = MotorPrior(
-        found.network, found.mean, found.log_var, config.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": asdict(preset), "seed": config.seed}, metrics,
-    )  # fmt: skip
-    prior.save(config.out / PRIOR)
-    MotorPrior.load(config.out / PRIOR)  # what nobody could load is no success
-    write_text(config.out / SECONDS, f"{seconds:.1f}\n")
-    for leftover in (CHECKPOINT, SPENT):
-        (config.out / leftover).unlink(missing_ok=True)
-        for half_written in config.out.glob(f".{leftover}.*"):  # by a process that was killed
-            half_written.unlink()
-    finish(config.out, wanted)
-
-
-@dataclass(frozen=True)
-class _Origin:
-    """Whose motors these are, and what the prior will say about it."""
-
-    robot: str
-    motor: str
-    provenance: dict[str, Any]
-
-
-def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:
-    """The log of a bench's folder, or a log of its own; the files that the prior depends on, the log first.
-
-    Raises:
-        LogError, ArtifactError: missing, truncated or inconsistent files.
-    """
-    if path.suffix == ".parquet":
-        log = read_log(path)
-        return log, [path], _Origin(log.robot, log.motor, {"log": log.source})
-    log, facts = read_bench(path)
-    origin = _Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
-    return log, [path / LOG, path / FACTS], origin
-
-
-@dataclass(frozen=True)
-class _Checkpoint:
-    """A file beside the prior, of this very stage or ignored."""
-
-    path: Path
-    stage: dict[str, Any]
-
-    def load(self) -> dict[str, np.ndarray] | None:
-        try:
-            arrays, header = read_tensors(self.path)
-        except ArtifactError:  # none there, or a damaged one: from the start
-            return None
-        return arrays if header == self.stage else None
-
-    def save(self, state: dict[str, np.ndarray]) -> None:
-        write_tensors(self.path, state, self.stage)
-
-
-class _Stopwatch:
-    """Seconds of a training over all interruptions; a kill loses those since the last `note`."""
-
-    def __init__(self, path: Path, stage: dict[str, Any]):
-        """Go on from what an interrupted training of this very stage wrote to ``path``; begin at 0 otherwise."""
-        self._path, self._stage, self._started = path, stage, time.monotonic()
-        self._before = _seconds_before(path, stage)
-
-    def note(self) -> float:
-        """Write down and return the seconds so far."""
-        seconds = self._before + time.monotonic() - self._started
-        write_json(self._path, {"stage": self._stage, "seconds": seconds})
-        return seconds
-
-
-def _seconds_before(path: Path, stage: dict[str, Any]) -> float:
-    try:
-        noted = read_json(path)
-    except ArtifactError:  # none there, or damaged: the memory of past seconds is lost, and nothing else
-        return 0.0
-    if not isinstance(noted, dict) or noted.get("stage") != stage:
-        return 0.0
-    seconds = noted.get("seconds")
-    return seconds if type(seconds) is float and 0.0 <= seconds < 1e12 else 0.0
+def identify(config: IdentifyCommand) -> None:
+    """See `run_identify`."""
+    run_identify(config, TERMINAL)

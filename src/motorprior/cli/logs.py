@@ -8,12 +8,9 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import table
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import LogError
 from motorprior.logs.checks import check_log
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log, write_log
-from motorprior.logs.pupper_import import read_pupper_log
-from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
+from motorprior.pipeline.raw_logs import LogsImport, read_any, require_paths
 from motorprior.robots.pupper_v2 import spec
 
 
@@ -26,30 +23,10 @@ class LogsCheck:
 
 
 @dataclass(frozen=True)
-class LogsImport:
+class LogsImportCommand(LogsImport):
     """Convert recordings of a robot and raw Pupper v2 logs to motor logs."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Recordings of `motorprior record` or `deploy` (.csv), or raw logs (.csv, .csv.gz, original .txt pickles)."""
-    out: Path
-    """Folder for the .parquet files."""
-    period: float | None = None
-    """Sample period of the result [s], for recordings of a robot; as recorded if not given."""
-    hung: bool = False
-    """A recording of `motorprior record` for which the robot hung in the air with its body level: add the load of every
-    motor, which `adapt` needs. Every 2 ms unless --period says otherwise."""
-
-
-def read_any(path: Path) -> MotorLog:
-    """Read a motor log, a recording of `motorprior record` or `deploy`, or a raw Pupper log."""
-    if path.suffix == ".parquet":
-        return read_log(path)
-    return read_robot_run(path) if is_robot_run(path) else read_pupper_log(path)
-
-
-def _require_paths(paths: tuple[Path, ...]) -> None:
-    if not paths:
-        raise ConfigError("no log given", remedy="give at least one file")
 
 
 def run_logs_check(config: LogsCheck) -> None:
@@ -58,7 +35,7 @@ def run_logs_check(config: LogsCheck) -> None:
     Raises:
         LogError: after all logs are checked, if one of them is not usable.
     """
-    _require_paths(config.paths)
+    require_paths(config.paths)
     unusable = []
     for path in config.paths:
         log = read_any(path)
@@ -70,45 +47,3 @@ def run_logs_check(config: LogsCheck) -> None:
             unusable.append(str(path))
     if unusable:
         raise LogError(f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable))
-
-
-def run_logs_import(config: LogsImport) -> None:
-    """Write one .parquet per raw log, named after it.
-
-    Raises:
-        ConfigError: two logs would get the same name, or a period that is not positive.
-        LogError, ArtifactError: a log that cannot be read, a folder that cannot be written.
-    """
-    _require_paths(config.paths)
-    if config.period is not None and not 0.0 < config.period < 1.0:
-        raise ConfigError(f"--period {config.period:g} s is out of range", remedy="give for example 0.002")
-    targets: dict[Path, Path] = {}
-    for path in config.paths:
-        target = config.out / (path.name.split(".")[0] + ".parquet")
-        if target in targets:
-            raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
-        targets[target] = path
-    for target, path in targets.items():
-        write_log(target, _imported(path, config))
-
-
-def _imported(path: Path, config: LogsImport) -> MotorLog:
-    """One log as it was asked for.
-
-    Raises:
-        ConfigError: a period or a load for something else than a recording of a robot.
-        LogError: it cannot be read.
-    """
-    if config.period is None and not config.hung:
-        return read_any(path)
-    if not is_robot_run(path):
-        raise ConfigError(
-            "--period and --hung are for recordings of `motorprior record` and `deploy`", where=path,
-            remedy="leave them out",
-        )  # fmt: skip
-    period = config.period or spec.PHYSICS_DT
-    if not config.hung:
-        return read_robot_run(path, period=period)
-    from motorprior.simulation.hung_load import with_loads
-
-    return with_loads(read_robot_run(path, (Mode.EXCITE,), period))

@@ -15,37 +15,41 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import tyro  # noqa: E402
 
-from motorprior.cli.adapt import Adapt, run_adapt  # noqa: E402
-from motorprior.cli.bench import Bench, run_bench  # noqa: E402
-from motorprior.cli.console import CONSOLE  # noqa: E402
-from motorprior.cli.demo import Demo, run_demo  # noqa: E402
+from motorprior.cli.adapt import AdaptCommand, adapt  # noqa: E402
+from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
+from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
 from motorprior.cli.diff import Diff, run_diff  # noqa: E402
 from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
-from motorprior.cli.identify import Identify, run_identify  # noqa: E402
-from motorprior.cli.logs import LogsCheck, LogsImport, run_logs_check, run_logs_import  # noqa: E402
+from motorprior.cli.identify import IdentifyCommand, identify  # noqa: E402
+from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
-from motorprior.cli.replay import Replay, run_replay  # noqa: E402
+from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
 from motorprior.cli.speed import Speed, run_speed  # noqa: E402
-from motorprior.cli.transfer import Transfer, run_transfer  # noqa: E402
-from motorprior.cli.validate import Validate, run_validate  # noqa: E402
+from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
+from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.virtual_pupper import VirtualPupperCommand, run_virtual_pupper  # noqa: E402
-from motorprior.cli.walk import Walk, run_walk  # noqa: E402
+from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
+from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
+from motorprior.pipeline.demo import Demo  # noqa: E402
+from motorprior.pipeline.raw_logs import import_logs  # noqa: E402
 
-Logs = Annotated[LogsImport, tyro.conf.subcommand("import")] | Annotated[LogsCheck, tyro.conf.subcommand("check")]
+Logs = (
+    Annotated[LogsImportCommand, tyro.conf.subcommand("import")] | Annotated[LogsCheck, tyro.conf.subcommand("check")]
+)
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Logs, tyro.conf.subcommand("logs", description="Bring raw logs in; a log doctor.")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Identify, tyro.conf.subcommand("identify")]
-    | Annotated[Validate, tyro.conf.subcommand("validate")]
+    | Annotated[IdentifyCommand, tyro.conf.subcommand("identify")]
+    | Annotated[ValidateCommand, tyro.conf.subcommand("validate")]
     | Annotated[Diff, tyro.conf.subcommand("diff")]
-    | Annotated[Adapt, tyro.conf.subcommand("adapt")]
-    | Annotated[Replay, tyro.conf.subcommand("replay")]
-    | Annotated[Walk, tyro.conf.subcommand("walk")]
-    | Annotated[Transfer, tyro.conf.subcommand("transfer")]
+    | Annotated[AdaptCommand, tyro.conf.subcommand("adapt")]
+    | Annotated[ReplayCommand, tyro.conf.subcommand("replay")]
+    | Annotated[WalkCommand, tyro.conf.subcommand("walk")]
+    | Annotated[TransferCommand, tyro.conf.subcommand("transfer")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Deploy, tyro.conf.subcommand("deploy")]
     | Annotated[Record, tyro.conf.subcommand("record")]
@@ -54,17 +58,17 @@ Command = (
     | Annotated[Speed, tyro.conf.subcommand("speed")]
 )
 RUN = {
-    Demo: partial(run_demo, started=_STARTED),
-    LogsImport: run_logs_import,
+    Demo: partial(demo, started=_STARTED),
+    LogsImportCommand: import_logs,
     LogsCheck: run_logs_check,
-    Bench: run_bench,
-    Identify: run_identify,
-    Validate: run_validate,
+    Bench: partial(run_bench, progress=TERMINAL),
+    IdentifyCommand: identify,
+    ValidateCommand: validate,
     Diff: run_diff,
-    Adapt: run_adapt,
-    Replay: run_replay,
-    Walk: run_walk,
-    Transfer: run_transfer,
+    AdaptCommand: adapt,
+    ReplayCommand: replay,
+    WalkCommand: walk,
+    TransferCommand: transfer,
     Doctor: run_doctor_command,
     Deploy: run_deploy_command,
     Record: run_record_command,
@@ -99,7 +103,7 @@ def main() -> None:
         config = parse(sys.argv[1:])
         RUN[type(config)](config)
     except MotorPriorError as error:
-        CONSOLE.print(f"error: {error}", style="bold red", markup=False, soft_wrap=True)
+        CONSOLE.print(f"error: {error.on_command_line()}", style="bold red", markup=False, soft_wrap=True)
         raise SystemExit(2) from None
     except (OSError, MemoryError) as error:  # what no check can foresee: a folder that goes away, a full memory
         CONSOLE.print(f"error: {_outside(error)}", style="bold red", markup=False, soft_wrap=True)

@@ -2,181 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
 
-from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import PhysicalActuator
-from motorprior.artifacts import write_json, write_tensors
-from motorprior.cli.bounds import require_at_least, require_seed
-from motorprior.cli.console import CONSOLE, Bar, bar, table
-from motorprior.cli.motors import load_prior, load_robot_fleet
-from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished, read_figures
-from motorprior.cli.validate import nominal_pd
-from motorprior.logs.checks import check_log
-from motorprior.logs.joint_checks import excited_joints
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.pupper_import import read_pupper_logs
-from motorprior.robots.pupper_v2 import spec
-from motorprior.transfer.real_replay import LogReplay, prepare, replay_log
-
-FIGURES, TRACES = "figures.json", "traces.safetensors"
+from motorprior.cli.console import TERMINAL, table
+from motorprior.pipeline.replay import Replay, run_replay
+from motorprior.report.tables import replay_models, replay_rows
 
 
 @dataclass(frozen=True)
-class Replay:
+class ReplayCommand(Replay):
     """Replay the commands of real Pupper v2 logs on simulated motors and compare the joint angles."""
 
     logs: tyro.conf.Positional[Path]
-    """Folder with the logs: the original pickles of jietan/puppersim, puppersim/data/system_id, or CSV."""
-    prior: Path
-    """Prior whose draws are replayed."""
-    out: Path
-    """Folder for figures.json and the traces of the report."""
-    fleet: str = "pupper_v2"
-    """Fleet whose central motor is replayed, and whose nominal gains the ideal PD gets."""
-    draws: int = 20
-    """Draws of twelve motors from the prior."""
-    seed: int = 0
-    """Draws the motors."""
 
 
-def run_replay(config: Replay, show: bool = True) -> dict[str, float]:
-    """Check and replay, or read what this very replay found; returns the figures.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
-    """
-    require_at_least(1, draws=config.draws)
-    require_seed(config.seed)
-    load_robot_fleet(config.fleet)
-    logs, prepared = read_logs(config.logs)
-    for name, log in logs.items():
-        _report_findings(name, log)
-    prior = load_prior(config.prior)
-    files = sorted(path for path in config.logs.iterdir() if path.is_file())
-    wanted = description("replay", asdict(config), [config.prior, *fleet_files(config.fleet), *files])
-    if not is_finished(config.out, wanted):
-        begin(config.out)
-        _replay_all(config, logs, prepared, prior)
-        finish(config.out, wanted)
-    figures = read_figures(config.out / FIGURES)
-    if show:
-        show_replay(figures)
-    return figures
-
-
-def read_logs(folder: Path) -> tuple[dict[str, MotorLog], dict[str, MotorLog]]:
-    """Every log of a folder by its short name, as it is and without repeated measurements.
-
-    Raises:
-        LogError: a log that cannot be read or replayed.
-    """
-    logs = read_pupper_logs(folder)
-    return logs, {name: prepare(log, f"{folder}, log {name}") for name, log in logs.items()}
-
-
-def _report_findings(name: str, log: MotorLog) -> None:
-    for finding in check_log(log, spec.JOINT_LIMITS).findings:
-        if finding.severity != "info":
-            CONSOLE.print(f"log {name}: {finding.severity}: {finding.message}")
-
-
-def _replay_all(config: Replay, logs: dict[str, MotorLog], prepared: dict[str, MotorLog], prior: MotorPrior) -> None:
-    figures: dict[str, float] = {}
-    traces: dict[str, np.ndarray] = {}
-    with bar(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as progress:
-        for name, log in logs.items():
-            results = _replay_models(config, log, prepared[name], prior, progress)
-            figures |= _log_figures(name, prepared[name], results)
-            traces |= _log_traces(name, prepared[name], results)
-    write_json(config.out / FIGURES, figures)
-    write_tensors(config.out / TRACES, traces, {"logs": sorted(logs), "prior": prior.preset})
-
-
-def _replay_models(
-    config: Replay, log: MotorLog, prepared: MotorLog, prior: MotorPrior, progress: Bar
-) -> dict[str, list[LogReplay]]:
-    fleet = load_robot_fleet(config.fleet)
-    rng = np.random.default_rng(config.seed)
-    models: dict[str, list[Actuator]] = {
-        "ideal_pd": [nominal_pd(fleet, spec.NUM_JOINTS)],
-        "physical": [PhysicalActuator(fleet.center(spec.NUM_JOINTS))],
-        "physical_draws": [PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)) for _ in range(config.draws)],
-        prior.preset: [prior.sample(rng, spec.NUM_JOINTS) for _ in range(config.draws)],
-    }
-    results: dict[str, list[LogReplay]] = {}
-    for name, actuators in models.items():
-        for actuator in actuators:
-            results.setdefault(name, []).append(replay_log(log, actuator, prepared))
-            progress.advance()
-    return results
-
-
-def _log_figures(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, float]:
-    """Mean joint RMSE [rad] over excited joints, and per joint; draws by median, 5 % and 95 %."""
-    figures: dict[str, float] = {}
-    for model, runs in results.items():
-        per_joint = np.array([run.rmse for run in runs])
-        mean = np.nanmean(per_joint, axis=1)
-        figures[f"real_rmse/{name}/{model}"] = float(np.median(mean))
-        if len(runs) > 1:
-            figures[f"real_rmse_p05/{name}/{model}"] = float(np.quantile(mean, 0.05))
-            figures[f"real_rmse_p95/{name}/{model}"] = float(np.quantile(mean, 0.95))
-        for joint in excited_joints(log):
-            key = f"real_joint_rmse/{name}/{spec.JOINT_NAMES[joint]}/{model}"
-            figures[key] = float(np.median(per_joint[:, joint]))
-    return figures
-
-
-def _log_traces(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
-    """The first excited knee (or joint) of a log, for the report; draws as median and 90 % band."""
-    excited = excited_joints(log)
-    knees = [joint for joint in excited if spec.JOINT_NAMES[joint].endswith("knee")]
-    joint = int(knees[0] if knees else excited[0])
-    traces = {
-        f"{name}/joint": np.array(joint),
-        f"{name}/time": log.time,
-        f"{name}/target": log.position_target[:, joint],
-        f"{name}/measured": log.joint_pos[:, joint],
-    }
-    for model, runs in results.items():
-        curves = np.array([run.joint_pos[:, joint] for run in runs])
-        traces[f"{name}/model/{model}"] = np.median(curves, axis=0)
-        if model not in ("ideal_pd", "physical", "physical_draws"):
-            traces[f"{name}/low"], traces[f"{name}/high"] = np.quantile(curves, [0.05, 0.95], axis=0)
-    return traces
-
-
-def replay_models(figures: dict[str, float]) -> tuple[list[str], list[str]]:
-    """Logs and models of a replay table."""
-    names = [key.split("/")[1:] for key in figures if key.startswith("real_rmse/")]
-    return list(dict.fromkeys(log for log, _ in names)), list(dict.fromkeys(model for _, model in names))
-
-
-def replay_rows(figures: dict[str, float]) -> list[list[str]]:
-    """Joint RMSE [mrad] per log, mean over its joints and then each; draws as median and 90 % band."""
-    logs, models = replay_models(figures)
-    rows = []
-    for log in logs:
-        rows.append([log, "mean", *(_mean_cell(figures, log, model) for model in models)])
-        prefix = f"real_joint_rmse/{log}/"
-        joints = dict.fromkeys(key.split("/")[2] for key in figures if key.startswith(prefix))
-        for joint in joints:
-            rows.append([log, joint, *(f"{1000 * figures[f'{prefix}{joint}/{model}']:.1f}" for model in models)])
-    return rows
-
-
-def _mean_cell(figures: dict[str, float], log: str, model: str) -> str:
-    cell = f"{1000 * figures[f'real_rmse/{log}/{model}']:.1f}"
-    if f"real_rmse_p05/{log}/{model}" not in figures:
-        return cell
-    low, high = (1000 * figures[f"real_rmse_{side}/{log}/{model}"] for side in ("p05", "p95"))
-    return f"{cell} ({low:.1f}-{high:.1f})"
+def replay(config: ReplayCommand) -> None:
+    """See `run_replay`."""
+    show_replay(run_replay(config, TERMINAL))
 
 
 def show_replay(figures: dict[str, float]) -> None:

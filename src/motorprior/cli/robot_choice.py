@@ -6,8 +6,8 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from motorprior.cli.virtual_pupper import Virtual, living
 from motorprior.exceptions import ConfigError
+from motorprior.pipeline.virtual_robot import Virtual, living
 
 
 @dataclass(frozen=True)

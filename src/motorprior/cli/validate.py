@@ -2,299 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import tyro
 
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import MotorParameters
-from motorprior.artifacts import write_json
-from motorprior.bench.fleet import Fleet
-from motorprior.bench.record import bench_preset, record
-from motorprior.cli.bench import BenchFacts, facts_from_json
-from motorprior.cli.bounds import require_seed
-from motorprior.cli.console import Bar, bar, table
-from motorprior.cli.fidelity_traces import write_traces
-from motorprior.cli.identify import SECONDS
-from motorprior.cli.motors import load_prior
-from motorprior.cli.stage import begin, description, finish, is_finished, read_figures
-from motorprior.exceptions import ConfigError
-from motorprior.identification.validate import (
-    ModelOfMotors,
-    Prediction,
-    bench_errors,
-)
-from motorprior.robots.pupper_v2 import spec
-from motorprior.transfer.robot_fidelity import robot_fidelity
+from motorprior.cli.console import TERMINAL, table
+from motorprior.pipeline.validate import Validate, run_validate
+from motorprior.report.tables import fidelity_rows
+from motorprior.transfer.metrics import COLUMNS
 
-FIGURES, TRACES, QUANTILES = "figures.json", "traces.safetensors", "behaviour_quantiles.png"
-SHORTEST_LOG, LONGEST_LOG = 1.0, 600.0
-"""Log of a new motor [s]."""
-GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"
-"""The PD with the best gains and nothing else, and the PD with armature and delay fitted as well."""
-BENCH_METRICS = {
-    "bench_sine_rmse": "sine",
-    "bench_gait_rmse": "gait",
-    "bench_steps_rmse": "held_steps",
-    "bench_impact_rmse": "impacts",
-    "bench_chirp_rmse": "chirp",
-}
-COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
-"""Medians over motors and trials; the means stand beside them as ``…_mean``."""
-
-
-MODELS = (
-    "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
-    "per_motor", "per_motor_play", "rollout", "physical",
+_DISTRIBUTION = (
+    "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample",
+    "energy_distance",
 )  # fmt: skip
-"""Actuator models in the order of every table."""
 
 
 @dataclass(frozen=True)
-class Validate:
+class ValidateCommand(Validate):
     """Measure how far simulated motors are from the physical ones, in closed loop, on held-out excitation."""
 
     priors: tyro.conf.Positional[tuple[Path, ...]]
-    """Prior files that `motorprior identify` wrote, all from benches of the same motors."""
-    out: Path
-    """Folder for figures.json, tuned_pd.json and the traces of the report."""
-    seed: int = 0
-    """Draws the held-out excitation."""
-    held_out: bool = True
-    """Measure on motors nobody trained on, too, and whether the prior's draws are like them (a minute more)."""
-    adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
-    """Lengths of log [s] from which held-out motors are adapted to."""
 
 
-def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFacts]:
-    """The priors by preset, and the bench whose motors they learned.
-
-    Raises:
-        ArtifactError: a file that is no prior.
-        ConfigError: two of the same preset, of different motors, or of too few for a robot.
-    """
-    priors: dict[str, MotorPrior] = {}
-    facts: list[BenchFacts] = []
-    for path in paths:
-        prior = load_prior(path)
-        if prior.preset in priors:
-            raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
-        priors[prior.preset] = prior
-        facts.append(facts_from_json(prior.provenance.get("bench"), str(path)))
-        same = (facts[-1].fleet, facts[-1].motors, facts[-1].seed) == (
-            facts[0].fleet,
-            facts[0].motors,
-            facts[0].seed,
-        )
-        if not same:
-            raise ConfigError(
-                f"its bench is not that of {paths[0]}", where=path, remedy="give priors of the same motors"
-            )
-    if not facts:
-        raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
-    if facts[0].motors < spec.NUM_JOINTS:
-        raise ConfigError(
-            f"its bench has {facts[0].motors} motors, the robot needs {spec.NUM_JOINTS}", where=paths[0],
-            remedy=f"record a bench with --motors {spec.NUM_JOINTS} or more",
-        )  # fmt: skip
-    return priors, facts[0]
-
-
-def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
-    """The ideal PD: the gains and the torque limit of the fleet's central motor, nothing else."""
-    center = fleet.center(1)
-    return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
-
-
-def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict[str, ModelOfMotors]:
-    from motorprior.identification.baselines import repeated
-
-    models: dict[str, ModelOfMotors] = {
-        "ideal_pd": lambda index: nominal_pd(fleet, len(index)),
-        "tuned_pd": lambda index: repeated(tuned, len(index)),
-    }
-    return models | {name: prior.training_motors for name, prior in priors.items()}
-
-
-def run_validate(config: Validate, show: bool = True) -> dict[str, float]:
-    """Measure, or read what this very measurement found; returns the figures.
-
-    Raises:
-        ArtifactError, ConfigError: a prior or a setting that cannot be used.
-    """
-    require_seed(config.seed)
-    for seconds in config.adapt_seconds:
-        if not SHORTEST_LOG <= seconds <= LONGEST_LOG:
-            raise ConfigError(
-                f"--adapt-seconds {seconds:g} s is not from {SHORTEST_LOG:g} to {LONGEST_LOG:g} s",
-                remedy="give lengths of log in between",
-            )
-    priors, facts = load_priors(config.priors)
-    wanted = description("validate", asdict(config), list(config.priors))
-    if not is_finished(config.out, wanted):
-        begin(config.out)
-        _measure(config, priors, facts)
-        finish(config.out, wanted)
-    figures = read_figures(config.out / FIGURES)
-    if show:
-        show_fidelity(figures)
-    return figures
-
-
-def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts) -> None:
-    motors = facts.physical_motors()
-    tuned = _tune_baselines(config.out, motors, facts)
-    models = _models(facts.fleet, priors, tuned)
-    with bar("validate: bench, standing robot, hung robot", 4) as progress:
-        figures = fidelity_figures(motors, models, config.seed, progress) | _armature_figures(motors, priors)
-        write_traces(config.out / TRACES, motors, models, priors, config.seed)
-        progress.advance()
-    if config.held_out:
-        figures |= _held_out_figures(config, priors, facts, tuned, figures)
-    figures |= _residual_figures(priors)
-    figures |= _identify_seconds(dict(zip(priors, config.priors, strict=True)))
-    write_json(config.out / FIGURES, figures)
-
-
-def _identify_seconds(paths: dict[str, Path]) -> dict[str, float]:
-    """How long each identification took [s], where its folder says so; that of rollout also without its name."""
-    figures: dict[str, float] = {}
-    for name, path in paths.items():
-        with suppress(OSError, ValueError):
-            figures[f"identify_seconds/{name}"] = float((path.parent / SECONDS).read_text(encoding="utf-8"))
-    if "identify_seconds/rollout" in figures:
-        figures["identify_seconds"] = figures["identify_seconds/rollout"]
-    return figures
-
-
-def _held_out_figures(
-    config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts, tuned: IdealPd, train: dict[str, float]
-) -> dict[str, float]:
-    """The same metrics as METRIC/MODEL/held_out beside METRIC/MODEL/train; adaptation and distribution of rollout."""
-    from motorprior.cli import held_out  # here: it imports JAX
-
-    paths = dict(zip(priors, config.priors, strict=True))
-    both = (*COLUMNS, *(_mean(name) for name in COLUMNS))
-    figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
-    with bar("held-out motors: adapt, bench, standing robot, hung robot", 4 + len(config.adapt_seconds)) as progress:
-        motors = held_out.held_out_motors(facts)
-        known = held_out.adapt_all(priors, paths, motors, facts)
-        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
-        progress.advance()
-        found = fidelity_figures(motors, models, config.seed, progress)
-        figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
-        if "rollout" in known:
-            prior, path = priors["rollout"], paths["rollout"]
-            figures |= held_out.adaptation_figures(
-                prior, path, facts, config.adapt_seconds, known["rollout"], config.seed, progress.advance
-            )
-            figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
-    return figures
-
-
-def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts) -> IdealPd:
-    """Fit both PDs to the bench log, write them, and return the tuned one."""
-    # Imported here: scipy's optimizers take half a second.
-    from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, GAINS, fit_pd
-
-    nominal = nominal_pd(facts.fleet, 1)
-    with bar("tune the PD baselines on the bench log", 2 * EVALUATIONS) as progress:
-        log = record(motors, bench_preset("rollout"), facts.steps, facts.seed, facts.fleet)
-        best_gains, tuned = (fit_pd(log, nominal, free, progress.advance) for free in (GAINS, EVERYTHING))
-    for name, model in ((GAINS_FILE, best_gains), (TUNED, tuned)):
-        write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
-    return tuned
-
-
-def fidelity_figures(
-    motors: MotorParameters, models: Mapping[str, Prediction], seed: int, progress: Bar
-) -> dict[str, float]:
-    """METRIC/MODEL on the bench, in the standing and in the hung robot; three advances of ``progress``."""
-    figures: dict[str, float] = {}
-    errors = bench_errors(motors, models, seed)
-    for metric, kind in BENCH_METRICS.items():
-        for model, values in errors[kind].items():
-            figures[f"{metric}/{model}"] = float(np.median(values))
-            figures[f"{_mean(metric)}/{model}"] = float(np.mean(values))
-    progress.advance()
-    for place, hung in (("standing", False), ("hung", True)):
-        found = robot_fidelity(motors, models, hung, seed)
-        for model in found.rmse:
-            figures[f"{place}_rmse/{model}"] = float(np.median(found.rmse[model]))
-            figures[f"{_mean(f'{place}_rmse')}/{model}"] = float(np.mean(found.rmse[model]))
-            figures[f"{place}_torque_hf/{model}"] = _finite(np.median(found.torque_hf[model]))
-            figures[f"{_mean(f'{place}_torque_hf')}/{model}"] = _finite(np.mean(found.torque_hf[model]))
-            if not hung:
-                figures[f"standing_displacement_error/{model}"] = _finite(np.median(found.displacement_error[model]))
-        progress.advance()
-    return figures
-
-
-def _mean(column: str) -> str:
-    """Name of the mean beside a median."""
-    return f"{column}_mean"
-
-
-def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) -> dict[str, float]:
-    """How the decoded armature compares with the rotors' own: mean ratio, and correlation over the motors."""
-    figures: dict[str, float] = {}
-    for name, prior in priors.items():
-        if prior.network.has_armature or prior.network.motor is not None:
-            decoded = prior.network.armature(prior.mean)
-            figures[f"armature_ratio/{name}"] = float(np.mean(decoded / motors.armature))
-            if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
-                figures[f"armature_correlation/{name}"] = float(np.corrcoef(decoded, motors.armature)[0, 1])
-    return figures
-
-
-def _residual_figures(priors: dict[str, MotorPrior]) -> dict[str, float]:
-    """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
-    from motorprior.identification.passivity import residual_bound, residual_work
-
-    figures: dict[str, float] = {}
-    for name, prior in priors.items():
-        if prior.network.motor is not None:
-            motors = prior.training_motors(np.arange(len(prior.mean)))
-            figures[f"residual_work/{name}"] = residual_work(motors)
-            figures[f"residual_bound/{name}"] = residual_bound(prior.network)
-    return figures
-
-
-def _finite(value: Any) -> float:
-    """Infinity (the simulation broke down) as the largest number JSON can hold."""
-    return float(min(value, np.finfo(np.float64).max))
+def validate(config: ValidateCommand) -> None:
+    """See `run_validate`."""
+    show_fidelity(run_validate(config, TERMINAL))
 
 
 def show_fidelity(figures: dict[str, float]) -> None:
-    """The first two tables, medians, on the terminal; held-out motors and the distribution, where measured."""
+    """Medians on the terminal; held-out motors and the distribution, where measured."""
     title = "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor"
     _show_table(title, figures, "")
     if "two_sample_auc" not in figures:
         return
     _show_table("The same on held-out motors, known from 10 s of log each", figures, "/held_out")
-    names = (
-        "adapt_rmse_ratio",
-        "adapt_false_alarms",
-        "adapt_unlikely",
-        "coverage50",
-        "coverage90",
-        "two_sample",
-        "energy_distance",
-    )
-    rows = [[name, f"{value:.3f}"] for name, value in figures.items() if name.startswith(names)]
+    rows = [[name, f"{value:.3f}"] for name, value in figures.items() if name.startswith(_DISTRIBUTION)]
     table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
 
 
 def _show_table(title: str, figures: dict[str, float], ending: str) -> None:
-    prefix = "bench_impact_rmse/"
-    found = [name.removeprefix(prefix) for name in figures if name.startswith(prefix) and name.count("/") == 1]
-    models = sorted(found, key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
-    shown = [[name, *(f"{figures[f'{column}/{name}{ending}']:.4f}" for column in COLUMNS)] for name in models]
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]
-    table(title, ["model", *titles], shown)
+    table(title, ["model", *titles], fidelity_rows(figures, ending=ending))

@@ -2,212 +2,23 @@
 
 from __future__ import annotations
 
-import os
-import time
-from collections import Counter
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Annotated
 
-import numpy as np
 import tyro
 
-from motorprior.artifacts import read_tensors, write_json, write_tensors
-from motorprior.cli.bounds import require_at_least, require_at_most
-from motorprior.cli.console import CONSOLE, bar
-from motorprior.cli.motors import MotorChoice
-from motorprior.cli.stage import begin, description, digest, finish, is_finished
-from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
-from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.task import TaskWeights
-from motorprior.robots.pupper_v2 import spec
-from motorprior.search.ars import Ars, ArsConfig
-from motorprior.search.executor import Executor, Kind, make_executor
-from motorprior.search.train import Champion, Iteration, contest, new_search, train
-from motorprior.simulation.engines import Engine, Scene
-from motorprior.simulation.last_words import last_words
-from motorprior.simulation.mujoco_backend import DrawMotors
-from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig
-from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import FAULTS
-
-POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
-_CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
-MOST_WORKERS = 1024
+from motorprior.cli.console import TERMINAL
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walk import Walk, run_walk
 
 
 @dataclass(frozen=True)
-class Walk:
+class WalkCommand(Walk):
     """Train a walking policy."""
 
-    out: Path
-    """Folder for policy.safetensors, curve.json and the checkpoint."""
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
-    """The motors of every episode."""
-    start: Path | None = None
-    """A policy to go on from, with other motors for example; without one it starts from a trot in place."""
-    iterations: int = 200
-    """ARS iterations."""
-    episode_steps: int = 250
-    """Control steps of 10 ms per episode."""
-    search: ArsConfig = field(default_factory=ArsConfig)
-    """Augmented random search."""
-    task: TaskWeights = field(default_factory=TaskWeights)
-    """Reward."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Episodes at a time; the result does not depend on it."""
-    engine: Engine = "mujoco"
-    """Physics engine; PyBullet holds the interpreter lock, so that only `--executor ray` uses more cores."""
-    roughness: float = 0.0
-    """Height of the bumps of a rough ground [m]; PyBullet only. It ends 4 m from the start."""
-    randomization: Randomization = field(default_factory=Randomization)
-    """What differs between episodes besides the motors; nothing if not given."""
-    executor: Kind = "threads"
-    """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
-    ray_address: str | None = None
-    """A running Ray cluster to join, with --executor ray; without one Ray starts on this machine only."""
 
 
-def run_walk(config: Walk, name: str = "walk") -> None:
-    """Train, resume, or do nothing if the folder holds this very policy.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
-        KeyboardInterrupt: after a checkpoint of the iterations that are complete.
-    """
-    require_at_least(1, iterations=config.iterations, episode_steps=config.episode_steps, workers=config.workers)
-    require_at_most(MOST_WORKERS, workers=config.workers)
-    draw = config.motors.drawer()
-    settings = asdict(config)
-    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
-        del settings[where]
-    inputs = config.motors.inputs() + ([] if config.start is None else [config.start])
-    wanted = description("walk", settings, inputs)
-    if is_finished(config.out, wanted):
-        return
-    make_simulator = scene(config, draw).simulator
-    if config.ray_address is not None and config.executor != "ray":
-        raise ConfigError("--ray-address is for --executor ray", remedy="give both, or leave it out")
-    begin(config.out)
-    executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
-    try:
-        champion, curve = _train(config, executor, wanted, name)
-    finally:
-        executor.close()
-    _policy(config, champion).save(config.out / POLICY)
-    write_json(config.out / CURVE, curve)
-    _tell_faults(curve, 2 * config.search.num_directions)
-    (config.out / CHECKPOINT).unlink(missing_ok=True)
-    finish(config.out, wanted)
-
-
-def scene(config: Walk, draw: DrawMotors) -> Scene:
-    """What a worker simulates.
-
-    Raises:
-        ConfigError: the engine is not installed, or cannot do what is asked.
-    """
-    walk = WalkConfig(config.episode_steps, config.task, config.randomization)
-    return Scene(config.engine, draw, config.motors.physics_dt, walk, Terrain(config.roughness))
-
-
-def _train(config: Walk, executor: Executor, wanted: dict, name: str) -> tuple[Champion, list[dict]]:
-    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
-    search, champion, curve = _restore(config, wanted)
-    if config.start is not None and search.iteration == 0:  # what nothing improves on is kept
-        champion = contest(search, executor, champion)
-    latest = _checkpoint(search, champion)
-    saved = time.monotonic()
-
-    def rescue() -> str:
-        """Keep everything, and the best policy so far, when MuJoCo ends the process."""
-        _save_checkpoint(config.out, latest, curve, wanted)
-        kept = f"{int(latest['iteration'])} iterations"
-        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
-        if best.iteration > 0:
-            _policy(config, best).save(config.out / POLICY)
-            kept += f" and the best policy so far, of iteration {best.iteration},"
-        return f"{kept} are kept in {config.out}"
-
-    try:
-        with bar(f"{name}: {config.iterations} iterations", config.iterations) as progress, last_words(rescue):
-            progress.advance(search.iteration)
-
-            def report(point: Iteration, best: Champion) -> None:
-                nonlocal latest, saved
-                curve.append(asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}})
-                latest = _checkpoint(search, best)
-                progress.advance(1, f"return {point.mean_return:.2f} m")
-                if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
-                    saved = time.monotonic()
-                    _save_checkpoint(config.out, latest, curve, wanted)
-
-            champion = train(search, executor, config.iterations, champion, report)
-    except (KeyboardInterrupt, MotorPriorError):  # the second: a fault of the simulation, or lost workers
-        _save_checkpoint(config.out, latest, curve, wanted)
-        raise
-    return champion, curve
-
-
-def _tell_faults(curve: list[dict], episodes: int) -> None:
-    """Say which episodes of the training were no physics; each of them ended there, without reward."""
-    faults = sum((Counter(point.get("faults", {})) for point in curve), Counter())
-    for name, count in faults.items():
-        CONSOLE.print(f"{count} of {len(curve) * episodes} episodes ended early: {name}")
-
-
-def _policy(config: Walk, champion: Champion) -> Policy:
-    kp, kd = config.motors.robot_gains()
-    return Policy(
-        weights=champion.weights,
-        observation_mean=champion.mean,
-        observation_std=champion.std,
-        kp=np.full(spec.NUM_JOINTS, kp),
-        kd=np.full(spec.NUM_JOINTS, kd),
-        control_dt=spec.CONTROL_DT,
-        provenance={
-            "motors": config.motors.as_json(config.out),
-            "search": asdict(config.search),
-            "task": asdict(config.task),
-            "start_sha256": None if config.start is None else digest(config.start),
-            "iterations": config.iterations,
-            "iteration": champion.iteration,
-            "own_return": champion.score,
-            "episode_steps": config.episode_steps,
-            "engine": config.engine,
-            "roughness": config.roughness,
-            "randomization": config.randomization.as_json(),
-        },
-    )
-
-
-def _checkpoint(search: Ars, champion: Champion) -> dict[str, np.ndarray]:
-    """Everything a later run needs to end at the same bytes."""
-    return {**search.state(), **champion.state()}
-
-
-def _save_checkpoint(folder: Path, state: dict[str, np.ndarray], curve: list[dict], wanted: dict) -> None:
-    """Write the state; the curve may be a point ahead when interrupted between the two, and is cut to it."""
-    points = curve[: int(state["iteration"])]
-    write_tensors(folder / CHECKPOINT, state, {"wanted": wanted, "curve": points})
-
-
-def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
-    """The training of an interrupted run with the same settings, or a new one.
-
-    Raises:
-        ArtifactError: the checkpoint is damaged.
-    """
-    path = config.out / CHECKPOINT
-    if path.is_file():
-        try:
-            state, header = read_tensors(path)
-            if header.get("wanted") == wanted:
-                best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
-                return Ars.restore(config.search, state), Champion.restore(best), header["curve"]
-        except (ArtifactError, KeyError) as error:
-            problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
-            raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-    start = None if config.start is None else Policy.load(config.start)
-    return new_search(config.search, start), Champion.nobody(), []
+def walk(config: WalkCommand) -> None:
+    """See `run_walk`."""
+    run_walk(config, TERMINAL)

@@ -70,7 +70,7 @@ def main() -> None:
         require_robot_extra()
         _run(arguments.pop("command"), arguments.pop("port"), arguments.pop("policy", None), arguments, say)
     except (MotorPriorError, OSError) as error:
-        say(f"error: {error}")
+        say(f"error: {error.on_command_line() if isinstance(error, MotorPriorError) else error}")
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None

@@ -43,9 +43,9 @@ def the_port(port: str | None) -> str:
         return found[0]
     if not found:
         raise ConfigError(
-            "no serial port that a robot could be on", remedy="plug it in and switch it on, or give --port"
+            "no serial port that a robot could be on", remedy="plug it in and switch it on, or give its name"
         )
-    raise ConfigError(f"several ports: {', '.join(found)}", remedy="say which one with --port")
+    raise ConfigError(f"several ports: {', '.join(found)}", remedy="say which one is port", argument="port")
 
 
 def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dict[str, float]:
@@ -98,7 +98,7 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
     _require("amplitude", settings.amplitude, 0.0, 1.5)
     _require("speed", settings.speed, 0.0, spec.SAFETY.target_speed)
     if settings.seed < 0:
-        raise ConfigError(f"--seed {settings.seed} is below 0", remedy="give 0 or more")
+        raise ConfigError(f"seed {settings.seed} is below 0", remedy="give 0 or more", argument="seed")
     gains = Gains(settings.kp, settings.kd, settings.max_current)
     _require_gains(gains)
     joints = joints_of(settings.joint)
@@ -170,14 +170,16 @@ def _require(name: str, value: float | None, low: float, high: float, or_equal: 
     if value is None or low < value <= high or (or_equal and value == low):
         return
     bound = "at least" if or_equal else "more than"
-    raise ConfigError(f"--{name} {value:g} is out of range", remedy=f"give {bound} {low:g} and at most {high:g}")
+    raise ConfigError(
+        f"{name} {value:g} is out of range", remedy=f"give {bound} {low:g} and at most {high:g}", argument=name
+    )
 
 
 def _require_gains(gains: Gains) -> None:
     limits = spec.SAFETY
     _require("kp", gains.kp, 0.0, limits.highest_kp)
     _require("kd", gains.kd, 0.0, limits.highest_kd)
-    _require("max-current", gains.max_current, 0.0, limits.max_current)
+    _require("max_current", gains.max_current, 0.0, limits.max_current)
 
 
 def _dated(command: str) -> Path:

@@ -73,7 +73,7 @@ def gains_for(policy: Policy, kp: float | None = None, kd: float | None = None) 
             mean = float(wanted.mean())
             raise ConfigError(
                 f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {of_robot:g}",
-                remedy=(f"give --{name} {mean:.1f} if that is meant, or " if mean <= highest else "")
+                remedy=(f"give {name} {mean:.1f} if that is meant, or " if mean <= highest else "")
                 + "train it with the robot's gains",
             )
     return Gains(spec.WIRE_KP if kp is None else kp, spec.WIRE_KD if kd is None else kd)

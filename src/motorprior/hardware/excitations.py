@@ -33,7 +33,7 @@ def joints_of(name: str) -> tuple[int, ...]:
         found = (spec.JOINT_NAMES.index(name),)
     if not found:
         known = f"all, {', '.join((*spec.LEGS, *spec.JOINTS_PER_LEG, spec.JOINT_NAMES[0]))}, ..."
-        raise ConfigError(f"no joint {name!r}", where="--joint", remedy=f"use one of {known}")
+        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {known}", argument="joint")
     return found
 
 
@@ -74,7 +74,7 @@ def excitation_targets(
     largest = float(np.abs(away).max())
     if largest == 0.0:
         names = ", ".join(spec.JOINT_NAMES[joint] for joint in joints)
-        raise ConfigError(f"{kind} does not move {names}", where="--joint", remedy="choose other joints, or a sine")
+        raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
     time = np.arange(steps) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
     away *= amplitude / largest if kind == "gait" else _scale(away, amplitude)

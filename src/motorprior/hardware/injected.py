@@ -55,7 +55,7 @@ def parse_fault(text: str) -> Fault:
     with_joint = kind in _WITH_JOINT
     if kind not in KINDS or number is None or (joint in spec.JOINT_NAMES) != with_joint or (joint and not with_joint):
         raise ConfigError(
-            f"no fault {text!r}", where="--fault",
+            f"fault {text!r} is unknown", argument="fault",
             remedy=f"give KIND:JOINT@SECONDS with KIND of {', '.join(_WITH_JOINT)}, or KIND@SECONDS with one of "
             f"{', '.join(kind for kind in KINDS if kind not in _WITH_JOINT)}",
         )  # fmt: skip

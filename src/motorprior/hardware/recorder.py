@@ -36,11 +36,11 @@ class Recorder:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
         except FileExistsError as error:
-            remedy = "recordings are not overwritten: choose another --out folder"
+            remedy = "recordings are not overwritten: choose another folder"
             raise ArtifactError("it exists already", where=path, remedy=remedy) from error
         except OSError as error:
             raise ArtifactError(
-                f"cannot write ({error.strerror})", where=path, remedy="choose another --out folder"
+                f"cannot write ({error.strerror})", where=path, remedy="choose another folder"
             ) from error
         self._format: str | None = None
         self._with_current = False

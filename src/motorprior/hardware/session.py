@@ -121,7 +121,8 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
         raise RobotFault(
             "no IMU",
             "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be seen",
-            remedy="flash a firmware that reads the IMU, or give --without-imu and stay within reach of the robot",
+            remedy="flash a firmware that reads the IMU, or give without_imu and stay within reach of the robot",
+            argument="without_imu",
         )
     outside = (telemetry.pos < spec.JOINT_LOWER - _RANGE_SLACK) | (telemetry.pos > spec.JOINT_UPPER + _RANGE_SLACK)
     if outside.any():

@@ -37,7 +37,7 @@ class DeploySettings:
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A].
         without_imu: walk a robot whose IMU is not read: a fall is not seen.
-        dry_run: compute everything and send nothing, for --seconds or 5 s.
+        dry_run: compute everything and send nothing, for ``seconds`` or 5 s.
         yes: arm without asking.
     """
 

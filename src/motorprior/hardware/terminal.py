@@ -25,7 +25,9 @@ def require_somebody(yes: bool) -> None:
         ConfigError: no terminal, and no ``yes``.
     """
     if not yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError("nobody is at the terminal to arm the robot", remedy="give --yes if that is meant")
+        raise ConfigError(
+            "nobody is at the terminal to arm the robot", remedy="give yes if that is meant", argument="yes"
+        )
 
 
 def ask_to_arm(stop: Callable[[], bool], yes: bool, how_to_stop: str, say: Say) -> None:

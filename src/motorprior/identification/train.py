@@ -121,7 +121,7 @@ def _finite(loss: float, step: int) -> float:
     if not np.isfinite(loss):
         raise MotorPriorError(
             f"training diverged: the loss is {loss} at Adam step {step}",
-            remedy="check the log with `motorprior logs check`, or try another --seed",
+            remedy="check the log with `motorprior logs check`, or try another seed",
         )
     return loss
 

@@ -45,7 +45,7 @@ class TrainingData:
 
 
 _REMEDIES = {
-    "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import --hung`",
+    "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import` and its option `hung`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)

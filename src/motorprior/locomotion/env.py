@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from motorprior.bounds import is_number, require_count, require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size, body_of, observation_size
-from motorprior.locomotion.bounds import is_number, require_count, require_finite
 from motorprior.locomotion.control_step import command_step, evaluate_step
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe

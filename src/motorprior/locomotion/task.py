@@ -11,9 +11,9 @@ from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 
+from motorprior.bounds import require_number
 from motorprior.compiled import njit
 from motorprior.locomotion.body import PHASE_READINGS, TILT_READINGS
-from motorprior.locomotion.bounds import require_number
 from motorprior.rotations import roll_pitch_yaw
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
@@ -46,7 +46,7 @@ class TaskWeights:
     def __post_init__(self) -> None:
         """Refuse coefficients that are negative, not finite or no numbers."""
         for name, value in asdict(self).items():
-            require_number(f"--task.{name.replace('_', '-')}", value)
+            require_number(f"task.{name}", value)
 
     def array(self) -> np.ndarray:
         """Shape (6,), in the order of the attributes, for `reward`."""

@@ -136,7 +136,10 @@ def _require_answer(address: str) -> None:
         socket.create_connection((host, int(port)), timeout=10.0).close()
     except (OSError, ValueError, OverflowError) as error:
         raise ConfigError(
-            f"no Ray cluster answers at --ray-address ({error})", where=address, remedy="give HOST:PORT of its head"
+            f"no Ray cluster answers at ray_address ({error})",
+            where=address,
+            remedy="give HOST:PORT of its head",
+            argument="ray_address",
         ) from error
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.backend import BackendState
+from motorprior.bounds import require_finite
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.bounds import require_finite
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Conditions, Randomization, nominal_conditions

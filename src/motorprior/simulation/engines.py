@@ -51,8 +51,9 @@ class Scene:
             import_bullet()
         elif self.terrain.roughness:
             raise ConfigError(
-                f"--roughness {self.terrain.roughness:g} is for PyBullet only",
-                remedy="use --engine pybullet, or leave it out",
+                f"roughness {self.terrain.roughness:g} is for PyBullet only",
+                remedy="use engine pybullet, or leave it out",
+                argument="roughness",
             )
 
     def backend(self) -> Backend:

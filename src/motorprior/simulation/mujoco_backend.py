@@ -8,8 +8,8 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.backend import BackendState
+from motorprior.bounds import require_finite
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.bounds import require_finite
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
 

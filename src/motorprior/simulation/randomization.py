@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.bounds import is_number
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import TILT_READINGS, readings
-from motorprior.locomotion.bounds import is_number
 from motorprior.locomotion.sensing import Sensors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
 
@@ -74,10 +74,12 @@ class Randomization:
                 value = tuple(value)
                 object.__setattr__(self, field.name, value)
             if not (_is_range(value, *bounds) if is_range else is_number(value, *bounds)):
+                argument = f"randomization.{field.name}"
                 raise ConfigError(
-                    f"--randomization.{field.name.replace('_', '-')} {value!r} is not a "
+                    f"{argument} {value!r} is not a "
                     f"{'range' if is_range else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
                     remedy="give the smaller number first, both within the bounds" if is_range else "give one number",
+                    argument=argument,
                 )
 
     def as_json(self) -> dict[str, object]:

@@ -36,7 +36,9 @@ class Terrain:
         """Refuse cliffs."""
         if not 0.0 <= self.roughness <= HIGHEST:
             raise ConfigError(
-                f"--roughness {self.roughness} m is not in 0..{HIGHEST} m", remedy="give a height the robot can step on"
+                f"roughness {self.roughness} m is not in 0..{HIGHEST} m",
+                remedy="give a height the robot can step on",
+                argument="roughness",
             )
 
 

@@ -13,9 +13,9 @@ from gymnasium.vector.utils import batch_space
 from numba import njit
 from numba.typed import List
 
+from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import action_size, body_of
-from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.env import observation_bounds
 from motorprior.locomotion.sensing import sense
 from motorprior.simulation.borrowed import borrowed

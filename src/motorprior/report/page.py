@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 
 from motorprior.artifacts import write_text
 from motorprior.exceptions import ConfigError
-from motorprior.transfer.plots_flow import flow_svg
-from motorprior.transfer.plots_style import DPI, model_color, model_key, model_label, png_bytes
+from motorprior.report.plots_flow import flow_svg
+from motorprior.report.plots_style import DPI, model_color, model_key, model_label, png_bytes
 
 Cell = str | float | int | bool | None
 
@@ -109,7 +109,7 @@ def render(report: Report) -> str:
         for table in section.tables:
             _check_rows(table)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = files("motorprior.transfer").joinpath("report.html.j2").read_text(encoding="utf-8")
+    template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(template).render(
         report=report,
         anchors=_anchors([section.title for section in report.sections]),

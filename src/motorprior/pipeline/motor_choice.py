@@ -16,9 +16,9 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.artifacts import require_keys
 from motorprior.bench.fleet import Fleet, load_fleet
-from motorprior.cli.bounds import require_at_least, require_at_most
-from motorprior.cli.stage import digest, fleet_files
+from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.pipeline.stage import digest, fleet_files
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.mujoco_backend import DrawMotors
 
@@ -70,6 +70,12 @@ def load_robot_fleet(name_or_path: str) -> Fleet:
     return fleet
 
 
+def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
+    """The ideal PD: the gains and the torque limit of the fleet's central motor, nothing else."""
+    center = fleet.center(1)
+    return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
+
+
 @dataclass(frozen=True)
 class MotorChoice:
     """The motors of every episode."""
@@ -77,7 +83,7 @@ class MotorChoice:
     actuator: Literal["prior", "pd", "fleet"] = "prior"
     """prior: samples of a learned prior; pd: an ideal PD; fleet: physical motors (the oracle)."""
     prior: Path | None = None
-    """Prior file, for --actuator prior."""
+    """Prior file, for the actuator prior."""
     posterior: Path | None = None
     """Posterior of one motor or of the robot's twelve, written by `motorprior adapt`: walk on those motors only."""
     fleet: str = "pupper_v2"
@@ -126,7 +132,10 @@ class MotorChoice:
         for name, file in (("prior", self.prior), ("posterior", self.posterior)):
             if self.actuator != "prior" and file is not None:
                 raise ConfigError(
-                    f"--actuator {self.actuator} has no use for --{name}", where=file, remedy="leave one of them out"
+                    f"actuator {self.actuator} has no use for a {name}",
+                    where=file,
+                    remedy="leave one of them out",
+                    argument="actuator",
                 )
         if self.actuator == "fleet":
             fleet = load_robot_fleet(self.fleet)
@@ -134,7 +143,10 @@ class MotorChoice:
         if self.actuator == "pd":
             return self._pd()
         if self.prior is None:
-            raise ConfigError("--actuator prior needs --prior FILE", remedy="identify one, or use --actuator pd")
+            raise ConfigError(
+                "actuator prior needs the file of a prior", remedy="identify one, or use another actuator",
+                argument="actuator",
+            )  # fmt: skip
         prior = load_prior(self.prior, self.physics_dt)
         if self.posterior is None:
             return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
@@ -146,8 +158,9 @@ class MotorChoice:
         kp = float(center.kp[0]) if self.kp is None else self.kp
         kd = float(center.kd[0]) if self.kd is None else self.kd
         limit = float(center.torque_limit[0]) if self.torque_limit is None else self.torque_limit
-        require_at_least(0, kp=kp, kd=kd, torque_limit=limit, armature=self.armature, delay=self.delay)
-        require_at_most(LONGEST_DELAY, delay=self.delay)
+        for name, value in (("kp", kp), ("kd", kd), ("torque_limit", limit), ("armature", self.armature)):
+            require_number(name, value)
+        require_number("delay", self.delay, most=LONGEST_DELAY)
         model = IdealPd.uniform(spec.NUM_JOINTS, kp, kd, limit, self.armature, self.delay)
         return lambda rng: model
 

@@ -10,9 +10,9 @@ import pytest
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.cli.recipe import recipe_of
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
+from motorprior.pipeline.recipe import recipe_of
 
 PATH = Path("mine.safetensors")
 RECIPE = replace(PRESETS["rollout"], taps=(0, 2, 5), num_latents=3)

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from motorprior.transfer.plots_style import (
+from motorprior.report.plots_style import (
     INK,
     MUTED,
     TEXT,

@@ -12,12 +12,12 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
+from motorprior.bench.facts import BenchFacts
 from motorprior.bench.record import bench_preset, preset_of_period, record
-from motorprior.cli.adapt import FALSE_ALARMS, adapt_to, judge
-from motorprior.cli.bench import BenchFacts
 from motorprior.identification.adapt import Posterior
 from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.logs.motor_log import MotorLog
+from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
 
 HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
 """Tags of random streams."""
@@ -122,8 +122,8 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
         of the training motors' posteriors to N(0, I) [nat].
     """
     from motorprior.identification import distribution
-    from motorprior.transfer.plots_distribution import feature_quantiles
-    from motorprior.transfer.plots_style import png_bytes
+    from motorprior.report.plots_distribution import feature_quantiles
+    from motorprior.report.plots_style import png_bytes
 
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
     pairs = []

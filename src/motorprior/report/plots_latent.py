@@ -10,8 +10,8 @@ from matplotlib.collections import EllipseCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from motorprior.transfer.plots_directions import Directions
-from motorprior.transfer.plots_style import INK, MUTED, TEXT, describe, new_figure, panels, style
+from motorprior.report.plots_directions import Directions
+from motorprior.report.plots_style import INK, MUTED, TEXT, describe, new_figure, panels, style
 
 PARAMETER_LABELS = {
     "kp": "position gain [N·m/rad]",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,22 @@ import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, read_tensors
-from motorprior.cli.bench import read_bench
-from motorprior.cli.replay import replay_models, replay_rows
-from motorprior.cli.run_record import belongs
-from motorprior.cli.transfer import TRANSFER_COLUMNS, conditions_in, transfer_rows
-from motorprior.cli.validate import COLUMNS, MODELS
-from motorprior.cli.walk import CURVE
+from motorprior.bench.facts import read_bench
+from motorprior.report import plots
+from motorprior.report.gait_picture import gait_animation, gait_strip
+from motorprior.report.page import Picture, Section, Table, picture
+from motorprior.report.plots_directions import behaviour_directions, told_best
+from motorprior.report.tables import (
+    TRANSFER_COLUMNS,
+    conditions_in,
+    fidelity_rows,
+    replay_models,
+    replay_rows,
+    transfer_rows,
+)
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.skeleton import skeleton
-from motorprior.transfer import plots
-from motorprior.transfer.gait_picture import gait_animation, gait_strip
-from motorprior.transfer.plots_directions import behaviour_directions, told_best
-from motorprior.transfer.report import Picture, Section, Table, picture
+from motorprior.transfer.metrics import COLUMNS, MODELS
 
 _LATENT_PANELS = 6
 
@@ -98,10 +103,8 @@ def _torque_section(tensors: dict[str, np.ndarray]) -> Section:
 
 
 def _fidelity_table(figures: dict[str, float], columns: tuple[str, ...], caption: str) -> Table:
-    names = [name for name in MODELS if f"{columns[0]}/{name}" in figures]
-    rows = [(name, *(f"{figures[f'{column}/{name}']:.4f}" for column in columns)) for name in names]
     titles = tuple(column.replace("_", " ").replace("hf", "> 20 Hz") for column in columns)
-    return Table(("model", *titles), tuple(rows), caption)
+    return Table(("model", *titles), tuple(tuple(row) for row in fidelity_rows(figures, columns)), caption)
 
 
 def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figures: dict[str, float]) -> Section:
@@ -186,19 +189,19 @@ def no_logs() -> Section:
     """Where real logs come from."""
     body = (
         "Push-up logs of a real Stanford Pupper v2 are in the repository jietan/puppersim, folder "
-        "puppersim/data/system_id (Apache-2.0). Run the demo again with --logs FOLDER: the finished stages are kept.",
+        "puppersim/data/system_id (Apache-2.0). Run the demo again with the folder of such logs: the "
+        "finished stages are kept.",
     )
     return Section("Real robot logs", "None were given.", body)
 
 
-def walk(run: Path) -> list[Section]:
-    """Learning curves."""
+def walk(folders: Sequence[Path]) -> list[Section]:
+    """Learning curves of the trainings in ``folders``, which are called CONDITION_SEED."""
     curves: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for folder in sorted((run / "walk").iterdir()):
-        if belongs(run, f"walk/{folder.name}") and (folder / CURVE).is_file():
-            points = read_json(folder / CURVE)
-            iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
-            curves.setdefault(folder.name.rsplit("_", 1)[0], []).append((iteration, returns))
+    for folder in folders:
+        points = read_json(folder / "curve.json")
+        iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
+        curves.setdefault(folder.name.rsplit("_", 1)[0], []).append((iteration, returns))
     figure = plots.learning_curves(curves)
     shown = picture(figure, "Mean return of the perturbed policies per iteration.", "learning curves")
     lead = "Augmented random search on a linear policy that modulates a trot; other motors in every episode."
@@ -239,6 +242,17 @@ def _gait(tensors: dict[str, np.ndarray], header: dict[str, Any], name: str) -> 
         return []
     moving = Picture(f"{title}: first 2.5 s.", title, gait_animation(body, dt, title, color=color), "gif")
     return [moving, picture(gait_strip(body, dt, title, color=color), f"{title}: frames.", title)]
+
+
+def times(seconds: Mapping[str, float]) -> Section:
+    """Where the time of a demo went.
+
+    Args:
+        seconds: kind of stage -> seconds of all of its kind.
+    """
+    rows = tuple((kind, round(took, 1)) for kind, took in seconds.items())
+    table = Table(("stage", "seconds"), rows, "Wall clock of the finished stages, interrupted runs included.")
+    return Section("Where the time goes", f"{sum(seconds.values()):.0f} s of work.", tables=(table,))
 
 
 def highlights(figures: dict[str, float]) -> tuple[tuple[str, str], ...]:

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ConfigError
-from motorprior.transfer.plots_flow import STAGES
-from motorprior.transfer.plots_motor import closed_loop
-from motorprior.transfer.plots_style import MODEL_COLORS
-from motorprior.transfer.report import (
+from motorprior.report.page import (
     Picture,
     Report,
     Section,
@@ -23,6 +20,9 @@ from motorprior.transfer.report import (
     render,
     write_report,
 )
+from motorprior.report.plots_flow import STAGES
+from motorprior.report.plots_motor import closed_loop
+from motorprior.report.plots_style import MODEL_COLORS
 
 VOID = {"meta", "img", "br", "hr", "link", "input", "rect", "path"}
 

@@ -10,18 +10,18 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.skeleton import Skeleton, skeleton
-from motorprior.transfer import plots
-from motorprior.transfer.gait_picture import gait_animation, gait_strip
-from motorprior.transfer.plots_directions import (
+from motorprior.report import plots
+from motorprior.report.gait_picture import gait_animation, gait_strip
+from motorprior.report.plots_directions import (
     Directions,
     behaviour_directions,
     principal_directions,
     told_best,
 )
-from motorprior.transfer.plots_style import png_bytes
+from motorprior.report.plots_style import png_bytes
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.skeleton import Skeleton, skeleton
 
 TIME = np.arange(0.0, 1.0, 0.01)
 ANGLE = np.sin(6.0 * TIME)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from motorprior.transfer.plots_distribution import feature_quantiles, null_band
-from motorprior.transfer.plots_style import png_bytes
+from motorprior.report.plots_distribution import feature_quantiles, null_band
+from motorprior.report.plots_style import png_bytes
 
 NAMES, UNITS = ("gain 1 Hz", "rise time", "dead band", "breakaway", "peak speed"), ("-", "s", "rad", "N·m", "rad/s")
 

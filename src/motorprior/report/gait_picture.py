@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
 from motorprior.exceptions import ConfigError
+from motorprior.report.plots_style import INK, MUTED, describe, most_used, new_figure, style, with_palette
 from motorprior.robots.pupper_v2.spec import FOOT_RADIUS, LEGS, SIDE
 from motorprior.simulation.skeleton import Skeleton
-from motorprior.transfer.plots_style import INK, MUTED, describe, most_used, new_figure, style, with_palette
 
 FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
 """Corners of `Skeleton.chassis` around each face of the box."""

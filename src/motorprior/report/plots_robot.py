@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from motorprior.transfer.plots_motor import TIME, closed_loop
-from motorprior.transfer.plots_style import describe, fit_y, legend_below, model_line, new_figure, panels
+from motorprior.report.plots_motor import TIME, closed_loop
+from motorprior.report.plots_style import describe, fit_y, legend_below, model_line, new_figure, panels
 
 
 def robot_traces(

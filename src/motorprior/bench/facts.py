@@ -1,23 +1,20 @@
-"""``motorprior bench``: a fleet of physical motors on the virtual dynamometer, as a motor log."""
+"""A bench in a folder: its motor log, and the facts from which the very same motors can be drawn again."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
-from motorprior.artifacts import read_json, require_keys, write_json
-from motorprior.bench.fleet import Fleet, fleet_of, load_fleet
-from motorprior.bench.record import bench_preset, record
-from motorprior.cli.bounds import require_at_least, require_at_most, require_seed
-from motorprior.cli.console import bar
-from motorprior.cli.stage import begin, description, finish, fleet_files, is_finished
+from motorprior.artifacts import read_json, require_keys
+from motorprior.bench.fleet import Fleet, fleet_of
+from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.logs.parquet_io import read_log
 
 MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
 """Of one bench; so many samples take about 3 GB while they are recorded."""
@@ -25,24 +22,6 @@ LOG, FACTS = "log.parquet", "bench.json"
 MOTORS_STREAM = 11
 """Tag of the random stream that draws a bench's motors."""
 _FACTS = ("fleet", "motor", "robot", "parameters", "preset", "motors", "steps", "seed")
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Record motor logs on a virtual dynamometer."""
-
-    out: Path
-    """Folder for log.parquet and bench.json."""
-    fleet: str = "pupper_v2"
-    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
-    preset: str = "rollout"
-    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms) or paper (sinusoid; 10 ms)."""
-    motors: int = 32
-    """Number of motors drawn from the fleet."""
-    steps: int = 10_000
-    """Samples per motor."""
-    seed: int = 0
-    """Draws the motors and their excitation."""
 
 
 @dataclass(frozen=True)
@@ -73,21 +52,24 @@ class BenchFacts:
         }
 
 
-def require_bench_size(motors: int, steps: int, steps_option: str = "steps") -> None:
+def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> None:
     """Refuse a bench of no or of too many samples.
 
+    Args:
+        motors: number of motors.
+        steps: samples per motor.
+        steps_name: what the caller calls them.
+
     Raises:
-        ConfigError: names the option and its bound.
+        ConfigError: names the argument and its bounds.
     """
-    require_at_least(1, motors=motors)
-    require_at_least(2, **{steps_option: steps})
-    require_at_most(MOST_MOTORS, motors=motors)
-    require_at_most(MOST_STEPS, **{steps_option: steps})
+    require_count("motors", motors, 1, MOST_MOTORS)
+    require_count(steps_name, steps, 2, MOST_STEPS)
     if motors * steps > MOST_SAMPLES:
-        option = f"--{steps_option.replace('_', '-')}"
         raise ConfigError(
-            f"--motors {motors} times {option} {steps} is above {MOST_SAMPLES} samples",
+            f"motors {motors} times {steps_name} {steps} is above {MOST_SAMPLES} samples",
             remedy="give fewer motors or fewer steps",
+            argument="motors",
         )
 
 
@@ -137,26 +119,3 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
             remedy="record the bench anew",
         )  # fmt: skip
     return log, facts
-
-
-def run_bench(config: Bench) -> None:
-    """Record, unless the folder holds this very recording already.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
-    """
-    require_bench_size(config.motors, config.steps)
-    require_seed(config.seed)
-    fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
-    wanted = description("bench", asdict(config), fleet_files(config.fleet), recipe=asdict(preset))
-    if is_finished(config.out, wanted):
-        return
-    begin(config.out)
-    with bar(f"bench {config.preset}: {config.motors} motors, {config.steps} steps", 1) as progress:
-        (config.out / FACTS).unlink(missing_ok=True)  # or they would stand beside a log of other motors
-        motors = training_motors(fleet, config.motors, config.seed)
-        write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
-        facts = BenchFacts(fleet, config.preset, config.motors, config.steps, config.seed)
-        write_json(config.out / FACTS, facts.as_json())
-        progress.advance()
-    finish(config.out, wanted)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motorprior.transfer.plots_style import (
+from motorprior.report.plots_style import (
     INK,
     MUTED,
     TEXT,

@@ -1,0 +1,178 @@
+"""The posterior of z for the motors of a log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bounds import require_number
+from motorprior.exceptions import ArtifactError, LogError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_log
+from motorprior.pipeline.motor_choice import load_prior
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.recipe import recipe_of
+from motorprior.pipeline.stage import description, digest, is_finished, working
+
+if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.adapt import Posterior
+    from motorprior.identification.presets import Preset
+    from motorprior.identification.windows import TrainingData
+
+POSTERIOR = "posterior.safetensors"
+FALSE_ALARMS = 0.01
+"""About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
+
+
+@dataclass(frozen=True)
+class Adapt:
+    """Find where in the prior's latent space the motors of a log are."""
+
+    prior: Path
+    """Prior that `motorprior identify` wrote."""
+    log: Path
+    """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
+    out: Path
+    """Folder for posterior.safetensors."""
+    seconds: float | None = None
+    """Use the first seconds of the log only [s]; all of it if not given."""
+    anyway: bool = False
+    """Write the posterior even if the log is unlike anything the prior knows."""
+
+
+def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
+    """The first rows of a log; a last segment cut to a single row is left out."""
+    if seconds is None:
+        return log
+    period = float(np.median(np.diff(log.time)))
+    kept = log.rows(slice(0, max(2, round(seconds / period))))
+    last = kept.segment_slices()[-1]
+    return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How odd the M motors of a log are.
+
+    Attributes:
+        chance: (M,) that a motor of the prior's fleet seems as odd: twice the smaller of the chances that it fits its
+            log as badly (`reference.surprise`) and that it lies as far out (`outliers`).
+        reason: M times what is oddest.
+    """
+
+    chance: np.ndarray
+    reason: tuple[str, ...]
+
+
+def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Posterior:
+    """Posterior of every motor of the log.
+
+    Raises:
+        LogError: the log lacks a channel, has another period, or is shorter than a window.
+        ArtifactError: a prior without latents or without the figures of its own errors.
+    """
+    from motorprior.identification.adapt import adapt
+
+    preset, data, temperature, _ = _prepared(prior, path, log, where)
+    return adapt(prior.network, data, preset, temperature)
+
+
+def judge(prior: MotorPrior, path: Path, log: MotorLog, where: str, found: Posterior) -> Judged:
+    """Whether the motors that `adapt_to` ``found`` in this log are like those that the prior was trained on.
+
+    Raises:
+        LogError, ArtifactError: see `adapt_to`.
+    """
+    from motorprior.identification.outliers import outliers
+    from motorprior.identification.reference import pieces, surprise
+
+    preset, data, temperature, which = _prepared(prior, path, log, where)
+    badly = surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
+    reason = ["it fits its log badly"] * len(badly)
+    if len(prior.mean) < 2:
+        return Judged(badly, tuple(reason))
+    far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
+    for motor in np.flatnonzero(far.chance < badly):
+        reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
+    return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
+
+
+def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[Preset, TrainingData, float, str]:
+    """Recipe, data, temperature, and the `reference.ending` of the metrics that a log is judged by."""
+    from motorprior.identification.reference import ending, knows_its_errors
+    from motorprior.identification.windows import training_data
+
+    preset = recipe_of(prior, path)
+    if prior.network.num_latents == 0 or not knows_its_errors(prior.metrics, preset.objective == "rollout"):
+        raise ArtifactError(
+            "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
+        )
+    data = training_data(log, preset, where)
+    # A prior that never saw torques judges by positions, whatever the log has.
+    knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"
+    measured = replace(data.measured, torque=data.measured.torque and knows_torque)
+    data = replace(data, measured=measured)
+    which = ending(measured.torque) if knows_torque else ""
+    return preset, data, prior.metrics[f"loss_mean{which}"], which
+
+
+def run_adapt(
+    config: Adapt,
+    progress: Progress = SILENT,
+    show: Callable[[MotorLog, Posterior, Judged], None] = lambda log, found, judged: None,
+) -> None:
+    """Adapt, unless the folder holds this very posterior already.
+
+    Args:
+        config: settings.
+        progress: where to report to.
+        show: called with what was found, before a log unlike the fleet is refused.
+
+    Raises:
+        LogError: the log does not fit, or is unlike anything the prior knows and ``anyway`` is not set.
+    """
+    started = time.monotonic()
+    if config.seconds is not None:
+        require_number("seconds", config.seconds)
+    prior, log = load_prior(config.prior), first_seconds(read_log(config.log), config.seconds)
+    wanted = description("adapt", asdict(config), [config.prior, config.log])
+    if is_finished(config.out, wanted):
+        return
+    with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
+        found = adapt_to(prior, config.prior, log, str(config.log))
+        judged = judge(prior, config.prior, log, str(config.log), found)
+        task.advance()
+    show(log, found, judged)
+    if not config.anyway:
+        _require_like_the_fleet(log, judged, config.log)
+    with working(config.out, wanted, started):
+        posterior = MotorPosterior(
+            found.mean,
+            found.covariance,
+            log.joint_names,
+            digest(config.prior),
+            log.duration,
+            tuple(float(value) for value in judged.chance),
+        )
+        posterior.save(config.out / POSTERIOR)
+
+
+def _require_like_the_fleet(log: MotorLog, judged: Judged, path: Path) -> None:
+    bound = FALSE_ALARMS / log.num_joints
+    odd = zip(log.joint_names, judged.chance, judged.reason, strict=True)
+    strangers = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]
+    if strangers:
+        raise LogError(
+            f"motors are unlike any the prior was trained on ({'; '.join(strangers)}): one of its fleet is as odd with "
+            f"a chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
+            where=path,
+            remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
+            argument="anyway",
+        )

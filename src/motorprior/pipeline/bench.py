@@ -1,0 +1,55 @@
+"""A fleet of physical motors on the virtual dynamometer, as a motor log."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from motorprior.artifacts import write_json
+from motorprior.bench.facts import FACTS, LOG, BenchFacts, require_bench_size, training_motors
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.record import bench_preset, record
+from motorprior.bounds import require_seed
+from motorprior.logs.parquet_io import write_log
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.stage import description, fleet_files, is_finished, working
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Record motor logs on a virtual dynamometer."""
+
+    out: Path
+    """Folder for log.parquet and bench.json."""
+    fleet: str = "pupper_v2"
+    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
+    preset: str = "rollout"
+    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms) or paper (sinusoid; 10 ms)."""
+    motors: int = 32
+    """Number of motors drawn from the fleet."""
+    steps: int = 10_000
+    """Samples per motor."""
+    seed: int = 0
+    """Draws the motors and their excitation."""
+
+
+def run_bench(config: Bench, progress: Progress = SILENT) -> None:
+    """Record, unless the folder holds this very recording already.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
+    """
+    require_bench_size(config.motors, config.steps)
+    require_seed(config.seed)
+    fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
+    wanted = description("bench", asdict(config), fleet_files(config.fleet), recipe=asdict(preset))
+    if is_finished(config.out, wanted):
+        return
+    title = f"bench {config.preset}: {config.motors} motors, {config.steps} steps"
+    with working(config.out, wanted), progress.start(title, 1) as task:
+        (config.out / FACTS).unlink(missing_ok=True)  # or they would stand beside a log of other motors
+        motors = training_motors(fleet, config.motors, config.seed)
+        write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
+        facts = BenchFacts(fleet, config.preset, config.motors, config.steps, config.seed)
+        write_json(config.out / FACTS, facts.as_json())
+        task.advance()

@@ -1,0 +1,222 @@
+"""The whole mission, small: logs, prior, simulation, policies, transfer, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from motorprior.artifacts import read_json, write_json
+from motorprior.bench.facts import require_bench_size
+from motorprior.bounds import require_count, require_seed
+from motorprior.exceptions import ArtifactError
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.identify import PRIOR, Identify, run_identify
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.replay import Replay, read_logs, run_replay
+from motorprior.pipeline.report import FIGURES, PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
+from motorprior.pipeline.speed import measure_speed
+from motorprior.pipeline.stage import MARKER, begin, digest
+from motorprior.pipeline.transfer import Transfer, run_transfer
+from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
+from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.robots.pupper_v2 import spec
+from motorprior.search.ars import ArsConfig
+
+SEEDS_APART = 1000
+"""Policies of different demo seeds share no search seed."""
+PRESETS = ("rollout", "paper", "one_network", "paper_wide")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Demo:
+    """The whole story, small: minutes on two cores. A rerun continues where it stopped."""
+
+    out: Path = Path("runs/demo")
+    """Run folder: every artefact, figures.json and report.html."""
+    fleet: str = "pupper_v2"
+    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
+    logs: Path | None = None
+    """Folder with real Pupper v2 logs (jietan/puppersim, puppersim/data/system_id) to replay."""
+    seed: int = 0
+    """Seed of everything."""
+    motors: int = 32
+    """Motors on the bench."""
+    bench_steps: int = 10_000
+    """Samples per motor and preset."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    iterations: int = 200
+    """ARS iterations per policy."""
+    seeds: int = 2
+    """Policies per condition."""
+    workers: int = 2
+    """Threads for walking; the result does not depend on it."""
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What a demo found.
+
+    Attributes:
+        figures: every figure, by name; also in figures.json.
+        page: the report.
+        seconds: kind of stage -> seconds of its stages, interrupted runs included; and of everything else in this run.
+    """
+
+    figures: dict[str, float]
+    page: Path
+    seconds: dict[str, float]
+
+
+def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = None, command: str = "") -> DemoResult:
+    """Run every stage that is not finished, and the report after each.
+
+    Args:
+        config: settings.
+        progress: where to report to.
+        started: time.monotonic() when the process began, so that ``seconds`` counts imports; now if not given.
+        command: what makes the same page again, for the page.
+
+    Raises:
+        MotorPriorError: a stage cannot run; what is finished stays.
+    """
+    started = time.monotonic() if started is None else started
+    _require_settings(config)
+    begin(config.out)
+    settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
+    _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
+    (config.out / FIGURES).unlink(missing_ok=True)  # or the page would show those of other settings
+    stages = _Stages(config.out)
+    figures: dict[str, float] = {}
+    _learn(config, stages, progress)
+    figures |= stages.run("validate", lambda: _validate(config, progress))
+    _page_so_far(config.out)
+    if config.logs is not None:
+        figures |= stages.run("replay", lambda: _replay(config, config.logs, progress))
+    figures |= measure_speed(config.out / "priors" / "rollout" / PRIOR, config.fleet, progress=progress)
+    for walk in _walks(config):
+        title = f"walk on {walk.out.name}"
+        stages.run(f"walk/{walk.out.name}", lambda walk=walk, title=title: run_walk(walk, progress, title))
+    figures |= stages.run("transfer", lambda: _transfer(config, progress))
+    write_json(config.out / FIGURES, figures)  # the page shows some
+    page = build_report(config.out)
+    seconds = seconds_by_kind(config.out) | {"everything else": time.monotonic() - started - stages.took}
+    figures["seconds"] = sum(seconds.values())
+    write_json(config.out / FIGURES, figures)
+    return DemoResult(figures, page, seconds)
+
+
+def _require_settings(config: Demo) -> None:
+    """Refuse settings before anything is written.
+
+    Raises:
+        MotorPriorError: names the setting.
+    """
+    require_count("motors", config.motors, spec.NUM_JOINTS)
+    require_bench_size(config.motors, config.bench_steps, "bench_steps")
+    for name in ("iterations", "seeds", "workers"):
+        require_count(name, getattr(config, name))
+    if config.adam_steps is not None:
+        require_count("adam_steps", config.adam_steps)
+    require_seed(config.seed)
+    load_robot_fleet(config.fleet)
+    if config.logs is not None:
+        read_logs(config.logs)
+
+
+class _Stages:
+    """The stages that the present settings asked for, in ``stages.json``: folder -> digest of its marker.
+
+    The page shows these only: whatever else lies in the run folder is of other settings.
+    """
+
+    def __init__(self, run: Path):
+        """Take the folder; from here on no stage belongs to it until it has been asked for."""
+        self._run, self._found = run, {}
+        self.took = 0.0
+        """Seconds of this process in stages."""
+        write_json(run / STAGES, self._found)
+
+    def run(self, folder: str, work: Callable[[], Result]) -> Result:
+        """Run the stage of a folder, or find it finished."""
+        started = time.monotonic()
+        result = work()
+        self.took += time.monotonic() - started
+        self._found[folder] = digest(self._run / folder / MARKER)
+        write_json(self._run / STAGES, self._found)
+        return result
+
+
+def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:
+    out = config.out
+    for preset in ("rollout", "paper"):
+        bench = Bench(out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed)
+        stages.run(f"bench/{preset}", lambda bench=bench: run_bench(bench, progress))
+    _page_so_far(out)
+    progress.note(f"first pictures: {out / PAGE}")
+    for preset in PRESETS:
+        folder = "paper" if preset == "paper" else "rollout"
+        identify = Identify(out / "bench" / folder, out / "priors" / preset, preset, config.seed, config.adam_steps)
+        stages.run(f"priors/{preset}", lambda identify=identify: run_identify(identify, progress))
+        if preset == "rollout":  # the one that the page shows
+            _page_so_far(out)
+
+
+def _page_so_far(out: Path) -> None:
+    """The page anew, unless it is younger than settings and every finished stage: drawing it takes seconds."""
+    page, sources = out / PAGE, (out / SETTINGS, *out.rglob(MARKER))
+    if not page.is_file() or page.stat().st_mtime_ns < max(path.stat().st_mtime_ns for path in sources):
+        build_report(out)
+
+
+def _write_if_changed(path: Path, value: Any) -> None:
+    """JSON; its time stays that of the last change."""
+    with suppress(ArtifactError):  # none there, or a damaged one
+        if read_json(path) == value:
+            return
+    write_json(path, value)
+
+
+def _validate(config: Demo, progress: Progress) -> dict[str, float]:
+    priors = tuple(config.out / "priors" / preset / PRIOR for preset in PRESETS)
+    return run_validate(Validate(priors, config.out / "validate", config.seed, held_out=False), progress)
+
+
+def _replay(config: Demo, logs: Path | None, progress: Progress) -> dict[str, float]:
+    assert logs is not None
+    prior = config.out / "priors" / "rollout" / PRIOR
+    return run_replay(Replay(logs, prior, config.out / "replay", config.fleet, seed=config.seed), progress)
+
+
+def _walks(config: Demo) -> list[Walk]:
+    """Every policy to train, first seeds first."""
+    gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
+    conditions = {
+        "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, fleet=config.fleet),
+        "oracle": MotorChoice("fleet", fleet=config.fleet),
+        "ideal_pd": MotorChoice("pd", fleet=config.fleet, **gains),
+        "tuned_pd": MotorChoice("pd", fleet=config.fleet, **tuned),
+        "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, fleet=config.fleet),
+    }
+    return [
+        Walk(
+            config.out / "walk" / f"{name}_{seed}",
+            motors,
+            iterations=config.iterations,
+            search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
+            workers=config.workers,
+        )
+        for seed in range(config.seeds)
+        for name, motors in conditions.items()
+    ]
+
+
+def _transfer(config: Demo, progress: Progress) -> dict[str, float]:
+    walks = tuple(sorted(walk.out for walk in _walks(config)))
+    return run_transfer(Transfer(walks, config.out / "transfer", config.fleet), progress)

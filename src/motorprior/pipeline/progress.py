@@ -1,0 +1,70 @@
+"""How far a stage is, and what a user should know meanwhile. Who shows it, and how, is not the pipeline's matter."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Protocol, TextIO
+
+
+class Task(Protocol):
+    """A named unit of work that is under way."""
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """``count`` more parts of it are done; ``note`` says how it goes."""
+        ...
+
+
+class Progress(Protocol):
+    """Where stages report to."""
+
+    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
+        """Begin a unit of work with ``total`` parts; it ends with the context."""
+        ...
+
+    def note(self, text: str) -> None:
+        """Tell the user one thing."""
+        ...
+
+
+class Silent:
+    """`Progress` and `Task` that show nothing."""
+
+    def start(self, name: str, total: int) -> AbstractContextManager[Silent]:
+        """See `Progress.start`."""
+        return nullcontext(self)
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """See `Task.advance`."""
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+
+
+class Lines:
+    """A line of text for every note and for every unit of work that is done.
+
+    Args:
+        stream: where the lines go, for example `sys.stderr`.
+    """
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    @contextmanager
+    def start(self, name: str, total: int) -> Iterator[Lines]:
+        """See `Progress.start`."""
+        started = time.monotonic()
+        yield self
+        self.note(f"{name}: {time.monotonic() - started:.1f} s")
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """See `Task.advance`."""
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+        print(text, file=self._stream, flush=True)
+
+
+SILENT = Silent()

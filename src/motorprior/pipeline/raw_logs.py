@@ -1,0 +1,89 @@
+"""Raw logs of a robot, brought in as motor logs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.logs.pupper_import import read_pupper_log
+from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
+from motorprior.robots.pupper_v2 import spec
+
+
+@dataclass(frozen=True)
+class LogsImport:
+    """Convert recordings of a robot and raw Pupper v2 logs to motor logs."""
+
+    paths: tuple[Path, ...]
+    """Recordings of `motorprior record` or `deploy` (.csv), or raw logs (.csv, .csv.gz, original .txt pickles)."""
+    out: Path
+    """Folder for the .parquet files."""
+    period: float | None = None
+    """Sample period of the result [s], for recordings of a robot; as recorded if not given."""
+    hung: bool = False
+    """A recording of `motorprior record` for which the robot hung in the air with its body level: add the load of every
+    motor, which `adapt` needs. Every 2 ms unless another period is given."""
+
+
+def read_any(path: Path) -> MotorLog:
+    """Read a motor log, a recording of `motorprior record` or `deploy`, or a raw Pupper log."""
+    if path.suffix == ".parquet":
+        return read_log(path)
+    return read_robot_run(path) if is_robot_run(path) else read_pupper_log(path)
+
+
+def require_paths(paths: tuple[Path, ...]) -> None:
+    """Refuse to do nothing.
+
+    Raises:
+        ConfigError: no log is given.
+    """
+    if not paths:
+        raise ConfigError("no log given", remedy="give at least one file")
+
+
+def import_logs(config: LogsImport) -> None:
+    """Write one .parquet per raw log, named after it.
+
+    Raises:
+        ConfigError: two logs would get the same name, or a period that is not positive.
+        LogError, ArtifactError: a log that cannot be read, a folder that cannot be written.
+    """
+    require_paths(config.paths)
+    if config.period is not None and not 0.0 < config.period < 1.0:
+        raise ConfigError(
+            f"period {config.period:g} s is out of range", remedy="give for example 0.002", argument="period"
+        )
+    targets: dict[Path, Path] = {}
+    for path in config.paths:
+        target = config.out / (path.name.split(".")[0] + ".parquet")
+        if target in targets:
+            raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
+        targets[target] = path
+    for target, path in targets.items():
+        write_log(target, _imported(path, config))
+
+
+def _imported(path: Path, config: LogsImport) -> MotorLog:
+    """One log as it was asked for.
+
+    Raises:
+        ConfigError: a period or a load for something else than a recording of a robot.
+        LogError: it cannot be read.
+    """
+    if config.period is None and not config.hung:
+        return read_any(path)
+    if not is_robot_run(path):
+        raise ConfigError(
+            "a period or a load is for recordings of `motorprior record` and `deploy`", where=path,
+            remedy="leave them out",
+        )  # fmt: skip
+    period = config.period or spec.PHYSICS_DT
+    if not config.hung:
+        return read_robot_run(path, period=period)
+    from motorprior.simulation.hung_load import with_loads
+
+    return with_loads(read_robot_run(path, (Mode.EXCITE,), period))

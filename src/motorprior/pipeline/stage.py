@@ -1,0 +1,230 @@
+"""A stage of work in a folder: finished or not, and whether what is there is what is asked for.
+
+``stage.json`` is written last. It holds the resolved settings, the contents of the recipe, the digests of the
+inputs and of the code, the version, and the seconds that the stage took; a stage whose file says the same, whatever
+its seconds, is not run again, so an interrupted demo continues where it stopped. No path is part of it: a folder that
+was moved or copied is still finished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from motorprior import __version__
+from motorprior.artifacts import read_json, write_json
+from motorprior.bench.fleet import fleet_path
+from motorprior.exceptions import ArtifactError
+
+MARKER, UNFINISHED = "stage.json", "unfinished.json"
+"""The second holds the seconds of a stage that was interrupted."""
+_STAGES = ("bench", "identify", "adapt", "validate", "replay", "walk", "transfer")
+_NEEDS = {"validate": ("adapt",)}
+"""Stages whose own module another one's numbers depend on."""
+_NO_NUMBERS = (
+    *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
+    *(f"pipeline/{name}.py" for name in ("progress", "stage", "demo", "report", "speed", "raw_logs")),
+    *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py", "simulation/hung_load.py"),
+)
+"""What no stage computes with; a robot, real or virtual, is not part of any."""
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        ArtifactError: it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+
+
+def description(
+    name: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """What a stage was asked to do, as JSON.
+
+    Args:
+        name: of the stage; its module in `motorprior.pipeline` has the same.
+        settings: resolved options; paths among them are left out, `inputs` speaks for them.
+        inputs: every file that the stage reads, in a fixed order; counts by name and content.
+        recipe: contents of the preset that an option names.
+    """
+    return {
+        "stage": name,
+        "version": __version__,
+        "code": code_digest(name),
+        "config": _plain(settings),
+        "recipe": _plain(recipe or {}),
+        "inputs": [f"{path.name} {digest(path)}" for path in inputs],
+    }
+
+
+@cache
+def code_digest(stage: str) -> str:
+    """SHA-256 of the modules that the results of a stage can depend on, shortened."""
+    return package_digest(stage, Path(__file__).parents[1])
+
+
+def package_digest(stage: str, package: Path) -> str:
+    """`code_digest` of the package in some folder."""
+    others = [f"pipeline/{name}.py" for name in _STAGES if name != stage and name not in _NEEDS.get(stage, ())]
+    parts = []
+    for path in sorted(package.rglob("*.py")):
+        inner = path.relative_to(package)
+        if not any(inner.match(pattern) for pattern in (*_NO_NUMBERS, *others)):
+            parts.append(f"{inner.as_posix()} {digest(path)}")
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def fleet_files(fleet: str) -> list[Path]:
+    """The file of a fleet, shipped or given by path.
+
+    Raises:
+        ArtifactError: there is none.
+    """
+    return [fleet_path(fleet)]
+
+
+def read_figures(path: Path) -> dict[str, float]:
+    """The figures of a finished stage.
+
+    Raises:
+        ArtifactError: missing, damaged, or with a value that is not a finite number.
+    """
+    remedy = f"delete the folder {path.parent} and run the same command again"
+    try:
+        figures = read_json(path)
+    except ArtifactError as error:
+        raise ArtifactError(error.problem, where=path, remedy=remedy) from error
+    if not isinstance(figures, dict):
+        raise ArtifactError("not a table of figures", where=path, remedy=remedy)
+    for name, value in figures.items():
+        if type(value) not in (int, float) or (type(value) is float and not isfinite(value)):
+            raise ArtifactError(f"{name} = {str(value)[:40]} is not a finite number", where=path, remedy=remedy)
+    return figures
+
+
+def _plain(value: Any) -> Any:
+    """JSON values without paths; a fleet's file counts by its content, so its place is left out too."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items() if not _is_place(item)}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value if not _is_place(item)]
+    return value
+
+
+def _is_place(value: Any) -> bool:
+    return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
+
+
+def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
+    """Whether ``folder`` holds the result of exactly this stage."""
+    return _seconds_of(folder / MARKER, wanted) is not None
+
+
+def seconds_of(folder: Path) -> float:
+    """How long the finished stage in ``folder`` took [s], interrupted runs included.
+
+    Raises:
+        ArtifactError: no finished stage, or a damaged marker.
+    """
+    marker = read_json(folder / MARKER)
+    seconds = marker.get("seconds") if isinstance(marker, dict) else None
+    if seconds is None or not _is_duration(seconds):
+        raise ArtifactError("it does not say how long the stage took", where=folder / MARKER, remedy="run it again")
+    return seconds
+
+
+def _seconds_of(path: Path, wanted: dict[str, Any]) -> float | None:
+    """Seconds in a file of this very stage; None if it is another one's, or none that can be read."""
+    try:
+        found = read_json(path)
+    except ArtifactError:
+        return None
+    seconds = found.pop("seconds", None) if isinstance(found, dict) else None
+    return seconds if found == wanted and _is_duration(seconds) else None
+
+
+def _is_duration(seconds: Any) -> bool:
+    return type(seconds) is float and 0.0 <= seconds < 1e12
+
+
+class Stopwatch:
+    """Seconds of a stage over all interruptions; a kill loses those since the last `note`."""
+
+    def __init__(self, folder: Path, wanted: dict[str, Any], since: float | None = None):
+        """Go on from what an interrupted run of this very stage noted; begin at 0 otherwise.
+
+        Args:
+            folder: of the stage.
+            wanted: its `description`.
+            since: time.monotonic() when the work began; now if not given.
+        """
+        self._path, self._wanted = folder / UNFINISHED, wanted
+        self._started = time.monotonic() if since is None else since
+        self._before = _seconds_of(self._path, wanted) or 0.0
+
+    def seconds(self) -> float:
+        """So far."""
+        return self._before + time.monotonic() - self._started
+
+    def note(self) -> None:
+        """Write down the seconds so far."""
+        write_json(self._path, self._wanted | {"seconds": self.seconds()})
+
+
+@contextmanager
+def working(folder: Path, wanted: dict[str, Any], since: float | None = None) -> Iterator[Stopwatch]:
+    """Take the folder of a stage: while this is open it is unfinished, and finished once it closes without an error.
+
+    Args:
+        folder: where the stage writes.
+        wanted: its `description`.
+        since: time.monotonic() when the work began; now if not given.
+
+    Raises:
+        ArtifactError: the folder cannot be created or written.
+    """
+    begin(folder)
+    clock = Stopwatch(folder, wanted, since)
+    try:
+        yield clock
+    except KeyboardInterrupt:
+        clock.note()
+        raise
+    write_json(folder / MARKER, wanted | {"seconds": clock.seconds()})
+    remove(folder, UNFINISHED)
+
+
+def remove(folder: Path, name: str) -> None:
+    """Remove a file that only an unfinished stage needs, and what a killed process left of writing it."""
+    (folder / name).unlink(missing_ok=True)
+    for half_written in folder.glob(f".{name}.*"):
+        half_written.unlink()
+
+
+def begin(folder: Path) -> None:
+    """Take a folder; what was finished in it no longer is.
+
+    Raises:
+        ArtifactError: it cannot be created or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / MARKER).unlink(missing_ok=True)
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise ArtifactError(
+            f"cannot write there ({error.strerror})", where=folder, remedy="choose another folder"
+        ) from error

@@ -1,0 +1,135 @@
+"""Every policy in its own simulation and on the twin."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.artifacts import write_json, write_tensors
+from motorprior.bench.fleet import Fleet
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.locomotion.policy import Policy
+from motorprior.pipeline.motor_choice import choice_from_json, load_robot_fleet
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.stage import description, fleet_files, is_finished, read_figures, working
+from motorprior.pipeline.walk import POLICY
+from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.engines import ENGINES, Engine, Scene
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.terrain import Terrain
+from motorprior.transfer.study import DRAWS, Walking, evaluate
+from motorprior.transfer.twin import DURATION_STEPS, twin_simulator
+
+FIGURES, TRACES = "figures.json", "traces.safetensors"
+_MEASURES = ("speed", "upright", "drift")
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise."""
+
+    walks: tuple[Path, ...]
+    """Folders that `motorprior walk` wrote; several seeds of one actuator model are averaged."""
+    out: Path
+    """Folder for figures.json and the gaits of the report."""
+    fleet: str = "pupper_v2"
+    """The twin's fleet."""
+    engine: Engine | None = None
+    """Engine of a policy's own simulation; the one it was trained in, on its terrain, if not given. The twin is always
+    in MuJoCo."""
+
+
+def run_transfer(config: Transfer, progress: Progress = SILENT) -> dict[str, float]:
+    """Evaluate, or read what this very evaluation found; returns the figures.
+
+    Raises:
+        ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
+    """
+    fleet = load_robot_fleet(config.fleet)
+    files = [folder / POLICY for folder in config.walks]
+    if not files:
+        raise ConfigError("no policy given", remedy="give the folders of at least one walk")
+    wanted = description("transfer", asdict(config), [*files, *fleet_files(config.fleet)])
+    if not is_finished(config.out, wanted):
+        walkers = [_walker(path, config.engine) for path in files]
+        with working(config.out, wanted):
+            _evaluate_all(config, walkers, fleet, progress)
+    return read_figures(config.out / FIGURES)
+
+
+@dataclass(frozen=True)
+class _Walker:
+    """A policy, the name of what it was trained on, and the simulation it was trained in."""
+
+    policy: Policy
+    condition: str
+    own: WalkSimulator | BackendSimulator
+
+
+def _walker(path: Path, engine: Engine | None) -> _Walker:
+    """Everything a policy needs; refuses what cannot run here.
+
+    Raises:
+        ArtifactError, ConfigError: a damaged policy, one of another control period, motors that are gone, or an engine
+            that is not installed.
+    """
+    policy = Policy.load(path)
+    policy.require_clock(spec.CONTROL_DT, path)
+    choice = choice_from_json(policy.provenance.get("motors"), path)
+    try:
+        draw = choice.drawer()
+    except (ArtifactError, ConfigError) as error:
+        problem = f"the motors it was trained on: {error.problem}"
+        where = path if error.where is None else f"{path}: {error.where}"
+        raise type(error)(problem, where=where, remedy=error.remedy) from error
+    trained_in, roughness = _ground(policy, path)
+    engine = engine or trained_in
+    terrain = Terrain(roughness if engine == "pybullet" else 0.0)
+    scene = Scene(engine, draw, choice.physics_dt, WalkConfig(DURATION_STEPS), terrain)
+    return _Walker(policy, choice.condition(), scene.simulator())
+
+
+def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
+    """Engine and roughness [m] that a policy was trained with; MuJoCo and flat if it does not say.
+
+    Raises:
+        ArtifactError: says something that cannot be.
+    """
+    engine, roughness = policy.provenance.get("engine", "mujoco"), policy.provenance.get("roughness", 0.0)
+    if engine not in ENGINES or type(roughness) not in (int, float):
+        raise ArtifactError(
+            f"was trained in engine {engine!r} on roughness {roughness!r}", where=path,
+            remedy=f"an engine is one of {ENGINES}, a roughness a number [m]; train again",
+        )  # fmt: skip
+    return engine, float(roughness)
+
+
+def _evaluate_all(config: Transfer, walkers: list[_Walker], fleet: Fleet, progress: Progress) -> None:
+    rows: dict[str, list[dict[str, Walking]]] = {}
+    traces: dict[str, np.ndarray] = {}
+    twin = twin_simulator(fleet)
+    with progress.start(f"transfer: {len(walkers)} policies x {DRAWS} draws", 2 * DRAWS * len(walkers)) as task:
+        for walker in walkers:
+            own, own_trace = evaluate(walker.policy, walker.own, task.advance)
+            there, twin_trace = evaluate(walker.policy, twin, task.advance)
+            rows.setdefault(walker.condition, []).append({"own": own, "twin": there})
+            traces.setdefault(f"own/{walker.condition}", own_trace)
+            traces.setdefault(f"twin/{walker.condition}", twin_trace)
+    write_json(config.out / FIGURES, _figures(rows))
+    write_tensors(config.out / TRACES, traces, {"control_dt": spec.CONTROL_DT})
+
+
+def _figures(rows: dict[str, list[dict[str, Walking]]]) -> dict[str, float]:
+    """Means over seeds, and every seed's own figure."""
+    figures: dict[str, float] = {}
+    for condition, seeds in rows.items():
+        for place in ("own", "twin"):
+            for measure in _MEASURES:
+                values = [getattr(seed[place], measure) for seed in seeds]
+                figures[f"{place}_{measure}/{condition}"] = float(np.mean(values))
+                for number, value in enumerate(values):
+                    figures[f"{place}_{measure}/{condition}/seed_{number}"] = float(value)
+    return figures

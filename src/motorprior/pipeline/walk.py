@@ -1,0 +1,222 @@
+"""ARS trains a PMTG policy on motors drawn anew every episode."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.artifacts import read_tensors, write_json, write_tensors
+from motorprior.bounds import require_count
+from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
+from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.stage import Stopwatch, description, digest, is_finished, remove, working
+from motorprior.robots.pupper_v2 import spec
+from motorprior.search.ars import Ars, ArsConfig
+from motorprior.search.executor import Executor, Kind, make_executor
+from motorprior.search.train import Champion, Iteration, contest, new_search, train
+from motorprior.simulation.engines import Engine, Scene
+from motorprior.simulation.last_words import last_words
+from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import WalkConfig
+from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.world import FAULTS
+
+POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
+_CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
+MOST_WORKERS = 1024
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Train a walking policy."""
+
+    out: Path
+    """Folder for policy.safetensors, curve.json and the checkpoint."""
+    motors: MotorChoice = field(default_factory=MotorChoice)
+    """The motors of every episode."""
+    start: Path | None = None
+    """A policy to go on from, with other motors for example; without one it starts from a trot in place."""
+    iterations: int = 200
+    """ARS iterations."""
+    episode_steps: int = 250
+    """Control steps of 10 ms per episode."""
+    search: ArsConfig = field(default_factory=ArsConfig)
+    """Augmented random search."""
+    task: TaskWeights = field(default_factory=TaskWeights)
+    """Reward."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Episodes at a time; the result does not depend on it."""
+    engine: Engine = "mujoco"
+    """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses more cores."""
+    roughness: float = 0.0
+    """Height of the bumps of a rough ground [m]; PyBullet only. It ends 4 m from the start."""
+    randomization: Randomization = field(default_factory=Randomization)
+    """What differs between episodes besides the motors; nothing if not given."""
+    executor: Kind = "threads"
+    """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
+    ray_address: str | None = None
+    """A running Ray cluster to join, with the executor ray; without one Ray starts on this machine only."""
+
+
+def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> None:
+    """Train, resume, or do nothing if the folder holds this very policy.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
+        KeyboardInterrupt: after a checkpoint of the iterations that are complete.
+    """
+    require_count("iterations", config.iterations)
+    require_count("episode_steps", config.episode_steps)
+    require_count("workers", config.workers, 1, MOST_WORKERS)
+    draw = config.motors.drawer()
+    settings = asdict(config)
+    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
+        del settings[where]
+    inputs = config.motors.inputs() + ([] if config.start is None else [config.start])
+    wanted = description("walk", settings, inputs)
+    if is_finished(config.out, wanted):
+        return
+    make_simulator = scene(config, draw).simulator
+    if config.ray_address is not None and config.executor != "ray":
+        raise ConfigError(
+            "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
+        )
+    with working(config.out, wanted) as clock:
+        executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
+        try:
+            champion, curve = _train(config, executor, _Kept(config.out, wanted, clock), progress, name)
+        finally:
+            executor.close()
+        _policy(config, champion).save(config.out / POLICY)
+        write_json(config.out / CURVE, curve)
+        _note_faults(curve, 2 * config.search.num_directions, progress)
+        remove(config.out, CHECKPOINT)
+
+
+def scene(config: Walk, draw: DrawMotors) -> Scene:
+    """What a worker simulates.
+
+    Raises:
+        ConfigError: the engine is not installed, or cannot do what is asked.
+    """
+    walk = WalkConfig(config.episode_steps, config.task, config.randomization)
+    return Scene(config.engine, draw, config.motors.physics_dt, walk, Terrain(config.roughness))
+
+
+def _train(config: Walk, executor: Executor, kept: _Kept, progress: Progress, name: str) -> tuple[Champion, list[dict]]:
+    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
+    search, champion, curve = _restore(config, kept.wanted)
+    if config.start is not None and search.iteration == 0:  # what nothing improves on is kept
+        champion = contest(search, executor, champion)
+    latest = _checkpoint(search, champion)
+    saved = time.monotonic()
+
+    def rescue() -> str:
+        """Keep everything, and the best policy so far, when MuJoCo ends the process."""
+        kept.save(latest, curve)
+        what = f"{int(latest['iteration'])} iterations"
+        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
+        if best.iteration > 0:
+            _policy(config, best).save(config.out / POLICY)
+            what += f" and the best policy so far, of iteration {best.iteration},"
+        return f"{what} are kept in {config.out}"
+
+    try:
+        with progress.start(f"{name}: {config.iterations} iterations", config.iterations) as task, last_words(rescue):
+            task.advance(search.iteration)
+
+            def report(point: Iteration, best: Champion) -> None:
+                nonlocal latest, saved
+                curve.append(asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}})
+                latest = _checkpoint(search, best)
+                task.advance(1, f"return {point.mean_return:.2f} m")
+                if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
+                    saved = time.monotonic()
+                    kept.save(latest, curve)
+
+            champion = train(search, executor, config.iterations, champion, report)
+    except (KeyboardInterrupt, MotorPriorError):  # the second: a fault of the simulation, or lost workers
+        kept.save(latest, curve)
+        raise
+    return champion, curve
+
+
+def _note_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
+    """Say which episodes of the training were no physics; each of them ended there, without reward."""
+    faults = sum((Counter(point.get("faults", {})) for point in curve), Counter())
+    for name, count in faults.items():
+        progress.note(f"{count} of {len(curve) * episodes} episodes ended early: {name}")
+
+
+def _policy(config: Walk, champion: Champion) -> Policy:
+    kp, kd = config.motors.robot_gains()
+    return Policy(
+        weights=champion.weights,
+        observation_mean=champion.mean,
+        observation_std=champion.std,
+        kp=np.full(spec.NUM_JOINTS, kp),
+        kd=np.full(spec.NUM_JOINTS, kd),
+        control_dt=spec.CONTROL_DT,
+        provenance={
+            "motors": config.motors.as_json(config.out),
+            "search": asdict(config.search),
+            "task": asdict(config.task),
+            "start_sha256": None if config.start is None else digest(config.start),
+            "iterations": config.iterations,
+            "iteration": champion.iteration,
+            "own_return": champion.score,
+            "episode_steps": config.episode_steps,
+            "engine": config.engine,
+            "roughness": config.roughness,
+            "randomization": config.randomization.as_json(),
+        },
+    )
+
+
+def _checkpoint(search: Ars, champion: Champion) -> dict[str, np.ndarray]:
+    """Everything a later run needs to end at the same bytes."""
+    return {**search.state(), **champion.state()}
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Where the checkpoints of a training go."""
+
+    folder: Path
+    wanted: dict
+    clock: Stopwatch
+
+    def save(self, state: dict[str, np.ndarray], curve: list[dict]) -> None:
+        """Write the state; the curve may be a point ahead when interrupted between the two, and is cut to it."""
+        points = curve[: int(state["iteration"])]
+        write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
+        self.clock.note()
+
+
+def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
+    """The training of an interrupted run with the same settings, or a new one.
+
+    Raises:
+        ArtifactError: the checkpoint is damaged.
+    """
+    path = config.out / CHECKPOINT
+    if path.is_file():
+        try:
+            state, header = read_tensors(path)
+            if header.get("wanted") == wanted:
+                best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
+                return Ars.restore(config.search, state), Champion.restore(best), header["curve"]
+        except (ArtifactError, KeyError) as error:
+            problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
+            raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
+    start = None if config.start is None else Policy.load(config.start)
+    return new_search(config.search, start), Champion.nobody(), []

@@ -1,0 +1,21 @@
+"""Names of the figures that stages measure, and the order of every table."""
+
+from __future__ import annotations
+
+BENCH_METRICS = {
+    "bench_sine_rmse": "sine",
+    "bench_gait_rmse": "gait",
+    "bench_steps_rmse": "held_steps",
+    "bench_impact_rmse": "impacts",
+    "bench_chirp_rmse": "chirp",
+}
+COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
+"""Medians over motors and trials; the means stand beside them as ``…_mean``."""
+
+MODELS = (
+    "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
+    "per_motor", "per_motor_play", "rollout", "physical",
+)  # fmt: skip
+"""Actuator models in the order of every table."""
+CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")
+"""What a policy was trained on, in the order of every table."""
