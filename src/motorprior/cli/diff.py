@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from motorprior.actuator.geared_motor import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_json
 from motorprior.bench import fleet
