@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json

@@ -15,7 +15,8 @@ from pathlib import Path  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
-from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor  # noqa: E402
+from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE  # noqa: E402
 from motorprior.actuator.latent import LatentNetwork  # noqa: E402
 
 SMALL_SERVO = {

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import CENTRAL_MOTOR, FASTEST_GEAR, check_central_motor
 from motorprior.bench.dynamometer import Trial, run

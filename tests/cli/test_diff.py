@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 

@@ -12,17 +12,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import (
-    DAMPING,
-    EXTRA_DAMPING,
-    FILTERED_VEL,
-    JOINT_VEL,
-    RESOLVED,
-    ROTOR_POS,
-    ROTOR_VEL,
-    STRIBECK_VELOCITY,
-    TARGET,
-)
+from motorprior.actuator.geared_motor import DAMPING, FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL, TARGET
+from motorprior.actuator.geared_motor_step import EXTRA_DAMPING, RESOLVED, STRIBECK_VELOCITY
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run

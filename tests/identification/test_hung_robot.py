@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from closing_the_loop import record
-from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Distribution, load_fleet
 from motorprior.identification.adapt import Posterior, adapt

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.actuator.geared_motor import PARAMETERS, ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator

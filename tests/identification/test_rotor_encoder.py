@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import PARAMETERS, ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator

@@ -1,4 +1,8 @@
-"""Commands of the past: one row of a memory per physics step, oldest overwritten first."""
+"""Commands of the past: a ring of rows in a motor's memory, one per physics step, the oldest overwritten first.
+
+The line is all rows of the memory (rows, n) from row ``first`` on; other state stands before it. Its length must be
+at least two more than the longest age that is read.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,33 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True, inline="always")
-def delayed_target(memory: np.ndarray, first: int, newest: int, lag: float, motor: int) -> float:
-    """Position target [rad] of ``lag`` steps ago, linear between steps.
+@njit(cache=True, nogil=True)
+def fill_line(memory: np.ndarray, first: int, position_target: np.ndarray) -> None:
+    """Set every row of the line to the targets (n,) [rad], as if they had always been given."""
+    for row in range(first, memory.shape[0]):
+        memory[row, :] = position_target
 
-    Args:
-        memory: (rows, n); from row ``first`` on it is the line, written at ``first + step % its length``.
-        first: rows of other state before the line.
-        newest: place in the line that was written last.
-        lag: not negative, at most two steps less than the line is long.
-        motor: column.
-    """
-    ring, whole = memory.shape[0] - first, int(lag)
-    place = newest - whole if newest >= whole else newest - whole + ring  # a division by the length takes longer
-    before = place - 1 if place > 0 else ring - 1
-    newer, older = memory[first + place, motor], memory[first + before, motor]
-    return newer + (lag - whole) * (older - newer)
+
+@njit(cache=True, nogil=True, inline="always")
+def write_line(memory: np.ndarray, first: int, now: int, position_target: np.ndarray) -> int:
+    """Write the targets (n,) [rad] of step number ``now``; returns their place in the line."""
+    newest = now % (memory.shape[0] - first)
+    for motor in range(position_target.shape[0]):
+        memory[first + newest, motor] = position_target[motor]
+    return newest
+
+
+@njit(cache=True, nogil=True, inline="always")
+def row_of_age(memory: np.ndarray, first: int, newest: int, age: int) -> int:
+    """Row of the memory that was written ``age`` steps before the ``newest``."""
+    length = memory.shape[0] - first  # a division by the length takes longer than the comparison
+    return first + (newest - age if newest >= age else newest - age + length)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def interpolated(memory: np.ndarray, first: int, newest: int, age: float, motor: int) -> float:
+    """Position target [rad] of ``age`` >= 0 steps ago, linear between two steps."""
+    whole = int(age)
+    newer = memory[row_of_age(memory, first, newest, whole), motor]
+    older = memory[row_of_age(memory, first, newest, whole + 1), motor]
+    return newer + (age - whole) * (older - newer)

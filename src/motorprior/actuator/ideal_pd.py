@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import IDEAL_PD, ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.delay_line import delayed_target
+from motorprior.actuator.delay_line import fill_line, interpolated, write_line
 
 _KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
 
@@ -72,8 +72,7 @@ class IdealPd:
 @njit(cache=True, nogil=True)
 def reset_ideal_pd(arrays: ActuatorArrays, position_target: np.ndarray) -> None:
     """Fill the delay line with the present target."""
-    for row in range(arrays.memory.shape[0]):
-        arrays.memory[row, :] = position_target
+    fill_line(arrays.memory, 0, position_target)
 
 
 @njit(cache=True, nogil=True)
@@ -85,10 +84,9 @@ def step_ideal_pd(
     torque: np.ndarray,
 ) -> None:
     """Write (n,) torque for the engine [N·m]; a delay between two steps interpolates linearly between their targets."""
-    newest = arrays.clock[0] % arrays.memory.shape[0]
+    newest = write_line(arrays.memory, 0, arrays.clock[0], position_target)
     for motor in range(torque.shape[0]):
-        arrays.memory[newest, motor] = position_target[motor]
-        target = delayed_target(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)
+        target = interpolated(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)
         limit = arrays.parameters[_TORQUE_LIMIT, motor]
         damping = arrays.parameters[_KD, motor] * joint_vel[motor]
         raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
 from motorprior.artifacts import read_tensors, require_keys, write_tensors

@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import PHYSICAL, ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.delay_line import fill_line, row_of_age, write_line
 
 SUBSTEP = 0.00025
 """Longest substep [s]: a tenth of the fastest gear oscillation."""
@@ -35,7 +36,7 @@ LONGEST_STEP = 0.001
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
     _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS, _GEAR_DAMPING, _ZERO,
 ) = range(17)  # fmt: skip
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _RING = range(4)
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)
 """Rows of the memory; the delay line follows."""
 
 
@@ -120,7 +121,7 @@ class PhysicalActuator:
         table[_DELAY] /= physics_dt
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
-        return empty_arrays(PHYSICAL, table, _RING + ring, substeps)
+        return empty_arrays(PHYSICAL, table, _LINE + ring, substeps)
 
 
 @njit(cache=True, nogil=True)
@@ -129,8 +130,7 @@ def reset_physical(arrays: ActuatorArrays, position_target: np.ndarray, joint_po
     arrays.memory[ROTOR_POS, :] = joint_pos
     arrays.memory[ROTOR_VEL, :] = 0.0
     arrays.memory[FILTERED_VEL, :] = 0.0
-    for row in range(_RING, arrays.memory.shape[0]):
-        arrays.memory[row, :] = position_target
+    fill_line(arrays.memory, _LINE, position_target)
 
 
 @njit(cache=True, nogil=True)
@@ -177,14 +177,13 @@ def step_physical(
     """Write (n,) mean gear torque [N·m] over the coming step; the target holds between steps."""
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
-    ring, h = memory.shape[0] - _RING, physics_dt / substeps
+    newest, h = write_line(memory, _LINE, now, position_target), physics_dt / substeps
     for motor in range(torque.shape[0]):
-        memory[_RING + now % ring, motor] = position_target[motor]
         rotor_pos, rotor_vel = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor]
         filtered, q, dq, total = memory[FILTERED_VEL, motor], joint_pos[motor], joint_vel[motor], 0.0
         for k in range(substeps):
             age = max(0, math.ceil(p[_DELAY, motor] - k / substeps - 1e-9))
-            target = memory[_RING + (now - age) % ring, motor]
+            target = memory[row_of_age(memory, _LINE, newest, age), motor]
             filtered += p[_FILTER, motor] * (rotor_vel - filtered)
             law = _law(p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel)
             gear = _gear(p, motor, rotor_pos - q, rotor_vel - dq)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import PARAMETERS, ZERO_SCALE
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.exceptions import ArtifactError
 
 NOTHING = math.exp(-30.0)

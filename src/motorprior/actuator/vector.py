@@ -12,6 +12,8 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils
 
+from motorprior.actuator.geared_motor_step import Arithmetic
+
 _FLOAT = ir.DoubleType()
 BYTES = 8
 """Of a float64."""
@@ -78,15 +80,6 @@ class Vector:
     def __lt__(self, other: Vector | float) -> Vector:
         return Vector(self.builder, self.builder.fcmp_ordered("<", self.value, self._operand(other)))
 
-    def with_sign_of(self, other: Vector) -> Vector:
-        """The magnitude of this and the sign of ``other``."""
-        return self._call("copysign", self, other)
-
-    def clipped(self, limit: Vector) -> Vector:
-        """Within ±limit; what is not a number stays it."""
-        above, below = self > limit, self < -limit
-        return where(above, limit, where(below, -limit, self))
-
     def _operand(self, other: Vector | float) -> Any:
         if isinstance(other, Vector):
             return other.value
@@ -103,9 +96,33 @@ class Vector:
         return Vector(self.builder, self.builder.call(found, [each.value for each in arguments]))
 
 
-def where(condition: Vector, yes: Vector, no: Vector) -> Vector:
+def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
     """Lane by lane, ``yes`` where the comparison holds and ``no`` elsewhere."""
-    return Vector(yes.builder, yes.builder.select(condition.value, yes.value, no.value))
+    builder, width = condition.builder, condition.value.type.count
+
+    def value(operand: Vector | float) -> Any:
+        if isinstance(operand, Vector):
+            return operand.value
+        return ir.Constant(ir.VectorType(_FLOAT, width), [float(operand)] * width)
+
+    return Vector(builder, builder.select(condition.value, value(yes), value(no)))
+
+
+def _clip(x: Vector, limit: Vector) -> Vector:
+    """Within ±limit; what is not a number stays it."""
+    above, below = x > limit, x < -limit
+    return _where(above, limit, _where(below, -limit, x))
+
+
+def _positive_part(x: Vector) -> Vector:
+    return _where(x > 0.0, x, 0.0 * x)
+
+
+def _with_sign_of(magnitude: Vector, other: Vector) -> Vector:
+    return magnitude._call("copysign", magnitude, other)
+
+
+LANE_ARITHMETIC = Arithmetic(_where, _clip, _positive_part, _with_sign_of)
 
 
 def _pointer(builder: Any, address: Any, width: int) -> Any:

@@ -1,8 +1,6 @@
 """One joint with a known load: the virtual dynamometer, for physical and for learned motors alike.
 
-Semi-implicit Euler with the engine's share (armature a, damping d) handled as MuJoCo's Euler does:
-
-    dq' = (dq + dt·(τ + τ_external)/(J + a)) / (1 + dt·d/(J + a)),   q' = q + dt·dq'
+The joint moves as `loaded_joint` has it.
 """
 
 from __future__ import annotations
@@ -15,6 +13,9 @@ from numba import njit
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.physical import SUBSTEP, PhysicalActuator
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench.loaded_joint import next_velocity
+
+_next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,7 @@ def _simulate(
         for _ in range(fine):
             step_actuator(arrays, h, targets[step], q, dq, torque)
             for j in range(n):
-                free = dq[j] + h * (torque[j] + external[step, j]) / inertia[j]
-                dq[j] = free / (1.0 + h * arrays.damping[j] / inertia[j])
+                dq[j] = _next_velocity(dq[j], torque[j], external[step, j], inertia[j], arrays.damping[j], h)
                 out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / fine
                 q[j] += h * dq[j]
 

@@ -1,12 +1,8 @@
 """The loaded joint simulated with a learned motor over windows of a log, differentiable.
 
-From the recorded state at the window's start, per step of the semi-implicit Euler with the motor's torque, damping d
-and armature a, as the dynamometer and the robot's engine take them,
-
-    dq' = (dq + dt·(torque + external_torque)/(J + a)) / (1 + dt·d/(J + a)),   q' = q + dt·dq'
-
-with torque from the model's own history. Before the start the model follows the recorded joint, so that its history
-and the hidden state of a grey box (rotor, play, delayed commands) are those of the log.
+From the recorded state at the window's start, step by step as on the dynamometer (`bench.loaded_joint`), with torque
+from the model's own history. Before the start the model follows the recorded joint, so that its history and the hidden
+state of a grey box (rotor, backlash, delayed commands) are those of the log.
 
 Where the log's encoders are on the rotors, the rotor follows the record before the start, while the joint hangs on it
 by its gear, and the rotor is what is compared afterwards. All angles are the encoder's then, so that encoder_zero is
@@ -24,8 +20,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.geared_motor import LONGEST_DELAY
-from motorprior.identification.motor_dynamics import Constants, MotorState, advance, at_rest, decode, delayed
+from motorprior.actuator.geared_motor_step import LONGEST_DELAY, MotorState
+from motorprior.bench.loaded_joint import next_velocity
+from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed
 from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias, scaled_torque
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, TORQUE, VEL
@@ -99,7 +96,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         def step(state, row):
             q, dq, memory = state
             memory, torque, damping = actuate(parameters, bias, motor, memory, row[:, TARGET], q, dq)
-            dq = (dq + dt * (torque + row[:, EXTERNAL]) / inertia) / (1.0 + dt * damping / inertia)
+            dq = next_velocity(dq, torque, row[:, EXTERNAL], inertia, damping, dt)
             q = q + dt * dq
             seen = (memory.motor.rotor_pos, memory.motor.rotor_vel) if at_rotor else (q, dq)
             return (q, dq, memory), (*seen, torque - damping * dq)

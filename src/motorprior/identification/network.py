@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator import copula
-from motorprior.actuator.geared_motor import PARAMETERS, GearedMotor
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.presets import Preset
 

@@ -126,6 +126,8 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         nominal=numbers["nominal_pose"],
         legs=made,
         gait=_gait(table.get("gait", {}), f"{where}[gait]"),
+        load_inertia=model.load_inertia(pose, len(made), height),
+        files=(path, file),
         standing_height=height,
         lowest=_LOWEST * height,
         highest=_HIGHEST * height if made else 1e3,

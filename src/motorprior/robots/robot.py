@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -114,6 +115,9 @@ class Robot:
         hung_height: of the base of a robot that hangs in the air [m].
         reference_torque: load of a joint that the walking reward's torque penalty counts as 1 [N·m].
         foot_friction: sliding friction of the feet [-].
+        load_inertia: least and most inertia that one of its motors carries [kg·m²], from a bare last link to the standing
+            robot; a bench draws its loads between them.
+        files: of a user's robot, its description and its model.
         fleets: (name, path) of the shipped populations of its motors, the default first.
         physics_dt: MuJoCo's step in training [s].
         control_dt: period of the policy [s].
@@ -136,6 +140,8 @@ class Robot:
     hung_height: float = 0.0
     reference_torque: float = 1.0
     foot_friction: float = 0.6
+    load_inertia: tuple[float, float] = (1e-4, 3e-2)
+    files: tuple[Path, ...] = ()
     fleets: tuple[tuple[str, str], ...] = ()
     physics_dt: float = 0.002
     control_dt: float = 0.01
@@ -176,6 +182,20 @@ class Robot:
     def encoder(self) -> Encoder:
         """Where this robot's logs are measured."""
         return self.joints[0].encoder
+
+    @property
+    def default_fleet(self) -> str:
+        """Name of the shipped population of its motors.
+
+        Raises:
+            ConfigError: none is shipped.
+        """
+        if not self.fleets:
+            raise ConfigError(
+                f"no fleet of motors is shipped for robot {self.name!r}", remedy="give the .toml file of one",
+                argument="fleet",
+            )  # fmt: skip
+        return self.fleets[0][0]
 
     def require_legs(self) -> None:
         """Refuse a robot that cannot walk.

@@ -11,6 +11,10 @@ import numpy as np
 from motorprior.exceptions import ArtifactError
 
 
+_LIGHTEST, _HEAVIEST = 0.3, 1.5
+"""Of the smallest and the largest load: a bench goes a little beyond what a motor will meet."""
+
+
 class UserModel:
     """A compiled model file.
 
@@ -123,6 +127,20 @@ class UserModel:
         data, base = self._at(pose), 1
         bottoms = [data.geom_xpos[geom, 2] - self._model.geom_size[geom, 0] for geom in map(self._geom, feet)]
         return float(data.xpos[base, 2] - min(bottoms))
+
+    def load_inertia(self, pose: dict[str, float], legs: int, height: float) -> tuple[float, float]:
+        """Least and most inertia that a motor carries [kg·m²], with some room on both sides.
+
+        The least is the smallest diagonal of the joints' mass matrix. The most is its largest, or, of a legged robot, that
+        of its share of the mass at the height of the base.
+        """
+        data, own, column = self._at(pose), [], np.zeros(self._model.nv)
+        self._mujoco.mj_forward(self._model, data)
+        for joint in range(self._model.nv - len(pose), self._model.nv):
+            self._mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
+            own.append(float(column[joint] - self._model.dof_armature[joint]))
+        share = float(np.sum(self._model.body_mass)) / legs * height**2 if legs else 0.0
+        return _LIGHTEST * min(own), _HEAVIEST * max(*own, share)
 
     def _geom(self, name: str) -> int:
         return self._model.geom(name).id
