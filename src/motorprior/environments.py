@@ -1,9 +1,9 @@
-"""The door to Gymnasium: importing this module registers ``motorprior/PupperWalk-v0``.
+"""The door to Gymnasium: importing this module registers ``motorprior/Walk-v0``.
 
 That a module does something at import is Gymnasium's own protocol.
 
     import gymnasium, motorprior.environments
-    env = gymnasium.make("motorprior/PupperWalk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
+    env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
 
 A fatal error of MuJoCo (``mju_error``: out of memory, a broken model) ends the process with one line on standard error,
 as compiled code has no one to raise to: save your training from time to time.
@@ -16,24 +16,32 @@ its policies.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium
 
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.env import PupperWalkEnv
+from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.motor_choice import MotorChoice, drawn_from
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Scene
+from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.vector_env import WalkVectorEnv
 from motorprior.simulation.world import WorldConfig
 
-ENV_ID = "motorprior/PupperWalk-v0"
+ENV_ID = "motorprior/Walk-v0"
 ACTUATORS = ("prior", "pd", "fleet")
 _FILES = ("prior", "posterior")
 _NUMBERS = ("kp", "kd", "torque_limit", "armature", "delay", "roughness")
@@ -44,14 +52,17 @@ class EnvOptions:
     """What ``gymnasium.make`` and ``gymnasium.make_vec`` take as keywords.
 
     Attributes:
+        robot: a legged one: a name, the path of a .toml file, or what `load_robot` gave.
+        motors: the motors of an episode, instead of all that follows down to ``delay``: a prior, a fleet, fixed motors,
+            or a function that draws them from a generator.
         engine: "mujoco" or "pybullet".
         actuator: "prior" (samples of a learned prior), "fleet" (physical motors) or "pd".
         prior: file of the prior, for "prior".
         posterior: file of `motorprior adapt`: those motors only.
-        fleet: name or file; the physical motors, and the nominal gains of the PD.
-        kp: gain of the PD [N·m/rad]; the fleet's center if not given.
-        kd: gain of the PD [N·m·s/rad]; the fleet's center if not given.
-        torque_limit: of the PD [N·m]; the fleet's center if not given.
+        fleet: name or file; the physical motors, and the nominal gains of the PD; the robot's own if not given.
+        kp: gain of the PD [N·m/rad]; the nominal one if not given.
+        kd: gain of the PD [N·m·s/rad]; the nominal one if not given.
+        torque_limit: of the PD [N·m]; the nominal one if not given.
         armature: reflected inertia of the PD's motors [kg·m²].
         delay: of the PD's target [s].
         task: reward.
@@ -63,11 +74,13 @@ class EnvOptions:
         ConfigError: an actuator that nobody knows, or a value of another type.
     """
 
+    robot: str | Path | Robot = DEFAULT_ROBOT
+    motors: MotorPrior | Fleet | Actuator | DrawMotors | None = None
     engine: str = "mujoco"
     actuator: str = "fleet"
     prior: str | Path | None = None
     posterior: str | Path | None = None
-    fleet: str | Path = "pupper_v2"
+    fleet: str | Path | None = None
     kp: float | None = None
     kd: float | None = None
     torque_limit: float | None = None
@@ -118,13 +131,19 @@ class EnvOptions:
         Raises:
             ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
         """
-        choice = self._motors()
+        robot = self.robot if isinstance(self.robot, Robot) else load_robot(self.robot)
         walk = WalkConfig(self.episode_steps, self.task, self.randomization)
-        return Scene(self.engine, choice.drawer(), choice.physics_dt, walk, Terrain(self.roughness))
+        if self.motors is not None:
+            draw, physics_dt = drawn_from(self.motors, robot)
+        else:
+            choice = self._choice()
+            draw, physics_dt = choice.drawer(robot), choice.physics_dt(robot)
+        return Scene(robot, self.engine, draw, physics_dt, walk, Terrain(self.roughness))
 
-    def _motors(self) -> MotorChoice:
+    def _choice(self) -> MotorChoice:
         names = {each.name for each in fields(MotorChoice)} - {"actuator", *_FILES}
-        values: dict[str, Any] = {name: getattr(self, name) for name in names} | {"fleet": str(self.fleet)}
+        values: dict[str, Any] = {name: getattr(self, name) for name in names}
+        values["fleet"] = None if self.fleet is None else str(self.fleet)
         for name in _FILES:
             file = getattr(self, name)
             values[name] = None if file is None else Path(file)
@@ -132,15 +151,15 @@ class EnvOptions:
         return MotorChoice(actuator=kind, **values)
 
 
-def make_env(**options: Any) -> PupperWalkEnv:
+def make_env(**options: Any) -> WalkEnv:
     """One environment whose every episode draws new motors; see `EnvOptions`.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
     """
     scene = EnvOptions.of(options).scene()
-    walk = scene.walk
-    return PupperWalkEnv(scene.backend(), walk.task, walk.episode_steps, draw_sensors=walk.randomization.sensors)
+    walk, sensors = scene.walk, partial(scene.walk.randomization.sensors, scene.robot)
+    return WalkEnv(scene.robot, scene.backend(), walk.task, walk.episode_steps, draw_sensors=sensors)
 
 
 def make_vector_env(num_envs: int = 1, threads: int = 1, **options: Any) -> WalkVectorEnv:
@@ -154,7 +173,7 @@ def make_vector_env(num_envs: int = 1, threads: int = 1, **options: Any) -> Walk
         raise ConfigError(
             f"many environments at once are for MuJoCo, not {scene.engine!r}", remedy='use vectorization_mode="async"'
         )
-    world = WorldConfig(physics_dt=scene.physics_dt)
+    world = WorldConfig.of(scene.robot, physics_dt=scene.physics_dt)
     return WalkVectorEnv(num_envs, scene.draw_motors, world, scene.walk, threads)
 
 

@@ -12,12 +12,12 @@ from motorprior.bounds import require_finite
 class Motors:
     """n motors in motion.
 
-    A step gives a torque and a damping, for the simulator to integrate implicitly: with inertia J, step h and everything
-    else that acts on the joint, τ_other, its new velocity dq' solves
+    A step gives a torque and a damping, for the simulator to integrate implicitly: with inertia J, step h and
+    everything else that acts on the joint, τ_other, its new velocity dq' solves
 
         (J + armature)·(dq' - dq)/h = torque - damping·dq' + τ_other,
 
-    that is dq' = (dq + h·(torque + τ_other)/(J + armature)) / (1 + h·damping/(J + armature)). What the motor really gives
+    that is dq' = (dq + h·(torque + τ_other)/(J + armature)) / (1 + h·damping/(J + armature)). The motor's whole effort
     is torque - damping·dq'. A stiff gear or a strong kd on a light link is stable this way, and chatters if its damping
     is put into the torque. Engines have both numbers: MuJoCo's ``dof_armature`` and ``dof_damping``.
 
@@ -31,9 +31,7 @@ class Motors:
         ConfigError: a step that these motors cannot be simulated at, or arrays that do not fit.
     """
 
-    def __init__(
-        self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None
-    ):
+    def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
         self._shape, self._dt = (actuator.num_motors,), dt
         start = require_finite("joint_pos", joint_pos, self._shape)
         told = start if position_target is None else require_finite("position_target", position_target, self._shape)

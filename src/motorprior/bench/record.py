@@ -19,6 +19,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class BenchPreset:
         load_inertia: (low, high) of the log-uniform load inertia [kg·m²].
         kinds: excitations by name, one per segment in turn; ``impacts`` is a gait with external torque.
         hold_steps: every second excitation is held for so many samples.
+        torque: factor on the external torques [-].
     """
 
     period: float
@@ -38,8 +40,20 @@ class BenchPreset:
     load_inertia: tuple[float, float]
     kinds: tuple[str, ...]
     hold_steps: int
+    torque: float = 1.0
+
+    def for_robot(self, robot: Robot) -> BenchPreset:
+        """The same with the loads and torques that the motors of ``robot`` meet.
+
+        Presets are written for loads of REFERENCE_LOAD and a reference torque of 1 N·m.
+        """
+        least, most = (own / known for own, known in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
+        loads = least * self.load_inertia[0], most * self.load_inertia[1]
+        return replace(self, load_inertia=loads, torque=robot.reference_torque)
 
 
+REFERENCE_LOAD = (1e-4, 3e-2)
+"""Least and most inertia [kg·m²] of the robot that the presets' loads are written for."""
 EXCITATION_STREAM = 13
 """Tag of the random stream of a bench's excitation."""
 PRESETS = {
@@ -89,7 +103,7 @@ def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: 
         targets = [excitation.held(target, preset.hold_steps) for target in targets]
     external = np.zeros((steps, motors))
     if kind in _EXTERNAL:
-        external = np.stack([_EXTERNAL[kind](rng, steps, preset.period) for _ in range(motors)], axis=1)
+        external = preset.torque * np.stack([_EXTERNAL[kind](rng, steps, preset.period) for _ in range(motors)], axis=1)
     low, high = np.log(preset.load_inertia)
     inertia = np.exp(rng.uniform(low, high, motors))
     return Trial(np.stack(targets, axis=1), external, inertia, preset.period)

@@ -11,7 +11,8 @@ from motorprior.cli.console import table
 from motorprior.exceptions import LogError
 from motorprior.logs.checks import check_log
 from motorprior.pipeline.raw_logs import LogsImport, read_any, require_paths
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -19,12 +20,14 @@ class LogsCheck:
     """Log doctor: repeats, gaps, clock, units, range, tracking."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Motor logs (.parquet), recordings of a robot (.csv) or raw Pupper v2 logs (.csv, .csv.gz, .txt)."""
+    """Motor logs (.parquet), recordings of a robot (.csv) or raw logs (.csv, .csv.gz, .txt)."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own."""
 
 
 @dataclass(frozen=True)
 class LogsImportCommand(LogsImport):
-    """Convert recordings of a robot and raw Pupper v2 logs to motor logs."""
+    """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
 
@@ -36,10 +39,10 @@ def run_logs_check(config: LogsCheck) -> None:
         LogError: after all logs are checked, if one of them is not usable.
     """
     require_paths(config.paths)
-    unusable = []
+    robot, unusable = load_robot(config.robot), []
     for path in config.paths:
-        log = read_any(path)
-        report = check_log(log, spec.JOINT_LIMITS if log.joint_names == spec.JOINT_NAMES else None)
+        log = read_any(path, robot)
+        report = check_log(log, robot.limits if log.joint_names == robot.joint_names else None)
         rows = [[found.severity, found.check, found.message, found.remedy] for found in report.findings]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "finding", "remedy"], rows)

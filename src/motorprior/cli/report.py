@@ -7,17 +7,22 @@ from pathlib import Path
 
 import tyro
 
-from motorprior.pipeline.report import build_report
+from motorprior.pipeline.report import SETTINGS, build_report
+from motorprior.pipeline.walk_report import build_walk_report
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
 class MakeReport:
-    """Write the report of a demo's run folder anew."""
+    """Write the page of a demo's run folder anew, or one of policies that were trained."""
 
     run: tyro.conf.Positional[Path]
-    """Folder that `motorprior demo` wrote."""
+    """Folder that `motorprior demo` wrote, or that `motorprior walk` wrote policies into."""
+    robot: str = DEFAULT_ROBOT
+    """Robot of the policies, where it is no demo's folder: a shipped one by name, or a .toml file."""
 
 
 def run_report(config: MakeReport) -> None:
     """Write the page and say where."""
-    print(build_report(config.run))
+    is_demo = (config.run / SETTINGS).is_file()
+    print(build_report(config.run) if is_demo else build_walk_report(config.run, config.robot))

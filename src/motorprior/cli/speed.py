@@ -9,6 +9,8 @@ from pathlib import Path
 from motorprior.artifacts import atomic_path, json_text
 from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.speed import measure_speed
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.speed import REPEATS
 
 
@@ -18,10 +20,12 @@ class Speed:
 
     prior: Path
     """Prior whose motors are timed (any preset)."""
-    fleet: str = "pupper_v2"
-    """Fleet of the physical motors and of the PD's gains."""
+    fleet: str | None = None
+    """Fleet of the physical motors and of the PD's gains; the robot's own if not given."""
     json: Path | None = None
     """File for the figures."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own."""
 
 
 def run_speed(config: Speed) -> None:
@@ -32,7 +36,9 @@ def run_speed(config: Speed) -> None:
     """
     with ExitStack() as stack:
         file = None if config.json is None else stack.enter_context(atomic_path(config.json))
-        figures = measure_speed(config.prior, config.fleet, interpreted=True, progress=TERMINAL)
+        figures = measure_speed(
+            config.prior, load_robot(config.robot), config.fleet, interpreted=True, progress=TERMINAL
+        )
         if file is not None:
             file.write_text(json_text(figures), encoding="utf-8")
     rows = [[name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}"] for name, value in figures.items()]

@@ -7,6 +7,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.record import BenchPreset
 from motorprior.identification.adapt import Posterior
 from motorprior.identification.reference import draw_residuals
 from motorprior.identification.validate import HELD_OUT, held_out_trials
@@ -43,7 +44,12 @@ def band(draws: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coverage(
-    network: LatentNetwork, metrics: dict[str, float], posterior: Posterior, motors: MotorParameters, seed: int
+    network: LatentNetwork,
+    metrics: dict[str, float],
+    posterior: Posterior,
+    motors: MotorParameters,
+    seed: int,
+    preset: BenchPreset = HELD_OUT,
 ) -> dict[str, float]:
     """Share of the physical motors' held-out trajectories inside the central 50 and 90 % bands.
 
@@ -52,16 +58,16 @@ def coverage(
     """
     rng, truth = np.random.default_rng([seed, COVERAGE_STREAM]), PhysicalActuator(motors)
     found: dict[str, float] = {}
-    for kind in HELD_OUT.kinds:
+    for kind in preset.kinds:
         shares = np.zeros(len(LEVELS))
-        for case in held_out_trials(kind, len(motors), seed)[:REPEATS]:
+        for case in held_out_trials(kind, len(motors), seed, preset)[:REPEATS]:
             answer = run(truth, case).joint_pos
             draws = predictive_draws(network, metrics, posterior, case, rng)
             bands = [band(draws, level) for level in LEVELS]
             shares += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]
         found |= {f"coverage{level}/{kind}": float(share) for level, share in zip(LEVELS, shares, strict=True)}
     whole = {
-        f"coverage{level}": float(np.mean([found[f"coverage{level}/{kind}"] for kind in HELD_OUT.kinds]))
+        f"coverage{level}": float(np.mean([found[f"coverage{level}/{kind}"] for kind in preset.kinds]))
         for level in LEVELS
     }
     return whole | found

@@ -42,16 +42,16 @@ _REPEATS = 4
 RESPONSE = tuple(field.name for field in fields(Response))
 
 
-def held_out_trials(kind: str, motors: int, seed: int) -> list[Trial]:
-    """Trials of one excitation for all motors, every second one held at 100 Hz."""
-    code = HELD_OUT.kinds.index(kind)
+def held_out_trials(kind: str, motors: int, seed: int, preset: BenchPreset = HELD_OUT) -> list[Trial]:
+    """Trials of one excitation for all motors, every second one held at 100 Hz; ``preset`` is HELD_OUT for a robot."""
+    code = preset.kinds.index(kind)
     return [
         trial(
             np.random.default_rng([HELD_OUT_SEED, seed, code, repeat, BENCH_STREAM]),
             kind,
-            HELD_OUT.segment_steps,
+            preset.segment_steps,
             motors,
-            HELD_OUT,
+            preset,
             hold=repeat % 2 == 0,
         )
         for repeat in range(_REPEATS)
@@ -59,7 +59,7 @@ def held_out_trials(kind: str, motors: int, seed: int) -> list[Trial]:
 
 
 def bench_errors(
-    motors: MotorParameters, models: Mapping[str, Prediction], seed: int
+    motors: MotorParameters, models: Mapping[str, Prediction], seed: int, preset: BenchPreset = HELD_OUT
 ) -> dict[str, dict[str, np.ndarray]]:
     """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
 
@@ -67,8 +67,8 @@ def bench_errors(
     """
     truth, index = PhysicalActuator(motors), np.arange(len(motors))
     errors: dict[str, dict[str, np.ndarray]] = {}
-    for kind in HELD_OUT.kinds:
-        cases = held_out_trials(kind, len(motors), seed)
+    for kind in preset.kinds:
+        cases = held_out_trials(kind, len(motors), seed, preset)
         answers = [run(truth, case) for case in cases]
         floor = [run(truth, case, FLOOR_OFFSET) for case in cases]
         errors[kind] = {"physical": _mean_rmse(floor, answers)}

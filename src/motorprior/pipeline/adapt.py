@@ -20,6 +20,8 @@ from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, digest, is_finished, working
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.adapt import Posterior
@@ -45,6 +47,8 @@ class Adapt:
     """Use the first seconds of the log only [s]; all of it if not given."""
     anyway: bool = False
     """Write the posterior even if the log is unlike anything the prior knows."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
@@ -141,8 +145,9 @@ def run_adapt(
     started = time.monotonic()
     if config.seconds is not None:
         require_number("seconds", config.seconds)
-    prior, log = load_prior(config.prior), first_seconds(read_log(config.log), config.seconds)
-    wanted = description("adapt", asdict(config), [config.prior, config.log])
+    robot = load_robot(config.robot)
+    prior, log = load_prior(config.prior, robot), first_seconds(read_log(config.log), config.seconds)
+    wanted = description("adapt", asdict(config), [config.prior, config.log, *robot.files])
     if is_finished(config.out, wanted):
         return
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:

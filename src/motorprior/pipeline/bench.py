@@ -7,12 +7,14 @@ from pathlib import Path
 
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import FACTS, LOG, BenchFacts, require_bench_size, training_motors
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.bounds import require_seed
 from motorprior.logs.parquet_io import write_log
+from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, fleet_files, is_finished, working
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -21,8 +23,8 @@ class Bench:
 
     out: Path
     """Folder for log.parquet and bench.json."""
-    fleet: str = "pupper_v2"
-    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
+    fleet: str | None = None
+    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     preset: str = "rollout"
     """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms) or paper (sinusoid; 10 ms)."""
     motors: int = 32
@@ -31,6 +33,8 @@ class Bench:
     """Samples per motor."""
     seed: int = 0
     """Draws the motors and their excitation."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
@@ -41,8 +45,11 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
     """
     require_bench_size(config.motors, config.steps)
     require_seed(config.seed)
-    fleet, preset = load_fleet(config.fleet), bench_preset(config.preset)
-    wanted = description("bench", asdict(config), fleet_files(config.fleet), recipe=asdict(preset))
+    robot = load_robot(config.robot)
+    fleet, preset = load_robot_fleet(robot, config.fleet), bench_preset(config.preset).for_robot(robot)
+    wanted = description(
+        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files], recipe=asdict(preset)
+    )
     if is_finished(config.out, wanted):
         return
     title = f"bench {config.preset}: {config.motors} motors, {config.steps} steps"

@@ -24,7 +24,8 @@ from motorprior.pipeline.stage import MARKER, begin, digest
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
 from motorprior.pipeline.walk import Walk, run_walk
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 
 SEEDS_APART = 1000
@@ -39,10 +40,10 @@ class Demo:
 
     out: Path = Path("runs/demo")
     """Run folder: every artefact, figures.json and report.html."""
-    fleet: str = "pupper_v2"
-    """Population of motors: pupper_v2, mixed, or a path to a .toml file."""
+    fleet: str | None = None
+    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     logs: Path | None = None
-    """Folder with real Pupper v2 logs (jietan/puppersim, puppersim/data/system_id) to replay."""
+    """Folder with real logs of the robot to replay, for the shipped one jietan/puppersim, puppersim/data/system_id."""
     seed: int = 0
     """Seed of everything."""
     motors: int = 32
@@ -57,6 +58,8 @@ class Demo:
     """Policies per condition."""
     workers: int = 2
     """Threads for walking; the result does not depend on it."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,8 @@ def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = 
     _page_so_far(config.out)
     if config.logs is not None:
         figures |= stages.run("replay", lambda: _replay(config, config.logs, progress))
-    figures |= measure_speed(config.out / "priors" / "rollout" / PRIOR, config.fleet, progress=progress)
+    prior = config.out / "priors" / "rollout" / PRIOR
+    figures |= measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
     for walk in _walks(config):
         title = f"walk on {walk.out.name}"
         stages.run(f"walk/{walk.out.name}", lambda walk=walk, title=title: run_walk(walk, progress, title))
@@ -118,16 +122,18 @@ def _require_settings(config: Demo) -> None:
     Raises:
         MotorPriorError: names the setting.
     """
-    require_count("motors", config.motors, spec.NUM_JOINTS)
+    robot = load_robot(config.robot)
+    robot.require_legs()
+    require_count("motors", config.motors, robot.num_joints)
     require_bench_size(config.motors, config.bench_steps, "bench_steps")
     for name in ("iterations", "seeds", "workers"):
         require_count(name, getattr(config, name))
     if config.adam_steps is not None:
         require_count("adam_steps", config.adam_steps)
     require_seed(config.seed)
-    load_robot_fleet(config.fleet)
+    load_robot_fleet(robot, config.fleet)
     if config.logs is not None:
-        read_logs(config.logs)
+        read_logs(config.logs, robot)
 
 
 class _Stages:
@@ -156,7 +162,9 @@ class _Stages:
 def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:
     out = config.out
     for preset in ("rollout", "paper"):
-        bench = Bench(out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed)
+        bench = Bench(
+            out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed, config.robot
+        )
         stages.run(f"bench/{preset}", lambda bench=bench: run_bench(bench, progress))
     _page_so_far(out)
     progress.note(f"first pictures: {out / PAGE}")
@@ -185,13 +193,17 @@ def _write_if_changed(path: Path, value: Any) -> None:
 
 def _validate(config: Demo, progress: Progress) -> dict[str, float]:
     priors = tuple(config.out / "priors" / preset / PRIOR for preset in PRESETS)
-    return run_validate(Validate(priors, config.out / "validate", config.seed, held_out=False), progress)
+    return run_validate(
+        Validate(priors, config.out / "validate", config.seed, held_out=False, robot=config.robot), progress
+    )
 
 
 def _replay(config: Demo, logs: Path | None, progress: Progress) -> dict[str, float]:
     assert logs is not None
     prior = config.out / "priors" / "rollout" / PRIOR
-    return run_replay(Replay(logs, prior, config.out / "replay", config.fleet, seed=config.seed), progress)
+    return run_replay(
+        Replay(logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot), progress
+    )
 
 
 def _walks(config: Demo) -> list[Walk]:
@@ -211,6 +223,7 @@ def _walks(config: Demo) -> list[Walk]:
             iterations=config.iterations,
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
             workers=config.workers,
+            robot=config.robot,
         )
         for seed in range(config.seeds)
         for name, motors in conditions.items()
@@ -219,4 +232,4 @@ def _walks(config: Demo) -> list[Walk]:
 
 def _transfer(config: Demo, progress: Progress) -> dict[str, float]:
     walks = tuple(sorted(walk.out for walk in _walks(config)))
-    return run_transfer(Transfer(walks, config.out / "transfer", config.fleet), progress)
+    return run_transfer(Transfer(walks, config.out / "transfer", config.fleet, robot=config.robot), progress)

@@ -11,8 +11,14 @@ from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.record import preset_of_period, trial
-from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, held_out_trials, teacher_forced_torque
-from motorprior.robots.pupper_v2 import spec
+from motorprior.identification.validate import (
+    HELD_OUT,
+    HELD_OUT_SEED,
+    ModelOfMotors,
+    held_out_trials,
+    teacher_forced_torque,
+)
+from motorprior.robots.robot import Robot
 from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
@@ -22,11 +28,16 @@ TORQUE_STREAM, TROT_STREAM = 41, 43
 
 
 def write_traces(
-    path: Path, motors: MotorParameters, models: dict[str, ModelOfMotors], priors: dict[str, MotorPrior], seed: int
+    path: Path,
+    robot: Robot,
+    motors: MotorParameters,
+    models: dict[str, ModelOfMotors],
+    priors: dict[str, MotorPrior],
+    seed: int,
 ) -> None:
     """What the report draws: one bench trial, one robot trial, one torque fit."""
     index = np.arange(len(motors))
-    case = held_out_trials("impacts", len(motors), seed)[0]
+    case = held_out_trials("impacts", len(motors), seed, HELD_OUT.for_robot(robot))[0]
     truth = run(PhysicalActuator(motors), case)
     tensors = {
         "bench/target": case.position_target[:, 0],
@@ -37,16 +48,21 @@ def write_traces(
     for name, model in models.items():
         tensors[f"bench/model/{name}"] = run(model(index), case).joint_pos[:, 0]
     for name, prior in priors.items():
-        tensors |= _torque_traces(name, prior, motors, seed)
-    tensors |= _robot_traces(motors, models, seed)
-    header = {"bench_dt": case.dt, "robot_dt": spec.CONTROL_DT, "joint": "FR_knee"}
+        tensors |= _torque_traces(name, robot, prior, motors, seed)
+    header = {"bench_dt": case.dt}
+    if robot.legs:
+        joint = robot.legs[0].joints[-1]
+        tensors |= _robot_traces(robot, joint, motors, models, seed)
+        header |= {"robot_dt": robot.physics_dt, "joint": robot.joint_names[joint]}
     write_tensors(path, tensors, header)
 
 
-def _torque_traces(name: str, prior: MotorPrior, motors: MotorParameters, seed: int) -> dict[str, np.ndarray]:
+def _torque_traces(
+    name: str, robot: Robot, prior: MotorPrior, motors: MotorParameters, seed: int
+) -> dict[str, np.ndarray]:
     """The prior shown the true history of 1 s of a sinusoid, on the bench and at the clock of its own logs."""
     period = prior.network.period
-    preset = preset_of_period(period)
+    preset = preset_of_period(period).for_robot(robot)
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
     case = trial(rng, "sine", round(1.0 / period) + prior.network.taps[-1], len(motors), preset, hold=False)
     answer = run(PhysicalActuator(motors), case)
@@ -59,21 +75,22 @@ def _torque_traces(name: str, prior: MotorPrior, motors: MotorParameters, seed: 
     }
 
 
-def _robot_traces(motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int) -> dict[str, np.ndarray]:
-    """The right front knee in a standing trot, positions [rad] and torques [N·m] at 2 ms."""
+def _robot_traces(
+    robot: Robot, joint: int, motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int
+) -> dict[str, np.ndarray]:
+    """One joint in a standing trot, positions [rad] and torques [N·m] at every physics step."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
-    index, targets = np.arange(spec.NUM_JOINTS), trot_targets(rng, 100)
-    knee, coarse = spec.JOINT_NAMES.index("FR_knee"), World(WorldConfig())
-    fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT))
-    every = round(spec.PHYSICS_DT / spec.TWIN_PHYSICS_DT)
+    index, targets = np.arange(robot.num_joints), trot_targets(robot, rng, 100)
+    coarse, fine = (World(WorldConfig.of(robot, physics_dt=dt)) for dt in (robot.physics_dt, robot.twin_physics_dt))
+    every = round(robot.physics_dt / robot.twin_physics_dt)
     truth = replay(fine, PhysicalActuator(motors.take(index)), targets)
     tensors = {
-        "robot/target": np.repeat(targets[:, knee], coarse.config.substeps),
-        "robot/position/truth": truth.joint_pos[every - 1 :: every, knee],
-        "robot/torque/truth": truth.joint_torque[every - 1 :: every, knee],
+        "robot/target": np.repeat(targets[:, joint], coarse.config.substeps),
+        "robot/position/truth": truth.joint_pos[every - 1 :: every, joint],
+        "robot/torque/truth": truth.joint_torque[every - 1 :: every, joint],
     }
     for name, model in models.items():
         played = replay(coarse, model(index), targets, tolerate_fault=True)
-        tensors[f"robot/position/{name}"] = played.joint_pos[:, knee]
-        tensors[f"robot/torque/{name}"] = played.joint_torque[:, knee]
+        tensors[f"robot/position/{name}"] = played.joint_pos[:, joint]
+        tensors[f"robot/torque/{name}"] = played.joint_torque[:, joint]
     return {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in tensors.items()}

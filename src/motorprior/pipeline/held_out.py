@@ -15,9 +15,10 @@ from motorprior.bench.behaviour import behaviours
 from motorprior.bench.facts import BenchFacts
 from motorprior.bench.record import bench_preset, preset_of_period, record
 from motorprior.identification.adapt import Posterior
-from motorprior.identification.validate import HELD_OUT_SEED, ModelOfMotors, bench_errors
+from motorprior.identification.validate import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
+from motorprior.robots.robot import Robot
 
 HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
 """Tags of random streams."""
@@ -34,19 +35,22 @@ def held_out_motors(facts: BenchFacts) -> MotorParameters:
     return facts.fleet.sample(np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]), facts.motors)
 
 
-def held_out_log(prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float) -> MotorLog:
+def held_out_log(
+    robot: Robot, prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float
+) -> MotorLog:
     """A bench log of these motors at the prior's clock, with an excitation nobody trained on."""
     preset = preset_of_period(prior.network.period)
     preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
+    preset = preset.for_robot(robot)
     return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
 
 
 def adapt_all(
-    priors: dict[str, MotorPrior], paths: dict[str, Path], motors: MotorParameters, facts: BenchFacts
+    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: MotorParameters, facts: BenchFacts
 ) -> dict[str, Posterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
     return {
-        name: adapt_to(prior, paths[name], held_out_log(prior, motors, facts, ADAPTED_SECONDS), _WHERE)
+        name: adapt_to(prior, paths[name], held_out_log(robot, prior, motors, facts, ADAPTED_SECONDS), _WHERE)
         for name, prior in priors.items()
         if prior.network.num_latents
     }
@@ -64,6 +68,7 @@ def adapted_models(
 
 
 def adaptation_figures(
+    robot: Robot,
     prior: MotorPrior,
     path: Path,
     facts: BenchFacts,
@@ -75,6 +80,7 @@ def adaptation_figures(
     """How close held-out motors come to the training motors' error, and what the bands promise.
 
     Args:
+        robot: whose motors they are.
         prior: of preset rollout.
         path: its file.
         facts: of its bench.
@@ -91,20 +97,21 @@ def adaptation_figures(
     """
     from motorprior.identification.coverage import coverage
 
-    train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed)["impacts"]["prior"]
+    preset = HELD_OUT.for_robot(robot)
+    train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
     motors, figures = held_out_motors(facts), {}
     covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
-        log = held_out_log(prior, motors, facts, length)
+        log = held_out_log(robot, prior, motors, facts, length)
         found = known if length == ADAPTED_SECONDS else adapt_to(prior, path, log, _WHERE)
         chance = judge(prior, path, log, _WHERE, found).chance
         model: ModelOfMotors = lambda index, z=found.mean: LatentActuator(prior.network, z[index])  # noqa: E731
-        error = bench_errors(motors, {"prior": model}, seed)["impacts"]["prior"]
+        error = bench_errors(motors, {"prior": model}, seed, preset)["impacts"]["prior"]
         figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
         figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(chance < FALSE_ALARMS))
         figures[f"adapt_unlikely/{length:g}"] = float(np.mean(chance < UNLIKELY))
         if length == covered:
-            figures |= coverage(prior.network, prior.metrics, found, motors, seed)
+            figures |= coverage(prior.network, prior.metrics, found, motors, seed, preset)
         progress()
     return figures
 

@@ -19,7 +19,7 @@ from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.pipeline.stage import digest, fleet_files
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.mujoco_backend import DrawMotors
 
 _LARGEST = 1e9
@@ -27,8 +27,8 @@ LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
 
-def load_prior(path: Path, physics_dt: float = spec.PHYSICS_DT) -> MotorPrior:
-    """A prior that this robot can be simulated with.
+def load_prior(path: Path, robot: Robot, physics_dt: float | None = None) -> MotorPrior:
+    """A prior that this robot can be simulated with, at its own physics step if none is given.
 
     Raises:
         ArtifactError: a file that is no prior.
@@ -36,7 +36,7 @@ def load_prior(path: Path, physics_dt: float = spec.PHYSICS_DT) -> MotorPrior:
     """
     try:
         prior = MotorPrior.load(path)
-        prior.require(spec.ROBOT_NAME, physics_dt)
+        prior.require(robot.name, robot.physics_dt if physics_dt is None else physics_dt)
         _require_all_motors(prior)
     except (ArtifactError, ConfigError) as error:
         remedy = error.remedy or "use a prior that `motorprior identify` wrote"
@@ -54,26 +54,62 @@ def _require_all_motors(prior: MotorPrior) -> None:
         )
 
 
-def load_robot_fleet(name_or_path: str) -> Fleet:
-    """A fleet whose motors are those of this robot.
+def load_robot_fleet(robot: Robot, name_or_path: str | None = None) -> Fleet:
+    """A fleet whose motors are those of this robot; the one that is shipped for it if none is named.
 
     Raises:
         ArtifactError: see `load_fleet`.
-        ConfigError: a fleet of another robot.
+        ConfigError: a fleet of another robot, or none is named and none is shipped.
     """
-    fleet = load_fleet(name_or_path)
-    if fleet.robot != spec.ROBOT_NAME:
+    chosen = robot.default_fleet if name_or_path is None else name_or_path
+    fleet = load_fleet(chosen)
+    if fleet.robot != robot.name:
         raise ConfigError(
-            f"the fleet is of robot {fleet.robot!r}, not {spec.ROBOT_NAME!r}", where=name_or_path,
-            remedy=f"use a fleet of {spec.ROBOT_NAME}",
+            f"the fleet is of robot {fleet.robot!r}, not {robot.name!r}", where=chosen,
+            remedy=f"use a fleet of {robot.name}",
         )  # fmt: skip
     return fleet
+
+
+def described_pd(robot: Robot) -> IdealPd:
+    """An ideal PD with the gains and torque limits of the robot's own description."""
+    columns = [np.array([getattr(joint, name) for joint in robot.joints]) for name in ("kp", "kd", "torque_limit")]
+    kp, kd, torque_limit = columns
+    return IdealPd(kp, kd, torque_limit, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))
 
 
 def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
     """The ideal PD: the gains and the torque limit of the fleet's central motor, nothing else."""
     center = fleet.center(1)
     return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
+
+
+def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
+    """A function that draws the motors of an episode, and the physics step [s] they are simulated at.
+
+    Args:
+        motors: a prior or a fleet, which every episode draws from; motors, the same in every episode; or a function.
+        robot: that they drive.
+
+    Raises:
+        ConfigError: motors of another robot, of another number, or nothing of these.
+    """
+    count = robot.num_joints
+    if isinstance(motors, MotorPrior):
+        motors.require(robot.name, robot.physics_dt)
+        return (lambda rng: motors.sample(rng, count)), robot.physics_dt
+    if isinstance(motors, Fleet):
+        return (lambda rng: PhysicalActuator(motors.sample(rng, count))), LONGEST_STEP
+    if callable(motors):
+        draw: Any = motors
+        return draw, robot.physics_dt
+    if getattr(motors, "num_motors", None) != count:
+        raise ConfigError(
+            f"{str(motors)[:40]!r} is no prior, fleet or set of {count} motors",
+            remedy="see EnvOptions",
+            argument="motors",
+        )
+    return (lambda rng: motors), LONGEST_STEP if isinstance(motors, PhysicalActuator) else robot.physics_dt
 
 
 @dataclass(frozen=True)
@@ -85,24 +121,24 @@ class MotorChoice:
     prior: Path | None = None
     """Prior file, for the actuator prior."""
     posterior: Path | None = None
-    """Posterior of one motor or of the robot's twelve, written by `motorprior adapt`: walk on those motors only."""
-    fleet: str = "pupper_v2"
-    """Fleet of the physical motors, and of the PD's nominal gains."""
+    """Posterior of one motor or of all the robot's, written by `motorprior adapt`: walk on those motors only."""
+    fleet: str | None = None
+    """Fleet of the physical motors, and of the PD's nominal gains: a name or a .toml file; the one shipped for the
+    robot if not given. Where there is none, the PD's gains are those of the robot's description."""
     kp: float | None = None
-    """PD gain [N·m/rad]; the fleet's center if not given."""
+    """PD gain [N·m/rad]; the nominal one if not given."""
     kd: float | None = None
-    """PD gain [N·m·s/rad]; the fleet's center if not given."""
+    """PD gain [N·m·s/rad]; the nominal one if not given."""
     torque_limit: float | None = None
-    """PD torque limit [N·m]; the fleet's center if not given."""
+    """PD torque limit [N·m]; the nominal one if not given."""
     armature: float = 0.0
     """Reflected inertia of the PD's motors [kg·m²]."""
     delay: float = 0.0
     """Delay of the PD's target [s]."""
 
-    @property
-    def physics_dt(self) -> float:
-        """The step these motors are simulated at [s]: the longest at which they are stable."""
-        return LONGEST_STEP if self.actuator == "fleet" else spec.PHYSICS_DT
+    def physics_dt(self, robot: Robot) -> float:
+        """The step [s] these motors are simulated at: the robot's, or the longest that physical motors allow."""
+        return LONGEST_STEP if self.actuator == "fleet" else robot.physics_dt
 
     def condition(self) -> str:
         """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""
@@ -112,18 +148,23 @@ class MotorChoice:
             return "tuned_pd" if self.armature or self.delay else "ideal_pd"
         return MotorPrior.load(self.prior).preset if self.prior is not None else "prior"
 
-    def inputs(self) -> list[Path]:
+    def inputs(self, robot: Robot) -> list[Path]:
         """Files the choice depends on."""
         files = [self.prior, self.posterior] if self.actuator == "prior" else []
-        return [file for file in files if file is not None] + fleet_files(self.fleet)
+        fleet = fleet_files(robot, self.fleet) if self._has_fleet(robot) else []
+        return [file for file in files if file is not None] + fleet
 
-    def robot_gains(self) -> tuple[float, float]:
-        """Kp [N·m/rad] and kd [N·m·s/rad] that the robot's own motors run with: the nominal ones of the fleet."""
-        center = load_robot_fleet(self.fleet).center(1)
-        return float(center.kp[0]), float(center.kd[0])
+    def nominal(self, robot: Robot) -> IdealPd:
+        """Gains that the robot's own motors run with: those of the fleet's center, or of the robot's description."""
+        if not self._has_fleet(robot):
+            return described_pd(robot)
+        return nominal_pd(load_robot_fleet(robot, self.fleet), robot.num_joints)
 
-    def drawer(self) -> DrawMotors:
-        """A function that draws twelve motors.
+    def _has_fleet(self, robot: Robot) -> bool:
+        return self.fleet is not None or bool(robot.fleets) or self.actuator == "fleet"
+
+    def drawer(self, robot: Robot) -> DrawMotors:
+        """A function that draws the motors of an episode, one per joint.
 
         Raises:
             ConfigError: a prior is missing, or one was given for nothing, or a PD constant is out of range.
@@ -138,30 +179,30 @@ class MotorChoice:
                     argument="actuator",
                 )
         if self.actuator == "fleet":
-            fleet = load_robot_fleet(self.fleet)
-            return lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))
+            fleet = load_robot_fleet(robot, self.fleet)
+            return lambda rng: PhysicalActuator(fleet.sample(rng, robot.num_joints))
         if self.actuator == "pd":
-            return self._pd()
+            return self._pd(robot)
         if self.prior is None:
             raise ConfigError(
                 "actuator prior needs the file of a prior", remedy="identify one, or use another actuator",
                 argument="actuator",
             )  # fmt: skip
-        prior = load_prior(self.prior, self.physics_dt)
+        prior = load_prior(self.prior, robot, self.physics_dt(robot))
         if self.posterior is None:
-            return lambda rng: prior.sample(rng, spec.NUM_JOINTS)
-        posterior = _load_posterior(self.posterior, self.prior, prior)
-        return lambda rng: posterior.sample(prior, rng, spec.NUM_JOINTS)
+            return lambda rng: prior.sample(rng, robot.num_joints)
+        posterior = _load_posterior(self.posterior, self.prior, prior, robot)
+        return lambda rng: posterior.sample(prior, rng, robot.num_joints)
 
-    def _pd(self) -> DrawMotors:
-        center = load_robot_fleet(self.fleet).center(1)
-        kp = float(center.kp[0]) if self.kp is None else self.kp
-        kd = float(center.kd[0]) if self.kd is None else self.kd
-        limit = float(center.torque_limit[0]) if self.torque_limit is None else self.torque_limit
-        for name, value in (("kp", kp), ("kd", kd), ("torque_limit", limit), ("armature", self.armature)):
-            require_number(name, value)
+    def _pd(self, robot: Robot) -> DrawMotors:
+        nominal, changes = self.nominal(robot), {}
+        for name in ("kp", "kd", "torque_limit", "armature"):
+            value = getattr(self, name)
+            if value is not None:
+                require_number(name, value)
+                changes[name] = np.full(robot.num_joints, float(value))
         require_number("delay", self.delay, most=LONGEST_DELAY)
-        model = IdealPd.uniform(spec.NUM_JOINTS, kp, kd, limit, self.armature, self.delay)
+        model = replace(nominal, **changes, delay=np.full(robot.num_joints, float(self.delay)))
         return lambda rng: model
 
     def as_json(self, folder: Path) -> dict[str, Any]:
@@ -175,7 +216,7 @@ class MotorChoice:
         return values
 
 
-def _load_posterior(path: Path, prior_path: Path, prior: MotorPrior) -> MotorPosterior:
+def _load_posterior(path: Path, prior_path: Path, prior: MotorPrior, robot: Robot) -> MotorPosterior:
     """A posterior of that very prior, of one motor or of the robot's.
 
     Raises:
@@ -185,27 +226,27 @@ def _load_posterior(path: Path, prior_path: Path, prior: MotorPrior) -> MotorPos
     posterior = MotorPosterior.load(path)
     if posterior.prior_sha256 != digest(prior_path):
         raise ConfigError(f"it is no posterior of {prior_path}", where=path, remedy="adapt that prior to the log anew")
-    posterior.sample(prior, np.random.default_rng(0), spec.NUM_JOINTS)
-    return _in_the_robots_order(posterior, path)
+    posterior.sample(prior, np.random.default_rng(0), robot.num_joints)
+    return _in_the_robots_order(posterior, robot, path)
 
 
-def _in_the_robots_order(posterior: MotorPosterior, path: Path) -> MotorPosterior:
+def _in_the_robots_order(posterior: MotorPosterior, robot: Robot, path: Path) -> MotorPosterior:
     """Motors that have the names of the robot's joints, in the robot's order; motors of a bench as they are.
 
     Raises:
         ConfigError: some names are of the robot's joints and others are not.
     """
     names = posterior.joint_names
-    strange = sorted(set(names) - set(spec.JOINT_NAMES))
-    if len(names) == 1 or len(strange) == len(names):
+    unknown = sorted(set(names) - set(robot.joint_names))
+    if len(names) == 1 or len(unknown) == len(names):
         return posterior
-    if strange:
+    if unknown:
         raise ConfigError(
-            f"joints {strange} are not {spec.ROBOT_NAME}'s", where=path, remedy=f"name them {list(spec.JOINT_NAMES)}"
+            f"joints {unknown} are not {robot.name}'s", where=path, remedy=f"name them {list(robot.joint_names)}"
         )
-    order = [names.index(name) for name in spec.JOINT_NAMES]
+    order = [names.index(name) for name in robot.joint_names]
     return replace(
-        posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=spec.JOINT_NAMES,
+        posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=robot.joint_names,
         surprise=tuple(posterior.surprise[index] for index in order),
     )  # fmt: skip
 
@@ -248,7 +289,9 @@ def _has_type(name: str, value: Any) -> bool:
         return type(value) in (int, float) and abs(value) < _LARGEST and isfinite(value)
     if name in _FILE_KEYS:
         return value is None or isinstance(value, str)
-    return isinstance(value, str) and (name != "actuator" or value in ("prior", "pd", "fleet"))
+    if name == "fleet":
+        return value is None or isinstance(value, str)
+    return value in ("prior", "pd", "fleet")
 
 
 def _find(name: str, data: dict[str, Any], policy: Path) -> Path:

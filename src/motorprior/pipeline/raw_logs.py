@@ -8,14 +8,16 @@ from pathlib import Path
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log, write_log
-from motorprior.logs.pupper_import import read_pupper_log
+from motorprior.logs.puppersim import read_puppersim_log
 from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
 class LogsImport:
-    """Convert recordings of a robot and raw Pupper v2 logs to motor logs."""
+    """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
     """Recordings of `motorprior record` or `deploy` (.csv), or raw logs (.csv, .csv.gz, original .txt pickles)."""
@@ -25,14 +27,16 @@ class LogsImport:
     """Sample period of the result [s], for recordings of a robot; as recorded if not given."""
     hung: bool = False
     """A recording of `motorprior record` for which the robot hung in the air with its body level: add the load of every
-    motor, which `adapt` needs. Every 2 ms unless another period is given."""
+    motor, which `adapt` needs. At the robot's physics step unless another period is given."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def read_any(path: Path) -> MotorLog:
-    """Read a motor log, a recording of `motorprior record` or `deploy`, or a raw Pupper log."""
+def read_any(path: Path, robot: Robot) -> MotorLog:
+    """Read a motor log, a recording of `motorprior record` or `deploy`, or a log in the format of puppersim."""
     if path.suffix == ".parquet":
         return read_log(path)
-    return read_robot_run(path) if is_robot_run(path) else read_pupper_log(path)
+    return read_robot_run(path, robot) if is_robot_run(path) else read_puppersim_log(path, robot)
 
 
 def require_paths(paths: tuple[Path, ...]) -> None:
@@ -57,6 +61,7 @@ def import_logs(config: LogsImport) -> None:
         raise ConfigError(
             f"period {config.period:g} s is out of range", remedy="give for example 0.002", argument="period"
         )
+    robot = load_robot(config.robot)
     targets: dict[Path, Path] = {}
     for path in config.paths:
         target = config.out / (path.name.split(".")[0] + ".parquet")
@@ -64,10 +69,10 @@ def import_logs(config: LogsImport) -> None:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
     for target, path in targets.items():
-        write_log(target, _imported(path, config))
+        write_log(target, _imported(path, robot, config))
 
 
-def _imported(path: Path, config: LogsImport) -> MotorLog:
+def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     """One log as it was asked for.
 
     Raises:
@@ -75,15 +80,15 @@ def _imported(path: Path, config: LogsImport) -> MotorLog:
         LogError: it cannot be read.
     """
     if config.period is None and not config.hung:
-        return read_any(path)
+        return read_any(path, robot)
     if not is_robot_run(path):
         raise ConfigError(
             "a period or a load is for recordings of `motorprior record` and `deploy`", where=path,
             remedy="leave them out",
         )  # fmt: skip
-    period = config.period or spec.PHYSICS_DT
+    period = config.period or robot.physics_dt
     if not config.hung:
-        return read_robot_run(path, period=period)
+        return read_robot_run(path, robot, period=period)
     from motorprior.simulation.hung_load import with_loads
 
-    return with_loads(read_robot_run(path, (Mode.EXCITE,), period))
+    return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)

@@ -15,11 +15,14 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.pupper_import import read_pupper_logs
+from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress, Task
+from motorprior.pipeline.raw_logs import read_any
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_figures, working
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.real_replay import LogReplay, prepare, replay_log
 
 FIGURES, TRACES = "figures.json", "traces.safetensors"
@@ -27,20 +30,22 @@ FIGURES, TRACES = "figures.json", "traces.safetensors"
 
 @dataclass(frozen=True)
 class Replay:
-    """Replay the commands of real Pupper v2 logs on simulated motors and compare the joint angles."""
+    """Replay the commands of real logs on simulated motors and compare the joint angles."""
 
     logs: Path
-    """Folder with the logs: the original pickles of jietan/puppersim, puppersim/data/system_id, or CSV."""
+    """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
     prior: Path
     """Prior whose draws are replayed."""
     out: Path
     """Folder for figures.json and the traces of the report."""
-    fleet: str = "pupper_v2"
+    fleet: str | None = None
     """Fleet whose central motor is replayed, and whose nominal gains the ideal PD gets."""
     draws: int = 20
-    """Draws of twelve motors from the prior."""
+    """Draws of the robot's motors from the prior."""
     seed: int = 0
     """Draws the motors."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> dict[str, float]:
@@ -51,64 +56,80 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> dict[str, float]:
     """
     require_count("draws", config.draws)
     require_seed(config.seed)
-    load_robot_fleet(config.fleet)
-    logs, prepared = read_logs(config.logs)
+    robot = load_robot(config.robot)
+    load_robot_fleet(robot, config.fleet)
+    logs, prepared = read_logs(config.logs, robot)
     for name, log in logs.items():
-        _note_findings(name, log, progress)
-    prior = load_prior(config.prior)
-    files = sorted(path for path in config.logs.iterdir() if path.is_file())
-    wanted = description("replay", asdict(config), [config.prior, *fleet_files(config.fleet), *files])
+        _note_findings(name, log, robot, progress)
+    prior = load_prior(config.prior, robot)
+    files = sorted(path for path in config.logs.iterdir() if path.is_file()) if config.logs.is_dir() else [config.logs]
+    inputs = [config.prior, *fleet_files(robot, config.fleet), *files, *robot.files]
+    wanted = description("replay", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            _replay_all(config, logs, prepared, prior, progress)
+            _replay_all(config, robot, logs, prepared, prior, progress)
     return read_figures(config.out / FIGURES)
 
 
-def read_logs(folder: Path) -> tuple[dict[str, MotorLog], dict[str, MotorLog]]:
-    """Every log of a folder by its short name, as it is and without repeated measurements.
+def read_logs(path: Path, robot: Robot) -> tuple[dict[str, MotorLog], dict[str, MotorLog]]:
+    """A log, or every log of a folder by its short name, as it is and without repeated measurements.
 
     Raises:
         LogError: a log that cannot be read or replayed.
     """
-    logs = read_pupper_logs(folder)
-    return logs, {name: prepare(log, f"{folder}, log {name}") for name, log in logs.items()}
+    if path.is_file():
+        logs = {path.name.split(".")[0]: read_any(path, robot)}
+    elif found := sorted(path.glob("*.parquet")):
+        logs = {file.stem: read_any(file, robot) for file in found}
+    else:
+        logs = read_puppersim_logs(path, robot)
+    return logs, {name: prepare(log, robot, f"{path}, log {name}") for name, log in logs.items()}
 
 
-def _note_findings(name: str, log: MotorLog, progress: Progress) -> None:
-    for finding in check_log(log, spec.JOINT_LIMITS).findings:
+def _note_findings(name: str, log: MotorLog, robot: Robot, progress: Progress) -> None:
+    for finding in check_log(log, robot.limits).findings:
         if finding.severity != "info":
             progress.note(f"log {name}: {finding.severity}: {finding.message}")
 
 
 def _replay_all(
-    config: Replay, logs: dict[str, MotorLog], prepared: dict[str, MotorLog], prior: MotorPrior, progress: Progress
+    config: Replay,
+    robot: Robot,
+    logs: dict[str, MotorLog],
+    prepared: dict[str, MotorLog],
+    prior: MotorPrior,
+    progress: Progress,
 ) -> None:
     figures: dict[str, float] = {}
     traces: dict[str, np.ndarray] = {}
     with progress.start(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as task:
         for name, log in logs.items():
-            results = _replay_models(config, log, prepared[name], prior, task)
+            results = _replay_models(config, robot, log, prepared[name], prior, task)
             figures |= _log_figures(name, prepared[name], results)
-            traces |= _log_traces(name, prepared[name], results)
+            traces |= _log_traces(name, robot, prepared[name], results)
     write_json(config.out / FIGURES, figures)
-    write_tensors(config.out / TRACES, traces, {"logs": sorted(logs), "prior": prior.preset})
+    write_tensors(
+        config.out / TRACES,
+        traces,
+        {"logs": sorted(logs), "prior": prior.preset, "joint_names": list(robot.joint_names)},
+    )
 
 
 def _replay_models(
-    config: Replay, log: MotorLog, prepared: MotorLog, prior: MotorPrior, task: Task
+    config: Replay, robot: Robot, log: MotorLog, prepared: MotorLog, prior: MotorPrior, task: Task
 ) -> dict[str, list[LogReplay]]:
-    fleet = load_robot_fleet(config.fleet)
+    fleet = load_robot_fleet(robot, config.fleet)
     rng = np.random.default_rng(config.seed)
     models: dict[str, list[Actuator]] = {
-        "ideal_pd": [nominal_pd(fleet, spec.NUM_JOINTS)],
-        "physical": [PhysicalActuator(fleet.center(spec.NUM_JOINTS))],
-        "physical_draws": [PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)) for _ in range(config.draws)],
-        prior.preset: [prior.sample(rng, spec.NUM_JOINTS) for _ in range(config.draws)],
+        "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
+        "physical": [PhysicalActuator(fleet.center(robot.num_joints))],
+        "physical_draws": [PhysicalActuator(fleet.sample(rng, robot.num_joints)) for _ in range(config.draws)],
+        prior.preset: [prior.sample(rng, robot.num_joints) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():
         for actuator in actuators:
-            results.setdefault(name, []).append(replay_log(log, actuator, prepared))
+            results.setdefault(name, []).append(replay_log(log, robot, actuator, prepared))
             task.advance()
     return results
 
@@ -124,15 +145,16 @@ def _log_figures(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) 
             figures[f"real_rmse_p05/{name}/{model}"] = float(np.quantile(mean, 0.05))
             figures[f"real_rmse_p95/{name}/{model}"] = float(np.quantile(mean, 0.95))
         for joint in excited_joints(log):
-            key = f"real_joint_rmse/{name}/{spec.JOINT_NAMES[joint]}/{model}"
+            key = f"real_joint_rmse/{name}/{log.joint_names[joint]}/{model}"
             figures[key] = float(np.median(per_joint[:, joint]))
     return figures
 
 
-def _log_traces(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
+def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
     """The first excited knee (or joint) of a log, for the report; draws as median and 90 % band."""
     excited = excited_joints(log)
-    knees = [joint for joint in excited if spec.JOINT_NAMES[joint].endswith("knee")]
+    last = {leg.joints[-1] for leg in robot.legs}
+    knees = [joint for joint in excited if joint in last]
     joint = int(knees[0] if knees else excited[0])
     traces = {
         f"{name}/joint": np.array(joint),

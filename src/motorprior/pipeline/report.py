@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.pipeline.stage import MARKER, digest, read_figures, seconds_of
+from motorprior.robots.load import load_robot
 
 PAGE, SETTINGS, STAGES, FIGURES, CURVE = "report.html", "demo.json", "stages.json", "figures.json", "curve.json"
 Made = TypeVar("Made")
@@ -28,17 +29,17 @@ def build_report(run: Path) -> Path:
     def walk(run: Path) -> list[Section]:
         return sections.walk([run / folder for folder in belonging if folder.startswith("walk/")])
 
+    if not (run / SETTINGS).is_file():
+        raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the folder that `motorprior demo` wrote")
+    settings, command = _settings(run / SETTINGS)
     stages: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Section]]]] = {
         "bench": (("bench/rollout", "bench/paper"), sections.bench),
         "identify": (("priors/rollout",), sections.identify),
         "validate": (("validate",), sections.validate),
         "replay": (("replay",), sections.replay),
         "walk": (("walk/rollout_0",), walk),
-        "transfer": (("transfer",), sections.transfer),
+        "transfer": (("transfer",), lambda run: sections.transfer(run, load_robot(settings["robot"]))),
     }  # the folders that must belong to the settings, and what they add to the page
-    if not (run / SETTINGS).is_file():
-        raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the folder that `motorprior demo` wrote")
-    settings, command = _settings(run / SETTINGS)
     belonging = belonging_stages(run)
     ready = [name for name, (folders, _) in stages.items() if set(folders) <= set(belonging)]
     pending = [name for name in stages if name not in ready and (name != "replay" or settings["logs"] is not None)]
@@ -112,7 +113,7 @@ def _settings(path: Path) -> tuple[dict[str, Any], str]:
     """Settings of a demo, and the command that was given."""
     found = read_json(path)
     settings, command = (found.get(name) if isinstance(found, dict) else None for name in ("settings", "command"))
-    if not isinstance(settings, dict) or "logs" not in settings or not isinstance(command, str):
+    if not isinstance(settings, dict) or not {"logs", "robot"} <= settings.keys() or not isinstance(command, str):
         raise ArtifactError("not the settings of a demo", where=path, remedy="run `motorprior demo` there again")
     return settings, command
 

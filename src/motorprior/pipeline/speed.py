@@ -11,30 +11,35 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.speed import REPEATS, compiled_paths, interpreted_paths, measure
 
 
 def measure_speed(
-    prior_path: Path, fleet_name: str, interpreted: bool = False, progress: Progress = SILENT
+    prior_path: Path,
+    robot: Robot,
+    fleet_name: str | None = None,
+    interpreted: bool = False,
+    progress: Progress = SILENT,
 ) -> dict[str, float]:
     """The figures of `simulation.speed.measure`.
 
     Args:
         prior_path: of the learned motors.
-        fleet_name: of the physical ones.
+        robot: a legged one.
+        fleet_name: of the physical motors; the robot's own if not given.
         interpreted: measure the paths with the interpreter in the loop too.
         progress: where to report to.
     """
-    prior, fleet = load_prior(prior_path), load_robot_fleet(fleet_name)
-    learned = prior.sample(np.random.default_rng(0), spec.NUM_JOINTS)
+    prior, fleet = load_prior(prior_path, robot), load_robot_fleet(robot, fleet_name)
+    learned = prior.sample(np.random.default_rng(0), robot.num_joints)
     actuators: dict[str, tuple[Actuator, float]] = {
-        "ideal_pd": (nominal_pd(fleet, spec.NUM_JOINTS), spec.PHYSICS_DT),
-        "rollout": (learned, spec.PHYSICS_DT),
-        "physical": (PhysicalActuator(fleet.center(spec.NUM_JOINTS)), LONGEST_STEP),
+        "ideal_pd": (nominal_pd(fleet, robot.num_joints), robot.physics_dt),
+        "rollout": (learned, robot.physics_dt),
+        "physical": (PhysicalActuator(fleet.center(robot.num_joints)), LONGEST_STEP),
     }
     with progress.start("speed: episodes side by side", REPEATS) as task, ExitStack() as stack:
-        paths = compiled_paths(actuators) | (interpreted_paths(learned) if interpreted else {})
+        paths = compiled_paths(robot, actuators) | (interpreted_paths(robot, learned) if interpreted else {})
         for path in paths.values():
             stack.callback(path.close)
         return measure(paths, progress=task.advance)

@@ -21,6 +21,7 @@ from motorprior import __version__
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.robot import Robot
 
 MARKER, UNFINISHED = "stage.json", "unfinished.json"
 """The second holds the seconds of a stage that was interrupted."""
@@ -85,13 +86,13 @@ def package_digest(stage: str, package: Path) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
-def fleet_files(fleet: str) -> list[Path]:
-    """The file of a fleet, shipped or given by path.
+def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
+    """The file of a fleet, shipped or given by path; the robot's own if none is named.
 
     Raises:
-        ArtifactError: there is none.
+        ArtifactError, ConfigError: there is none.
     """
-    return [fleet_path(fleet)]
+    return [fleet_path(robot.default_fleet if fleet is None else fleet)]
 
 
 def read_figures(path: Path) -> dict[str, float]:

@@ -15,7 +15,9 @@ from motorprior.pipeline.motor_choice import choice_from_json, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_figures, working
 from motorprior.pipeline.walk import POLICY
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -35,11 +37,13 @@ class Transfer:
     """Folders that `motorprior walk` wrote; several seeds of one actuator model are averaged."""
     out: Path
     """Folder for figures.json and the gaits of the report."""
-    fleet: str = "pupper_v2"
-    """The twin's fleet."""
+    fleet: str | None = None
+    """The twin's fleet; the robot's own if not given."""
     engine: Engine | None = None
     """Engine of a policy's own simulation; the one it was trained in, on its terrain, if not given. The twin is always
     in MuJoCo."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> dict[str, float]:
@@ -48,20 +52,22 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> dict[str, flo
     Raises:
         ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
     """
-    fleet = load_robot_fleet(config.fleet)
+    robot = load_robot(config.robot)
+    robot.require_legs()
+    fleet = load_robot_fleet(robot, config.fleet)
     files = [folder / POLICY for folder in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    wanted = description("transfer", asdict(config), [*files, *fleet_files(config.fleet)])
+    wanted = description("transfer", asdict(config), [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
-        walkers = [_walker(path, config.engine) for path in files]
+        walkers = [walker_of(path, robot, config.engine) for path in files]
         with working(config.out, wanted):
-            _evaluate_all(config, walkers, fleet, progress)
+            _evaluate_all(config, robot, walkers, fleet, progress)
     return read_figures(config.out / FIGURES)
 
 
 @dataclass(frozen=True)
-class _Walker:
+class Walker:
     """A policy, the name of what it was trained on, and the simulation it was trained in."""
 
     policy: Policy
@@ -69,7 +75,7 @@ class _Walker:
     own: WalkSimulator | BackendSimulator
 
 
-def _walker(path: Path, engine: Engine | None) -> _Walker:
+def walker_of(path: Path, robot: Robot, engine: Engine | None = None) -> Walker:
     """Everything a policy needs; refuses what cannot run here.
 
     Raises:
@@ -77,10 +83,11 @@ def _walker(path: Path, engine: Engine | None) -> _Walker:
             that is not installed.
     """
     policy = Policy.load(path)
-    policy.require_clock(spec.CONTROL_DT, path)
+    policy.require_robot(robot, path)
+    policy.require_clock(robot.control_dt, path)
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
-        draw = choice.drawer()
+        draw = choice.drawer(robot)
     except (ArtifactError, ConfigError) as error:
         problem = f"the motors it was trained on: {error.problem}"
         where = path if error.where is None else f"{path}: {error.where}"
@@ -88,8 +95,8 @@ def _walker(path: Path, engine: Engine | None) -> _Walker:
     trained_in, roughness = _ground(policy, path)
     engine = engine or trained_in
     terrain = Terrain(roughness if engine == "pybullet" else 0.0)
-    scene = Scene(engine, draw, choice.physics_dt, WalkConfig(DURATION_STEPS), terrain)
-    return _Walker(policy, choice.condition(), scene.simulator())
+    scene = Scene(robot, engine, draw, choice.physics_dt(robot), WalkConfig(DURATION_STEPS), terrain)
+    return Walker(policy, choice.condition(), scene.simulator())
 
 
 def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
@@ -107,19 +114,19 @@ def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
     return engine, float(roughness)
 
 
-def _evaluate_all(config: Transfer, walkers: list[_Walker], fleet: Fleet, progress: Progress) -> None:
+def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: Fleet, progress: Progress) -> None:
     rows: dict[str, list[dict[str, Walking]]] = {}
     traces: dict[str, np.ndarray] = {}
-    twin = twin_simulator(fleet)
+    twin = twin_simulator(robot, fleet)
     with progress.start(f"transfer: {len(walkers)} policies x {DRAWS} draws", 2 * DRAWS * len(walkers)) as task:
         for walker in walkers:
-            own, own_trace = evaluate(walker.policy, walker.own, task.advance)
-            there, twin_trace = evaluate(walker.policy, twin, task.advance)
+            own, own_trace = evaluate(robot, walker.policy, walker.own, task.advance)
+            there, twin_trace = evaluate(robot, walker.policy, twin, task.advance)
             rows.setdefault(walker.condition, []).append({"own": own, "twin": there})
             traces.setdefault(f"own/{walker.condition}", own_trace)
             traces.setdefault(f"twin/{walker.condition}", twin_trace)
     write_json(config.out / FIGURES, _figures(rows))
-    write_tensors(config.out / TRACES, traces, {"control_dt": spec.CONTROL_DT})
+    write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
 
 
 def _figures(rows: dict[str, list[dict[str, Walking]]]) -> dict[str, float]:

@@ -20,6 +20,7 @@ from motorprior.bench.record import bench_preset, record
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.validate import (
+    HELD_OUT,
     ModelOfMotors,
     Prediction,
     bench_errors,
@@ -28,7 +29,9 @@ from motorprior.pipeline.fidelity_traces import write_traces
 from motorprior.pipeline.motor_choice import load_prior, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, is_finished, read_figures, seconds_of, working
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.metrics import BENCH_METRICS, COLUMNS
 from motorprior.transfer.robot_fidelity import robot_fidelity
 
@@ -53,9 +56,11 @@ class Validate:
     """Measure on motors nobody trained on, too, and whether the prior's draws are like them (a minute more)."""
     adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
     """Lengths of log [s] from which held-out motors are adapted to."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFacts]:
+def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFacts]:
     """The priors by preset, and the bench whose motors they learned.
 
     Raises:
@@ -65,7 +70,7 @@ def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFa
     priors: dict[str, MotorPrior] = {}
     facts: list[BenchFacts] = []
     for path in paths:
-        prior = load_prior(path)
+        prior = load_prior(path, robot)
         if prior.preset in priors:
             raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
         priors[prior.preset] = prior
@@ -81,10 +86,10 @@ def load_priors(paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFa
             )
     if not facts:
         raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
-    if facts[0].motors < spec.NUM_JOINTS:
+    if robot.legs and facts[0].motors < robot.num_joints:
         raise ConfigError(
-            f"its bench has {facts[0].motors} motors, the robot needs {spec.NUM_JOINTS}", where=paths[0],
-            remedy=f"record a bench of {spec.NUM_JOINTS} motors or more",
+            f"its bench has {facts[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
+            remedy=f"record a bench of {robot.num_joints} motors or more",
         )  # fmt: skip
     return priors, facts[0]
 
@@ -113,24 +118,27 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> dict[str, flo
                 remedy="give lengths of log in between",
                 argument="adapt_seconds",
             )
-    priors, facts = load_priors(config.priors)
-    wanted = description("validate", asdict(config), list(config.priors))
+    robot = load_robot(config.robot)
+    priors, facts = load_priors(robot, config.priors)
+    wanted = description("validate", asdict(config), [*config.priors, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            _measure(config, priors, facts, progress)
+            _measure(config, robot, priors, facts, progress)
     return read_figures(config.out / FIGURES)
 
 
-def _measure(config: Validate, priors: dict[str, MotorPrior], facts: BenchFacts, progress: Progress) -> None:
+def _measure(
+    config: Validate, robot: Robot, priors: dict[str, MotorPrior], facts: BenchFacts, progress: Progress
+) -> None:
     motors = facts.physical_motors()
-    tuned = _tune_baselines(config.out, motors, facts, progress)
+    tuned = _tune_baselines(config.out, robot, motors, facts, progress)
     models = _models(facts.fleet, priors, tuned)
     with progress.start("validate: bench, standing robot, hung robot", 4) as task:
-        figures = fidelity_figures(motors, models, config.seed, task) | _armature_figures(motors, priors)
-        write_traces(config.out / TRACES, motors, models, priors, config.seed)
+        figures = fidelity_figures(robot, motors, models, config.seed, task) | _armature_figures(motors, priors)
+        write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
         task.advance()
     if config.held_out:
-        figures |= _held_out_figures(config, priors, facts, tuned, figures, progress)
+        figures |= _held_out_figures(config, robot, priors, facts, tuned, figures, progress)
     figures |= _residual_figures(priors)
     figures |= _identify_seconds(dict(zip(priors, config.priors, strict=True)))
     write_json(config.out / FIGURES, figures)
@@ -149,6 +157,7 @@ def _identify_seconds(paths: dict[str, Path]) -> dict[str, float]:
 
 def _held_out_figures(
     config: Validate,
+    robot: Robot,
     priors: dict[str, MotorPrior],
     facts: BenchFacts,
     tuned: IdealPd,
@@ -164,28 +173,28 @@ def _held_out_figures(
     title = "held-out motors: adapt, bench, standing robot, hung robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
         motors = held_out.held_out_motors(facts)
-        known = held_out.adapt_all(priors, paths, motors, facts)
+        known = held_out.adapt_all(robot, priors, paths, motors, facts)
         models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
         task.advance()
-        found = fidelity_figures(motors, models, config.seed, task)
+        found = fidelity_figures(robot, motors, models, config.seed, task)
         figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
         if "rollout" in known:
             prior, path = priors["rollout"], paths["rollout"]
             figures |= held_out.adaptation_figures(
-                prior, path, facts, config.adapt_seconds, known["rollout"], config.seed, task.advance
+                robot, prior, path, facts, config.adapt_seconds, known["rollout"], config.seed, task.advance
             )
             figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
     return figures
 
 
-def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts, progress: Progress) -> IdealPd:
+def _tune_baselines(out: Path, robot: Robot, motors: MotorParameters, facts: BenchFacts, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
     from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, GAINS, fit_pd
 
     nominal = nominal_pd(facts.fleet, 1)
     with progress.start("tune the PD baselines on the bench log", 2 * EVALUATIONS) as task:
-        log = record(motors, bench_preset("rollout"), facts.steps, facts.seed, facts.fleet)
+        log = record(motors, bench_preset("rollout").for_robot(robot), facts.steps, facts.seed, facts.fleet)
         best_gains, tuned = (fit_pd(log, nominal, free, task.advance) for free in (GAINS, EVERYTHING))
     for name, model in ((GAINS_FILE, best_gains), (TUNED, tuned)):
         write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
@@ -193,18 +202,18 @@ def _tune_baselines(out: Path, motors: MotorParameters, facts: BenchFacts, progr
 
 
 def fidelity_figures(
-    motors: MotorParameters, models: Mapping[str, Prediction], seed: int, task: Task
+    robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], seed: int, task: Task
 ) -> dict[str, float]:
-    """METRIC/MODEL on the bench, in the standing and in the hung robot; three advances of ``task``."""
+    """METRIC/MODEL on the bench and, with legs, in the standing and the hung robot; three advances of ``task``."""
     figures: dict[str, float] = {}
-    errors = bench_errors(motors, models, seed)
+    errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
     for metric, kind in BENCH_METRICS.items():
         for model, values in errors[kind].items():
             figures[f"{metric}/{model}"] = float(np.median(values))
             figures[f"{_mean(metric)}/{model}"] = float(np.mean(values))
     task.advance()
-    for place, hung in (("standing", False), ("hung", True)):
-        found = robot_fidelity(motors, models, hung, seed)
+    for place, hung in (("standing", False), ("hung", True)) if robot.legs else ():
+        found = robot_fidelity(robot, motors, models, hung, seed)
         for model in found.rmse:
             figures[f"{place}_rmse/{model}"] = float(np.median(found.rmse[model]))
             figures[f"{_mean(f'{place}_rmse')}/{model}"] = float(np.mean(found.rmse[model]))

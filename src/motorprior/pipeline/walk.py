@@ -18,7 +18,9 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import Stopwatch, description, digest, is_finished, remove, working
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor
 from motorprior.search.train import Champion, Iteration, contest, new_search, train
@@ -48,7 +50,7 @@ class Walk:
     iterations: int = 200
     """ARS iterations."""
     episode_steps: int = 250
-    """Control steps of 10 ms per episode."""
+    """Control steps per episode."""
     search: ArsConfig = field(default_factory=ArsConfig)
     """Augmented random search."""
     task: TaskWeights = field(default_factory=TaskWeights)
@@ -65,6 +67,8 @@ class Walk:
     """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster to join, with the executor ray; without one Ray starts on this machine only."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> None:
@@ -77,15 +81,17 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     require_count("iterations", config.iterations)
     require_count("episode_steps", config.episode_steps)
     require_count("workers", config.workers, 1, MOST_WORKERS)
-    draw = config.motors.drawer()
+    robot = load_robot(config.robot)
+    robot.require_legs()
+    draw = config.motors.drawer(robot)
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
         del settings[where]
-    inputs = config.motors.inputs() + ([] if config.start is None else [config.start])
-    wanted = description("walk", settings, inputs)
+    inputs = config.motors.inputs(robot) + ([] if config.start is None else [config.start])
+    wanted = description("walk", settings, [*inputs, *robot.files])
     if is_finished(config.out, wanted):
         return
-    make_simulator = scene(config, draw).simulator
+    make_simulator = scene(config, robot, draw).simulator
     if config.ray_address is not None and config.executor != "ray":
         raise ConfigError(
             "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
@@ -93,28 +99,30 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     with working(config.out, wanted) as clock:
         executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
         try:
-            champion, curve = _train(config, executor, _Kept(config.out, wanted, clock), progress, name)
+            champion, curve = _train(config, robot, executor, _Kept(config.out, wanted, clock), progress, name)
         finally:
             executor.close()
-        _policy(config, champion).save(config.out / POLICY)
+        _policy(config, robot, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
         _note_faults(curve, 2 * config.search.num_directions, progress)
         remove(config.out, CHECKPOINT)
 
 
-def scene(config: Walk, draw: DrawMotors) -> Scene:
+def scene(config: Walk, robot: Robot, draw: DrawMotors) -> Scene:
     """What a worker simulates.
 
     Raises:
         ConfigError: the engine is not installed, or cannot do what is asked.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization)
-    return Scene(config.engine, draw, config.motors.physics_dt, walk, Terrain(config.roughness))
+    return Scene(robot, config.engine, draw, config.motors.physics_dt(robot), walk, Terrain(config.roughness))
 
 
-def _train(config: Walk, executor: Executor, kept: _Kept, progress: Progress, name: str) -> tuple[Champion, list[dict]]:
+def _train(
+    config: Walk, robot: Robot, executor: Executor, kept: _Kept, progress: Progress, name: str
+) -> tuple[Champion, list[dict]]:
     """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
-    search, champion, curve = _restore(config, kept.wanted)
+    search, champion, curve = _restore(config, robot, kept.wanted)
     if config.start is not None and search.iteration == 0:  # what nothing improves on is kept
         champion = contest(search, executor, champion)
     latest = _checkpoint(search, champion)
@@ -126,7 +134,7 @@ def _train(config: Walk, executor: Executor, kept: _Kept, progress: Progress, na
         what = f"{int(latest['iteration'])} iterations"
         best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
         if best.iteration > 0:
-            _policy(config, best).save(config.out / POLICY)
+            _policy(config, robot, best).save(config.out / POLICY)
             what += f" and the best policy so far, of iteration {best.iteration},"
         return f"{what} are kept in {config.out}"
 
@@ -157,15 +165,17 @@ def _note_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
         progress.note(f"{count} of {len(curve) * episodes} episodes ended early: {name}")
 
 
-def _policy(config: Walk, champion: Champion) -> Policy:
-    kp, kd = config.motors.robot_gains()
+def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
+    nominal = config.motors.nominal(robot)
     return Policy(
         weights=champion.weights,
         observation_mean=champion.mean,
         observation_std=champion.std,
-        kp=np.full(spec.NUM_JOINTS, kp),
-        kd=np.full(spec.NUM_JOINTS, kd),
-        control_dt=spec.CONTROL_DT,
+        kp=nominal.kp,
+        kd=nominal.kd,
+        control_dt=robot.control_dt,
+        robot=robot.name,
+        joint_names=robot.joint_names,
         provenance={
             "motors": config.motors.as_json(config.out),
             "search": asdict(config.search),
@@ -202,7 +212,7 @@ class _Kept:
         self.clock.note()
 
 
-def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
+def _restore(config: Walk, robot: Robot, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
     """The training of an interrupted run with the same settings, or a new one.
 
     Raises:
@@ -218,5 +228,8 @@ def _restore(config: Walk, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
         except (ArtifactError, KeyError) as error:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-    start = None if config.start is None else Policy.load(config.start)
-    return new_search(config.search, start), Champion.nobody(), []
+    start = None
+    if config.start is not None:
+        start = Policy.load(config.start)
+        start.require_robot(robot, config.start)
+    return new_search(config.search, robot.num_joints, start), Champion.none_yet(robot.num_joints), []

@@ -17,15 +17,14 @@ from PIL import Image, ImageDraw, ImageFont
 
 from motorprior.exceptions import ConfigError
 from motorprior.report.plots_style import INK, MUTED, describe, most_used, new_figure, style, with_palette
-from motorprior.robots.pupper_v2.spec import FOOT_RADIUS, LEGS, SIDE
 from motorprior.simulation.skeleton import Skeleton
 
 FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
 """Corners of `Skeleton.chassis` around each face of the box."""
-NEAR = [index for index, leg in enumerate(LEGS) if SIDE[leg] < 0]
-FAR = [index for index, leg in enumerate(LEGS) if SIDE[leg] > 0]
-TOUCHING = FOOT_RADIUS + 0.002
-"""A foot centre below this height [m] is on the ground."""
+TOUCHING = 0.002
+"""A foot whose lowest point is below this height [m] is on the ground."""
+PICTURED = 0.166
+"""Height of a base [m] that the pictures are laid out for; a larger robot is drawn smaller."""
 BODY, FAR_LEG = "#dfe3e8", "#b4bac2"
 
 _SMOOTH = 2  # drawn this many times larger, then averaged down
@@ -36,10 +35,10 @@ _PALETTE = 64
 class _View:
     """From metres around the camera to pixels of the animation, at full drawing size."""
 
+    metre: float
+    """[pixel/m]"""
     width: int = 480
     height: int = 288
-    metre: float = 880.0
-    """[pixel/m]"""
     ground: int = 240
     """row of the floor"""
 
@@ -72,19 +71,20 @@ def gait_strip(
     _require_frames(skeleton)
     first = max(0, len(skeleton) - 1 - round(span / control_dt))
     picked = np.unique(np.linspace(first, len(skeleton) - 1, frames).round().astype(int))
-    pitch = 0.40
+    size = skeleton.height / PICTURED
+    pitch = 0.40 * size
     figure = new_figure(1.5)
     axes = figure.add_subplot()
     style(axes)
     for column, frame in enumerate(picked):
         middle = skeleton.chassis[frame, :, 0].mean()
         shift = np.array([column * pitch - middle, 0.0, 0.0])
-        _draw_frame(axes, skeleton.legs[frame] + shift, skeleton.chassis[frame] + shift, color)
+        _draw_frame(axes, skeleton, skeleton.legs[frame] + shift, skeleton.chassis[frame] + shift, color)
     axes.axhline(0.0, color=MUTED, linewidth=1.0, zorder=0)
     labels = [_time_and_place(skeleton, frame, control_dt, "\n") for frame in picked]
     axes.set_xticks(np.arange(len(picked)) * pitch, labels)
-    axes.set_yticks([0.0, 0.1, 0.2])
-    axes.set(xlim=(-0.6 * pitch, (len(picked) - 0.4) * pitch), ylim=(-0.02, 0.26), aspect="equal")
+    axes.set_yticks([0.0, 0.1, 0.2] if size < 2.0 else [0.0, 0.2, 0.4])
+    axes.set(xlim=(-0.6 * pitch, (len(picked) - 0.4) * pitch), ylim=(-0.02 * size, 0.26 * size), aspect="equal")
     axes.grid(False)
     axes.spines["bottom"].set_visible(False)
     axes.tick_params(axis="x", length=0)
@@ -92,22 +92,27 @@ def gait_strip(
     return figure
 
 
-def _draw_frame(axes: Axes, legs: np.ndarray, chassis: np.ndarray, color: str) -> None:
-    """One robot: far legs, body, near legs; (4, 4, 3) and (8, 3) in the axes' coordinates [m]."""
-    for leg in FAR:
-        _strip_leg(axes, legs[leg], FAR_LEG, 1)
+def _draw_frame(axes: Axes, skeleton: Skeleton, legs: np.ndarray, chassis: np.ndarray, color: str) -> None:
+    """One robot: far legs, body, near legs; (L, 4, 3) and (8, 3) in the axes' coordinates [m]."""
+    for leg in _side(skeleton, right=False):
+        _strip_leg(axes, legs[leg], skeleton.foot_radius, FAR_LEG, 1)
     for face in FACES:
         axes.fill(chassis[face, 0], chassis[face, 2], color=BODY, linewidth=0, zorder=2)
-    for leg in NEAR:
-        _strip_leg(axes, legs[leg], color, 3)
+    for leg in _side(skeleton, right=True):
+        _strip_leg(axes, legs[leg], skeleton.foot_radius, color, 3)
 
 
-def _strip_leg(axes: Axes, points: np.ndarray, color: str, order: int) -> None:
+def _side(skeleton: Skeleton, right: bool) -> list[int]:
+    """Legs of one side; the camera looks from the right."""
+    return [leg for leg, is_right in enumerate(skeleton.is_right) if is_right is right]
+
+
+def _strip_leg(axes: Axes, points: np.ndarray, foot_radius: float, color: str, order: int) -> None:
     """A leg (4, 3) [m], with a ring where its foot is on the ground."""
     look = {"color": color, "linewidth": 2.4, "solid_capstyle": "round", "solid_joinstyle": "round"}
     axes.plot(points[:, 0], points[:, 2], zorder=order, **look)
     x, _, z = points[3]
-    if z < TOUCHING:
+    if z < foot_radius + TOUCHING:
         axes.plot([x], [z], "o", markersize=4, color="white", markeredgecolor=color, zorder=order)
 
 
@@ -123,7 +128,7 @@ def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: 
     """
     _require_frames(skeleton)
     stride = max(1, round(1.0 / (fps * control_dt)))
-    view, picked = _View(), range(0, len(skeleton), stride)
+    view, picked = _View(880.0 * PICTURED / skeleton.height), range(0, len(skeleton), stride)
     pictures = [_picture(view, skeleton, frame, control_dt, title, color) for frame in picked]
     palette = most_used([pictures[0], pictures[len(pictures) // 2], pictures[-1]], _PALETTE)
     flat = [with_palette(picture, palette) for picture in pictures]
@@ -140,27 +145,35 @@ def _picture(view: _View, skeleton: Skeleton, frame: int, control_dt: float, tit
     legs, chassis = skeleton.legs[frame], skeleton.chassis[frame]
     camera = float(chassis[:, 0].mean())
     _ground(draw, view, camera)
-    for leg in FAR:
-        _leg(draw, view, legs[leg], camera, FAR_LEG, 7)
+    for leg in _side(skeleton, right=False):
+        _leg(draw, view, legs[leg], skeleton.foot_radius, camera, FAR_LEG, 7)
     for face in FACES:
         draw.polygon(view.pixels(chassis[face], camera), fill=BODY)
-    for leg in NEAR:
-        _leg(draw, view, legs[leg], camera, color, 8)
+    for leg in _side(skeleton, right=True):
+        _leg(draw, view, legs[leg], skeleton.foot_radius, camera, color, 8)
     _write(draw, (16, 11), title, 18, INK)
     _write(draw, (16, 37), _time_and_place(skeleton, frame, control_dt, "    "), 16, MUTED)
     return large.reduce(_SMOOTH)
 
 
-def _leg(draw: ImageDraw.ImageDraw, view: _View, points: np.ndarray, camera: float, color: str, width: int) -> None:
+def _leg(
+    draw: ImageDraw.ImageDraw,
+    view: _View,
+    points: np.ndarray,
+    foot_radius: float,
+    camera: float,
+    color: str,
+    width: int,
+) -> None:
     """A leg (4, 3) with round joints; a foot on the ground has a white middle."""
     path = view.pixels(points, camera)
     thick = width * _SMOOTH
     draw.line(path, fill=color, width=thick)
     for x, y in path[1:]:
         _disc(draw, x, y, thick / 2, color)
-    foot = FOOT_RADIUS * view.metre * _SMOOTH
+    foot = foot_radius * view.metre * _SMOOTH
     _disc(draw, *path[-1], foot, color)
-    if points[-1, 2] < TOUCHING:
+    if points[-1, 2] < foot_radius + TOUCHING:
         _disc(draw, *path[-1], 0.55 * foot, "white")
 
 

@@ -24,11 +24,11 @@ from motorprior.report.tables import (
     replay_rows,
     transfer_rows,
 )
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 from motorprior.simulation.skeleton import skeleton
 from motorprior.transfer.metrics import COLUMNS, MODELS
 
-_LATENT_PANELS = 6
+_LATENT_PANELS, _SHORTEST_GAIT = 6, 20
 
 
 def _by_model(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
@@ -86,7 +86,11 @@ def validate(run: Path) -> list[Section]:
     """Torque fit, closed loop on the bench, and inside the robot."""
     figures = read_json(run / "validate" / "figures.json")
     tensors, header = read_tensors(run / "validate" / "traces.safetensors")
-    return [_torque_section(tensors), _bench_section(tensors, header, figures), _robot_section(tensors, figures)]
+    return [
+        _torque_section(tensors),
+        _bench_section(tensors, header, figures),
+        _robot_section(tensors, header, figures),
+    ]
 
 
 def _torque_section(tensors: dict[str, np.ndarray]) -> Section:
@@ -124,16 +128,16 @@ def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figur
     return Section("Closed loop on the bench", lead, body, (shown,), (table,))
 
 
-def _robot_section(tensors: dict[str, np.ndarray], figures: dict[str, float]) -> Section:
+def _robot_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figures: dict[str, float]) -> Section:
     positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
-    time = np.arange(len(tensors["robot/target"])) * spec.PHYSICS_DT
+    time = np.arange(len(tensors["robot/target"])) * header["robot_dt"]
     traces = plots.robot_traces(
-        time, tensors["robot/position/truth"], positions, tensors["robot/torque/truth"], torques, "FR_knee",
+        time, tensors["robot/position/truth"], positions, tensors["robot/torque/truth"], torques, header["joint"],
         "standing trot",
     )  # fmt: skip
     columns = tuple(column for column in COLUMNS if not column.startswith("bench"))
     caption = (
-        "Joint RMSE [rad] and torque above 20 Hz [N·m], medians of 12 draws of 12 motors. The torque should be "
+        "Joint RMSE [rad] and torque above 20 Hz [N·m], medians of 12 draws of motors. The torque should be "
         "like the physical motors' own: more is chatter, less is missing life."
     )
     table = _fidelity_table(figures, columns, caption)
@@ -143,10 +147,10 @@ def _robot_section(tensors: dict[str, np.ndarray], figures: dict[str, float]) ->
         for key, title in metrics.items()
     }
     pictures = (
-        picture(traces, "The right front knee in a trot on the ground.", "traces inside the robot"),
+        picture(traces, f"{header['joint']} in a trot on the ground.", "traces inside the robot"),
         picture(plots.fidelity_bars(bars), "Inside the robot.", "fidelity inside the robot"),
     )
-    lead = "The same models as the twelve motors of a standing and of a hung Pupper."
+    lead = "The same models as the motors of a standing and of a hung robot."
     chatter = figures["standing_torque_hf/paper_wide"] / figures["standing_torque_hf/physical"]
     body = (
         "The paper's motors never carried a load on their bench, and here they cannot carry the robot. The control "
@@ -166,7 +170,7 @@ def replay(run: Path) -> list[Section]:
     tensors, header = read_tensors(run / "replay" / "traces.safetensors")
     pictures = []
     for log in header["logs"]:
-        joint = spec.JOINT_NAMES[int(tensors[f"{log}/joint"])]
+        joint = header["joint_names"][int(tensors[f"{log}/joint"])]
         models = _by_model(tensors, f"{log}/model/")
         band = (tensors[f"{log}/low"], tensors[f"{log}/high"]) if f"{log}/low" in tensors else None
         time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
@@ -175,12 +179,12 @@ def replay(run: Path) -> list[Section]:
     columns = ("log", "joint", *replay_models(figures)[1])
     rows = tuple(tuple(row) for row in replay_rows(figures))
     caption = "Joint RMSE [mrad], start included, nothing subtracted; draws: median (5-95 %)."
-    lead = "The commands of a real Pupper v2, replayed on a simulated one."
+    lead = "The commands of the real robot, replayed on a simulated one."
     body = (
         "physical is the central motor of the fleet, physical_draws are random motors of it, and the prior's draws are "
         "what was learned from such motors. All are read at the encoders on their rotors, as the robot is.",
-        "The shipped fleet pupper_v2 was calibrated on logs of this robot, the public ones among them: a fit, not a "
-        "prediction.",
+        "A fleet that was calibrated on logs of this robot is a fit, not a prediction: the shipped one was, on the "
+        "public logs among others.",
     )
     return [Section("Real robot logs", lead, body, tuple(pictures), (Table(columns, rows, caption),))]
 
@@ -188,7 +192,7 @@ def replay(run: Path) -> list[Section]:
 def no_logs() -> Section:
     """Where real logs come from."""
     body = (
-        "Push-up logs of a real Stanford Pupper v2 are in the repository jietan/puppersim, folder "
+        "Push-up logs of the shipped robot are in the repository jietan/puppersim, folder "
         "puppersim/data/system_id (Apache-2.0). Run the demo again with the folder of such logs: the "
         "finished stages are kept.",
     )
@@ -212,7 +216,7 @@ def walk(folders: Sequence[Path]) -> list[Section]:
     return [Section("Learning to walk", lead, body, (shown,))]
 
 
-def transfer(run: Path) -> list[Section]:
+def transfer(run: Path, robot: Robot) -> list[Section]:
     """The transfer table and the gaits."""
     figures = read_json(run / "transfer" / "figures.json")
     tensors, header = read_tensors(run / "transfer" / "traces.safetensors")
@@ -222,7 +226,14 @@ def transfer(run: Path) -> list[Section]:
         for place in ("own", "twin")
     ]
     bars = picture(plots.transfer_bars(*pairs), "Own simulation and twin.", "speed and time upright")
-    pictures = [bars, *(image for name in names for image in _gait(tensors, header, name))]
+    pictures = [
+        bars,
+        *(
+            image
+            for name in names
+            for image in _gait(robot, tensors[f"twin/{name}"], header["control_dt"], name, "on the twin")
+        ),
+    ]
     table = Table(TRANSFER_COLUMNS, tuple(tuple(row) for row in transfer_rows(figures)), "24 motor draws of 5 s each.")
     lead = "Every policy where it was trained, and on a twin nobody trained on: unseen physical motors, 1 kHz, noise."
     body = (
@@ -233,15 +244,31 @@ def transfer(run: Path) -> list[Section]:
     return [Section("Transfer", lead, body, tuple(pictures), (table,))]
 
 
-def _gait(tensors: dict[str, np.ndarray], header: dict[str, Any], name: str) -> list[Picture]:
-    trace = tensors[f"twin/{name}"][:250]
-    body, dt, color = skeleton(trace), header["control_dt"], plots.model_color(name)
-    label = plots.model_label(name)
-    title = f"trained on {label}, on the twin"
-    if len(trace) < 20:
+def _gait(robot: Robot, trace: np.ndarray, control_dt: float, name: str, place: str) -> list[Picture]:
+    """Animation and frames of the first 2.5 s of a walk; none of one that falls at once."""
+    shown = trace[: round(2.5 / control_dt)]
+    if len(shown) < _SHORTEST_GAIT:
         return []
-    moving = Picture(f"{title}: first 2.5 s.", title, gait_animation(body, dt, title, color=color), "gif")
-    return [moving, picture(gait_strip(body, dt, title, color=color), f"{title}: frames.", title)]
+    body, color = skeleton(robot, shown), plots.model_color(name)
+    title = f"trained on {plots.model_label(name)}, {place}"
+    moving = Picture(f"{title}: first 2.5 s.", title, gait_animation(body, control_dt, title, color=color), "gif")
+    return [moving, picture(gait_strip(body, control_dt, title, color=color), f"{title}: frames.", title)]
+
+
+def gaits(robot: Robot, traces: Mapping[str, np.ndarray], control_dt: float) -> Section:
+    """Policies in their own simulation.
+
+    Args:
+        robot: that walks.
+        traces: name of the condition -> (steps, 7 + joints) base position, quaternion and joint angles.
+        control_dt: time between rows [s].
+    """
+    pictures = [
+        image
+        for name, trace in traces.items()
+        for image in _gait(robot, trace, control_dt, name, "in its own simulation")
+    ]
+    return Section("Gaits", f"Robot {robot.name}, where each policy was trained.", pictures=tuple(pictures))
 
 
 def times(seconds: Mapping[str, float]) -> Section:

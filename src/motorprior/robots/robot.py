@@ -115,8 +115,8 @@ class Robot:
         hung_height: of the base of a robot that hangs in the air [m].
         reference_torque: load of a joint that the walking reward's torque penalty counts as 1 [N·m].
         foot_friction: sliding friction of the feet [-].
-        load_inertia: least and most inertia that one of its motors carries [kg·m²], from a bare last link to the standing
-            robot; a bench draws its loads between them.
+        load_inertia: least and most inertia that one of its motors carries [kg·m²], from a bare last link to the
+            standing robot; a bench draws its loads between them.
         files: of a user's robot, its description and its model.
         fleets: (name, path) of the shipped populations of its motors, the default first.
         physics_dt: MuJoCo's step in training [s].

@@ -10,7 +10,6 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 
-
 _LIGHTEST, _HEAVIEST = 0.3, 1.5
 """Of the smallest and the largest load: a bench goes a little beyond what a motor will meet."""
 
@@ -131,8 +130,8 @@ class UserModel:
     def load_inertia(self, pose: dict[str, float], legs: int, height: float) -> tuple[float, float]:
         """Least and most inertia that a motor carries [kg·m²], with some room on both sides.
 
-        The least is the smallest diagonal of the joints' mass matrix. The most is its largest, or, of a legged robot, that
-        of its share of the mass at the height of the base.
+        The least is the smallest diagonal of the joints' mass matrix. The most is its largest, or, of a legged robot,
+        that of its share of the mass at the height of the base.
         """
         data, own, column = self._at(pose), [], np.zeros(self._model.nv)
         self._mujoco.mj_forward(self._model, data)

@@ -35,9 +35,7 @@ class DrivenJoints:
             simulated at.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]
-    ):
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
         _require_integrator(model)
         if len(joints) != actuator.num_motors:
             raise ConfigError(

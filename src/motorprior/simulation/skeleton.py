@@ -4,7 +4,7 @@
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import mujoco
@@ -23,10 +23,16 @@ class Skeleton:
         legs: (F, L, 4, 3) [m]; legs × abduction origin, hip axis, knee, foot centre × (x, y, z).
         chassis: (F, 8, 3) [m] corners of the base's box; corner 4a + 2b + c is at the upper end of its x, y
             and z extent where a, b and c are 1.
+        is_right: per leg, whether its hip is on the right of the body.
+        foot_radius: [m].
+        height: of the base in the nominal pose [m], the size of the robot.
     """
 
     legs: np.ndarray
     chassis: np.ndarray
+    is_right: tuple[bool, ...]
+    foot_radius: float
+    height: float
 
     def __len__(self) -> int:
         """F."""
@@ -34,7 +40,7 @@ class Skeleton:
 
     def frames(self, selection: slice | np.ndarray) -> Skeleton:
         """The frames a slice, a mask (F,) or an index array selects."""
-        return Skeleton(self.legs[selection], self.chassis[selection])
+        return replace(self, legs=self.legs[selection], chassis=self.chassis[selection])
 
 
 def skeleton(robot: Robot, qpos: np.ndarray) -> Skeleton:
@@ -61,7 +67,10 @@ def skeleton(robot: Robot, qpos: np.ndarray) -> Skeleton:
         legs[frame, :, :3] = data.xpos[bodies]
         legs[frame, :, 3] = data.geom_xpos[feet]
         chassis[frame] = data.geom_xpos[box] + corners @ data.geom_xmat[box].reshape(3, 3).T
-    return Skeleton(legs, chassis)
+    data.qpos[:] = model.qpos0
+    mujoco.mj_kinematics(model, data)
+    is_right = tuple(bool(y < 0.0) for y in data.xpos[bodies[:, 1], 1])
+    return Skeleton(legs, chassis, is_right, robot.legs[0].foot_radius, robot.standing_height)
 
 
 def _leg_ids(model: mujoco.MjModel, robot: Robot) -> tuple[np.ndarray, np.ndarray]:

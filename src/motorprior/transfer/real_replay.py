@@ -19,7 +19,8 @@ from motorprior.simulation.world import World, WorldConfig
 COMMAND_PERIOD = 0.002
 """Commands are held on this grid [s]; the logs' own rows come every 1.5-10 ms."""
 _LEAD_IN = 1.0
-"""The robot stands in its nominal pose for so long [s] before the commands begin, as the real one did."""
+"""Before the commands begin, a free robot stands in its nominal pose and a fixed one holds its first target, so long
+[s], as the real ones did."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,9 @@ def replay_log(log: MotorLog, robot: Robot, actuator: Actuator, prepared: MotorL
     physics_dt = LONGEST_STEP if isinstance(actuator, PhysicalActuator) else robot.physics_dt
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD))
     grid = resample(log, COMMAND_PERIOD)
-    lead_in = np.tile(robot.nominal_pose, (round(_LEAD_IN / COMMAND_PERIOD), 1))
-    recorded = replay(world, actuator, grid.position_target, lead_in=lead_in, tolerate_fault=True)
+    rest = robot.nominal_pose if robot.base == "free" else grid.position_target[0]
+    lead_in = np.tile(rest, (round(_LEAD_IN / COMMAND_PERIOD), 1))
+    recorded = replay(world, actuator, grid.position_target, rest, lead_in, tolerate_fault=True)
     measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
     simulated = np.stack([np.interp(prepared.time, grid.time, column) for column in measured.T], axis=1)
     error = np.sqrt(np.mean((simulated - prepared.joint_pos) ** 2, axis=0))
