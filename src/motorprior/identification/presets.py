@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from motorprior.actuator.kind import Model
 from motorprior.exceptions import ConfigError
 
 
@@ -87,6 +88,17 @@ PRESETS = {
     ),
     "paper_wide": Preset("torque", 0.002, _TAPS, has_armature=False, window=1, batch=1024, steps=4000),
 }  # fmt: skip
+MODELS = (
+    Model("paper", "paper", "#cf3b3b"),
+    Model("rollout", "rollout", "#2563c9"),
+    Model("one_motor", "one motor", "#7d4fa8"),
+    Model("per_motor", "per motor", "#7d4fa8"),
+    Model("latent_network", "latent network", "#7d4fa8"),
+    Model("one_network", "one network", "#1a9a8b"),
+    Model("actuator_net", "actuator net", "#7d4fa8"),
+    Model("paper_wide", "paper, wide", "#e08a1e"),
+)
+"""How the motors of each recipe are shown; not part of the recipe, whose fields are the key of what it has made."""
 
 
 def identification_preset(name: str) -> Preset:

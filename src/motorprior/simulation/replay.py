@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
 from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
 
 

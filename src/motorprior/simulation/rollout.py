@@ -13,13 +13,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
 from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import ACTION_SIZE, OBSERVATION_SIZE, act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.robots.pupper_v2.spec import NUM_JOINTS
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints

@@ -13,12 +13,12 @@ from gymnasium.vector.utils import batch_space
 from numba import njit
 from numba.typed import List
 
+from motorprior.actuator.borrowed import borrowed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.bounds import require_count, require_finite
 from motorprior.locomotion.env import FURTHEST
 from motorprior.locomotion.policy import ACTION_SIZE
 from motorprior.locomotion.sensing import sense
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.rollout import WalkConfig, begin_walk, new_walker, walk_step
 from motorprior.simulation.world import World, WorldConfig
