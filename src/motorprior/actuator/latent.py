@@ -14,7 +14,9 @@ b1 + V1ᵀz becomes that motor's bias.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -31,6 +33,23 @@ from motorprior.exceptions import ConfigError
 
 _LINE = 64
 """Bytes."""
+
+
+def _softsign(x: Any) -> Any:
+    return x / (1.0 + abs(x))
+
+
+def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
+    """(n,) torque / torque_scale of the network, before the clip: arrays of numpy or of JAX.
+
+    Args:
+        weights: ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
+        inputs: (n, 2T), scaled.
+        bias: (n, H) of the first layer.
+    """
+    first = _softsign(inputs @ weights["w1"] + bias)
+    second = _softsign(first @ weights["w2"] + weights["b2"])
+    return second @ weights["w3"] + weights["b3"]
 
 
 @dataclass(frozen=True)
@@ -106,9 +125,7 @@ class LatentNetwork:
 
     def torque(self, inputs: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Reference in numpy: inputs (n, 2T) already scaled, z (n, Z) -> (n,) torque [N·m]."""
-        first = inputs @ self.w1 + self.bias(z)
-        second = (first / (1 + np.abs(first))) @ self.w2 + self.b2
-        raw = self.torque_scale * ((second / (1 + np.abs(second))) @ self.w3 + self.b3)
+        raw = self.torque_scale * scaled_torque(vars(self), inputs, self.bias(z))
         return np.clip(raw, -self.torque_limit, self.torque_limit)
 
 

@@ -13,7 +13,7 @@ All quantities at the output shaft. Per substep h (<= 0.25 ms), with the joint m
 
 Dry friction is applied as an impulse that can stop the rotor but never reverse it (exact stiction). The joint
 gets the mean of τ_gear over the substeps. Structure after the identified Pupper v2 motors and
-puppersim's motor model (jietan/puppersim); rotor, gear play and delay are added.
+puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class PhysicalActuator:
 
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Rotor at rest above the joint, in the middle of the play."""
+    """Rotor at rest above the joint, in the middle of the backlash."""
     arrays.memory[ROTOR_POS, :] = joint_pos
     arrays.memory[ROTOR_VEL, :] = 0.0
     arrays.memory[FILTERED_VEL, :] = 0.0

@@ -65,7 +65,7 @@ else:
 
 @njit(cache=True, nogil=True)
 def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Put the memory at rest: target and joint have been where they are for ever."""
+    """Put the memory at rest, as if target and joint had always been where they are."""
     arrays.clock[0] = 0
     _call_pair(arrays.law.reset, arrays, position_target, joint_pos)
 

@@ -31,7 +31,7 @@ class Preset:
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
         own_latents: each latent scales one of the 14 constants; otherwise the decoder mixes them.
-        per_motor: every motor has constants of its own, one latent each, without gear play or network.
+        per_motor: every motor has constants of its own, one latent each, without backlash or network.
         standardise: after the training each latent becomes N(0, 1) among the training motors, and their posteriors a
             Laplace approximation (`posterior`).
     """
@@ -62,7 +62,7 @@ class Preset:
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # Baselines: one_motor is rollout without a latent: the best single set of constants. per_motor fits a servo with
-# delay, friction and rotor, but no play, to every motor by itself (in the manner of PACE, Bjelonic et al., 2025).
+# delay, friction and rotor, but no backlash, to every motor by itself (in the manner of PACE, Bjelonic et al., 2025).
 # latent_network is rollout without the physics: the network gives all of the torque, z also the armature; one_network
 # is that without a latent. actuator_net is the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps,
 # softsign, torque regression. paper_wide is the control between paper and rollout: the paper's loss on rollout's data,
