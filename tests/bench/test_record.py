@@ -138,3 +138,9 @@ def test_blows_last_4_to_60_ms_around_a_constant_load():
     # sampled at 0.5 ms, ends included: one sample either way
     assert 0.003 <= min(lengths) < 0.008 and 0.04 < max(lengths) <= 0.061
     assert 1.5 < max(peaks) <= 3.0
+
+
+def test_an_excitation_describes_itself_and_an_unknown_one_is_refused_with_the_known_ones():
+    assert all(excitation.excitation_named(kind).name == kind for preset in PRESETS.values() for kind in preset.kinds)
+    with pytest.raises(ConfigError, match="square"):
+        excitation.excitation_named("square")

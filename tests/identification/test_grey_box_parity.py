@@ -1,8 +1,7 @@
-"""The grey box in JAX, compiled, and in plain numpy is one motor: for a step, and for 100 steps of a closed loop.
+"""The geared motor's step, traced by LLVM, JAX and numpy, is one motor and obeys its equation of motion.
 
-The numpy motor does not share the other two's algebra: it finds the rotor's velocity as the root of its equation of
-motion by bisection. Where a gear touches or a rotor sticks, a decision within rounding could fall either way in
-float32; the seeds are such that none does.
+The equation is solved apart from the step's algebra: the rotor's velocity is its root by bisection. Where a gear
+touches or a rotor sticks, a decision within rounding could fall either way in float32; the seeds are such that none does.
 """
 
 from dataclasses import replace
@@ -12,8 +11,16 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import DAMPING, FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL, TARGET
-from motorprior.actuator.geared_motor_step import EXTRA_DAMPING, RESOLVED, STRIBECK_VELOCITY
+from motorprior.actuator.geared_motor import DAMPING, FILTERED_VEL, JOINT_VEL, ROTOR_VEL, TARGET
+from motorprior.actuator.geared_motor_step import (
+    EXTRA_DAMPING,
+    RESOLVED,
+    STRIBECK_VELOCITY,
+    MotorState,
+    array_arithmetic,
+    step,
+    step_constants,
+)
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
@@ -24,6 +31,8 @@ from motorprior.identification.presets import PRESETS
 
 MOTORS, STEPS, DT = 24, 100, 0.002
 SEED = 4
+STATE = ("rotor_pos", "rotor_vel", "filtered", "joint_vel", "damping")
+"""Fields of a `MotorState`."""
 
 
 def rotor_velocity(p, target, r, v, filtered, twist, dq, h):
@@ -58,33 +67,6 @@ def rotor_velocity(p, target, r, v, filtered, twist, dq, h):
     return u, gear(mean), contact, mean + decay * (filtered - mean)
 
 
-class NumpyMotor:
-    """One step after another, as the docstring of `geared_motor` has it."""
-
-    def __init__(self, values, joint_pos, target):
-        self.p, n = values, len(joint_pos)
-        self.rotor_pos, self.rotor_vel, self.filtered = joint_pos.copy(), np.zeros(n), np.zeros(n)
-        self.joint_vel, self.damping = np.zeros(n), np.zeros(n)
-        self.commands = [target] * 24
-
-    def step(self, target, q, dq):
-        self.commands.insert(0, target)
-        ages, past = self.p["delay"] / DT + 0.5, np.array(self.commands[:24])
-        wanted = np.array([np.interp(age, np.arange(24), past[:, i]) for i, age in enumerate(ages)])
-        return self.advance(wanted, q, dq)
-
-    def advance(self, wanted, q, dq):
-        """(torque, damping) for a step towards delayed targets."""
-        self.rotor_vel = self.rotor_vel + DT * self.damping * (dq - self.joint_vel) / self.p["armature"]
-        self.joint_vel, twist = dq, self.rotor_pos - q
-        found = rotor_velocity(self.p, wanted, self.rotor_pos, self.rotor_vel, self.filtered, twist, dq, DT)
-        self.rotor_vel, gear, contact, self.filtered = found
-        self.rotor_pos = self.rotor_pos + DT * self.rotor_vel
-        stiffness = np.minimum(self.p["gear_stiffness"], RESOLVED * self.p["armature"] / DT**2)
-        self.damping = contact * (self.p["gear_damping"] + DT * stiffness) / 2
-        return gear + self.damping * dq, self.damping
-
-
 @pytest.fixture(scope="module")
 def motors(grey_network) -> LatentActuator:
     network: LatentNetwork = grey_network(spread=0.3, network=0.7, seed=1)
@@ -106,7 +88,7 @@ def states(motors: LatentActuator):
     rng = np.random.default_rng(3)
     values, n = motors.network.constants(motors.z), MOTORS
     moving = rng.integers(0, 2, n)
-    names = ("q", "dq", "rotor_pos", "rotor_vel", "filtered", "joint_vel", "damping", "target")
+    names = ("q", "dq", *STATE, "target")
     scales = np.array([0.3, 4.0, 0.3, 4.0, 4.0, 4.0, 0.1, 0.3])
     drawn: dict[str, np.ndarray] = dict(zip(names, scales[:, None] * rng.standard_normal((8, n)), strict=True))
     drawn["rotor_pos"] = drawn["q"] + 0.02 * rng.standard_normal(n)
@@ -116,13 +98,21 @@ def states(motors: LatentActuator):
     return values, drawn
 
 
-def test_one_step_is_one_in_all_three(motors):
+def test_one_step_is_one_in_all_three_and_the_root_of_its_equation(motors):
     values, s = states(motors)
-    plain = NumpyMotor(values, s["rotor_pos"], s["target"])
-    plain.rotor_vel, plain.filtered, plain.joint_vel, plain.damping = (
-        s["rotor_vel"], s["filtered"], s["joint_vel"], s["damping"],
-    )  # fmt: skip
-    expected, damping = plain.advance(s["target"], s["q"], s["dq"])
+    state = MotorState(*(s[name] for name in STATE))
+    after, expected, damping = step(
+        step_constants(values, DT, np), state, s["target"], s["q"], s["dq"], DT, array_arithmetic(np)
+    )
+    vel = s["rotor_vel"] + DT * s["damping"] * (s["dq"] - s["joint_vel"]) / values["armature"]
+    twist = s["rotor_pos"] - s["q"]
+    root, gear, contact, filtered = rotor_velocity(
+        values, s["target"], s["rotor_pos"], vel, s["filtered"], twist, s["dq"], DT
+    )
+    np.testing.assert_allclose(after.rotor_vel, root, atol=1e-9 * np.abs(root).max())
+    np.testing.assert_allclose(after.filtered_vel, filtered, atol=1e-9 * np.abs(filtered).max())
+    np.testing.assert_allclose(expected - damping * s["dq"], gear, atol=1e-9 * np.abs(gear).max())
+    np.testing.assert_array_equal(damping > 0, contact)
 
     silent = LatentActuator(replace(motors.network, w3=np.zeros(8), b3=np.zeros(())), motors.z)
     arrays, torque = silent.arrays(DT), np.zeros(MOTORS)
@@ -136,45 +126,17 @@ def test_one_step_is_one_in_all_three(motors):
 
     constants = {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in s.items()}
-    state = motor_dynamics.MotorState(
-        *(floats[name] for name in ("rotor_pos", "rotor_vel", "filtered", "joint_vel", "damping"))
+    start = MotorState(*(floats[name] for name in STATE))
+    moved, jax_torque, jax_damping = motor_dynamics.advance(
+        constants, start, floats["target"], floats["q"], floats["dq"], DT
     )
-    state, jax_torque, jax_damping = motor_dynamics.advance(
-        constants, state, floats["target"], floats["q"], floats["dq"], DT
-    )
-    for found in (torque, jax_torque):
-        np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
-    for found in (arrays.damping, jax_damping):
-        np.testing.assert_allclose(found, damping, atol=1e-6)
-    for row, name in ((ROTOR_POS, "rotor_pos"), (ROTOR_VEL, "rotor_vel"), (FILTERED_VEL, "filtered")):
-        for found in (arrays.memory[1 + row], getattr(state, name.replace("filtered", "filtered_vel"))):
-            np.testing.assert_allclose(found, getattr(plain, name), atol=1e-5 * np.abs(getattr(plain, name)).max())
-
-
-def in_numpy(motors: LatentActuator, trial: Trial):
-    """(steps, n) joint_pos, joint_vel and joint_torque of the dynamometer."""
-    net, targets = motors.network, trial.position_target
-    q, dq = targets[0].copy(), np.zeros(MOTORS)
-    motor, out = NumpyMotor(net.constants(motors.z), q, targets[0]), []
-    errors, speeds = [0 * q] * (net.taps[-1] + 1), [0 * q] * (net.taps[-1] + 1)
-    for target, push in zip(targets, trial.external_torque, strict=True):
-        errors, speeds = [(target - q) / net.error_scale, *errors], [dq / net.velocity_scale, *speeds]
-        inputs = np.stack([errors[tap] for tap in net.taps] + [speeds[tap] for tap in net.taps], axis=1)
-        gear, damping = motor.step(target, q, dq)
-        torque = gear + net.torque(inputs, motors.z)
-        after = (dq + DT * (torque + push) / trial.load_inertia) / (1 + DT * damping / trial.load_inertia)
-        out.append((q, dq, torque - damping * after))
-        dq = after
-        q = q + DT * dq
-    return np.array(out).transpose(1, 0, 2)
-
-
-def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_numpy(motors, trial):
-    response, (q, dq, torque) = run(motors, trial), in_numpy(motors, trial)
-    assert np.ptp(q, axis=0).min() > 0.1
-    np.testing.assert_allclose(response.joint_pos, q, atol=1e-5)
-    np.testing.assert_allclose(response.joint_vel, dq, atol=1e-5 * np.abs(dq).max())
-    np.testing.assert_allclose(response.joint_torque, torque, atol=1e-5 * np.abs(torque).max())
+    np.testing.assert_allclose(torque, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(jax_torque, expected, atol=1e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(arrays.damping, damping, atol=1e-12)
+    np.testing.assert_allclose(jax_damping, damping, atol=1e-6)
+    for row, (in_numpy, in_jax) in enumerate(zip(after, moved, strict=True)):
+        np.testing.assert_allclose(arrays.memory[1 + row], in_numpy, atol=1e-12 * np.abs(in_numpy).max())
+        np.testing.assert_allclose(in_jax, in_numpy, atol=1e-5 * np.abs(in_numpy).max())
 
 
 def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_jax(motors, trial):

@@ -1,4 +1,4 @@
-"""The latent network in JAX, in numpy and compiled are one formula."""
+"""The compiled latent network, sixteen motors side by side, is the one that was trained in JAX."""
 
 from dataclasses import replace
 
@@ -6,14 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.latent import LatentActuator, scaled_torque
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.identification.network import (
     armature,
     export,
     initial_parameters,
     motor_bias,
-    scaled_torque,
 )
 from motorprior.identification.presets import PRESETS
 
@@ -32,15 +31,11 @@ def case(request):
     return preset, parameters, inputs, rng.standard_normal((19, preset.num_latents)).astype(np.float32)
 
 
-def test_jax_equals_numpy(case):
-    preset, parameters, inputs, z = case
-    net = export(parameters, preset, SCALES)
-    # without the clip, which the rollout applies itself
-    jax_torque = 0.7 * scaled_torque(parameters, jnp.asarray(inputs), motor_bias(parameters, jnp.asarray(z)))
-    np.testing.assert_allclose(net.torque(inputs, z), jax_torque, atol=1e-5 * 0.7)
-    assert np.std(jax_torque) > 0.05
+def test_the_decoded_armature_is_that_of_the_training(case):
+    preset, parameters, _, z = case
     if preset.has_armature:
-        np.testing.assert_allclose(net.armature(z), armature(parameters, jnp.asarray(z)), rtol=1e-5)
+        found = export(parameters, preset, SCALES).armature(z)
+        np.testing.assert_allclose(found, armature(parameters, jnp.asarray(z)), rtol=1e-5)
 
 
 def test_compiled_equals_jax(case):
@@ -57,6 +52,7 @@ def test_compiled_equals_jax(case):
         step_actuator(arrays, net.period, error, np.zeros(len(z)), velocity, torque)
     jax_torque = 0.7 * scaled_torque(parameters, jnp.asarray(inputs), motor_bias(parameters, jnp.asarray(z)))
     np.testing.assert_allclose(torque, jax_torque, atol=1e-5 * 0.7)
+    assert np.std(jax_torque) > 0.05
 
 
 def test_an_exported_network_says_what_it_was_trained_with(case):

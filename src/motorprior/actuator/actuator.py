@@ -1,7 +1,7 @@
 """The first waist: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
 
-Every actuator model is data for one compiled torque law. `Actuator.arrays` gives that data;
-`torque_law.step_actuator` runs it. Shared conventions: error = position_target - joint_pos [rad];
+Every actuator model is data for compiled functions of its own. `Actuator.arrays` gives both;
+`torque_law.step_actuator` runs them. Shared conventions: error = position_target - joint_pos [rad];
 a positive torque [N·m] accelerates the joint in its positive direction; ``armature`` [kg·m²] and
 ``damping`` [N·m·s/rad] belong to the physics engine, which integrates them implicitly, so that
 
@@ -12,13 +12,23 @@ An actuator may renew its damping every step (a gear that touches): engines read
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError
 
-IDEAL_PD, LATENT, PHYSICAL, GREY_BOX = 0, 1, 2, 3
+if TYPE_CHECKING:
+    from motorprior.actuator.kind import ActuatorKind
+
+
+class Law(NamedTuple):
+    """Addresses of the compiled functions of one kind of motors, in this process; see `ActuatorKind`."""
+
+    reset: int
+    step: int
+    measure: int
+    make_explicit: int
 
 
 class ActuatorArrays(NamedTuple):
@@ -27,7 +37,7 @@ class ActuatorArrays(NamedTuple):
     Fields unused by a kind are empty. ``parameters`` and ``memory`` rows are named in that kind's module.
     """
 
-    kind: int
+    law: Law
     parameters: np.ndarray
     """(rows, n) float64."""
     memory: np.ndarray
@@ -62,12 +72,12 @@ def require_step(physics_dt: float, longest: float = np.inf) -> None:
 
 
 def empty_arrays(
-    kind: int, parameters: np.ndarray, memory_rows: int, renewal: int, damping: np.ndarray | None = None
+    kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, renewal: int, damping: np.ndarray | None = None
 ) -> ActuatorArrays:
     """Arrays of a kind that needs no network; ``damping`` (n,) is zero if not given."""
     nothing = np.zeros((0, 0, 16), np.float32)
     return ActuatorArrays(
-        kind=kind,
+        law=kind.law,
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
         memory=np.zeros((memory_rows, parameters.shape[1])),
         clock=np.array([0, renewal], dtype=np.int64),
@@ -82,6 +92,11 @@ def empty_arrays(
 
 class Actuator(Protocol):
     """A model of ``num_motors`` motors. It holds parameters, never state."""
+
+    @property
+    def kind(self) -> ActuatorKind:
+        """The model's description of itself."""
+        ...
 
     @property
     def num_motors(self) -> int:

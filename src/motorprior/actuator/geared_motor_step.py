@@ -1,7 +1,7 @@
 """One step of a servo motor with rotor, dry friction and gear: the formula, for every arithmetic.
 
-Written once over whatever supports ``+ - * / abs > <`` and the four functions of an `Arithmetic`: lanes of compiled
-code (`geared_motor`), JAX (training), numpy (tests). Needs none of them.
+Written once over whatever supports ``+ - * / abs > < |`` and the functions of an `Arithmetic`: lanes of compiled code
+(`geared_motor`), JAX (training), numpy (tests). It imports none of them.
 
 All quantities at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to t + h/2, as
 the engines' own semi-implicit Euler does with the joint's: every force is meant at t, and but for
@@ -54,6 +54,8 @@ class Arithmetic(NamedTuple):
 
     where: Callable[[Any, Any, Any], Values]
     """(condition, yes, no), element by element; ``yes`` and ``no`` may be plain numbers."""
+    indicator: Callable[[Any], Values]
+    """1 where the condition holds, 0 elsewhere."""
     clip: Callable[[Values, Values], Values]
     """(x, limit): x within ±limit."""
     positive_part: Callable[[Values], Values]
@@ -69,6 +71,7 @@ def array_arithmetic(xp: Any) -> Arithmetic:
     """
     return Arithmetic(
         where=xp.where,
+        indicator=lambda condition: 1.0 * condition,
         clip=lambda x, limit: xp.clip(x, -limit, limit),
         positive_part=lambda x: xp.maximum(x, 0.0),
         with_sign_of=lambda magnitude, other: xp.sign(other) * magnitude,
@@ -116,8 +119,7 @@ def decode(raw: Values, xp: Any) -> dict[str, Values]:
 
     exp(raw) for every one but encoder_zero = ZERO_SCALE·raw, which may be negative; no delay is above LONGEST_DELAY.
     """
-    positive = xp.exp(raw)
-    values = {name: positive[..., row] for row, name in enumerate(PARAMETERS)}
+    values = {name: xp.exp(raw[..., row]) for row, name in enumerate(PARAMETERS)}
     values["delay"] = xp.minimum(values["delay"], LONGEST_DELAY)
     values["encoder_zero"] = ZERO_SCALE * raw[..., _ENCODER_ZERO]
     return values
@@ -169,10 +171,10 @@ def step(
     coming = twist + half_h * (v - dq)
     above, below = coming > p.half_backlash, coming < -p.half_backlash
     pressed = where(above, twist - p.half_backlash, where(below, twist + p.half_backlash, 0.0))
-    contact = where(above, 1.0, where(below, 1.0, 0.0))
-    stiffness, damper = contact * p.gear_stiffness, contact * p.gear_damping
-    damping = 0.5 * (damper + h * stiffness)
-    damper = damper + EXTRA_DAMPING * h * stiffness
+    contact = arithmetic.indicator(above | below)
+    stiffness = contact * p.gear_stiffness
+    damping = 0.5 * (contact * p.gear_damping + h * stiffness)
+    damper = contact * p.gear_damping + EXTRA_DAMPING * h * stiffness
     gear, lead = stiffness * pressed + damper * (v - dq), damper + half_h * stiffness
 
     ratio = v / STRIBECK_VELOCITY
@@ -190,8 +192,9 @@ def step(
     after = where(abs(law) > p.torque_limit, held, free)
 
     mean = 0.5 * (v + after)
+    torque = gear + lead * (mean - v) + damping * dq
     moved = MotorState(r + h * after, after, filtered + p.filter_gain * (mean - filtered), dq, damping)
-    return moved, gear + lead * (mean - v) + damping * dq, damping
+    return moved, torque, damping
 
 
 def _after_friction(impulse: Values, friction: Values, arithmetic: Arithmetic) -> Values:

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import IDEAL_PD, ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
 from motorprior.actuator.delay_line import fill_line, interpolated, write_line
+from motorprior.actuator.kind import ActuatorKind, Model
 
 _KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
 
@@ -52,6 +53,11 @@ class IdealPd:
         return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay)))
 
     @property
+    def kind(self) -> ActuatorKind:
+        """The ideal PD's."""
+        return IDEAL_PD
+
+    @property
     def num_motors(self) -> int:
         """Number of motors."""
         return len(self.kp)
@@ -70,14 +76,15 @@ class IdealPd:
 
 
 @njit(cache=True, nogil=True)
-def reset_ideal_pd(arrays: ActuatorArrays, position_target: np.ndarray) -> None:
+def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Fill the delay line with the present target."""
     fill_line(arrays.memory, 0, position_target)
 
 
 @njit(cache=True, nogil=True)
-def step_ideal_pd(
+def _step(
     arrays: ActuatorArrays,
+    physics_dt: float,
     position_target: np.ndarray,
     joint_pos: np.ndarray,
     joint_vel: np.ndarray,
@@ -91,3 +98,8 @@ def step_ideal_pd(
         damping = arrays.parameters[_KD, motor] * joint_vel[motor]
         raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping
         torque[motor] = min(limit, max(-limit, raw)) + damping
+
+
+IDEAL_PD = ActuatorKind(
+    "ideal_pd", "ideal PD", "#979da6", reset=_reset, step=_step, variants=(Model("tuned_pd", "tuned PD", "#a8672c"),)
+)

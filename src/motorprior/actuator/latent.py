@@ -14,19 +14,42 @@ b1 + V1ᵀz becomes that motor's bias.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import GREY_BOX, LATENT, ActuatorArrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, require_step
+from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
-from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
+from motorprior.actuator.grey_box import GREY_BOX
+from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.lanes import LANES
+from motorprior.actuator.network_law import renew_torque, reset_network
 from motorprior.exceptions import ConfigError
 
 _LINE = 64
 """Bytes."""
+
+
+def _softsign(x: Any) -> Any:
+    return x / (1.0 + abs(x))
+
+
+def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
+    """(n,) torque / torque_scale of the network, before the clip: arrays of numpy or of JAX.
+
+    Args:
+        weights: ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
+        inputs: (n, 2T), scaled.
+        bias: (n, H) of the first layer.
+    """
+    first = _softsign(inputs @ weights["w1"] + bias)
+    second = _softsign(first @ weights["w2"] + weights["b2"])
+    return second @ weights["w3"] + weights["b3"]
 
 
 @dataclass(frozen=True)
@@ -102,9 +125,7 @@ class LatentNetwork:
 
     def torque(self, inputs: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Reference in numpy: inputs (n, 2T) already scaled, z (n, Z) -> (n,) torque [N·m]."""
-        first = inputs @ self.w1 + self.bias(z)
-        second = (first / (1 + np.abs(first))) @ self.w2 + self.b2
-        raw = self.torque_scale * ((second / (1 + np.abs(second))) @ self.w3 + self.b3)
+        raw = self.torque_scale * scaled_torque(vars(self), inputs, self.bias(z))
         return np.clip(raw, -self.torque_limit, self.torque_limit)
 
 
@@ -114,6 +135,11 @@ class LatentActuator:
 
     network: LatentNetwork
     z: np.ndarray
+
+    @property
+    def kind(self) -> ActuatorKind:
+        """The network's, or the grey box's where the network has a geared motor."""
+        return LATENT if self.network.motor is None else GREY_BOX
 
     @property
     def num_motors(self) -> int:
@@ -152,7 +178,7 @@ class LatentActuator:
             parameters = np.concatenate([parameters, motor_table(net.constants(self.z), physics_dt)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(
-            kind=LATENT if net.motor is None else GREY_BOX,
+            law=self.kind.law,
             parameters=parameters,
             memory=np.zeros((rows, self.num_motors)),
             clock=np.array([0, renewal], dtype=np.int64),
@@ -191,81 +217,18 @@ def _folded_biases(net: LatentNetwork, z: np.ndarray, blocks: int) -> np.ndarray
 
 
 @njit(cache=True, nogil=True)
-def reset_latent(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Fill the history with the present error and zero velocity."""
-    ring2 = arrays.history.shape[1] // 2
-    arrays.history[:] = np.float32(0.0)
-    arrays.memory[:] = 0.0
-    for motor in range(position_target.shape[0]):
-        error = np.float32((position_target[motor] - joint_pos[motor]) * arrays.parameters[0, 0])
-        for slot in range(ring2):
-            arrays.history[motor // LANES, slot, motor % LANES] = error
-
-
-@njit(cache=True, nogil=True)
-def _remember(
-    history: np.ndarray,
-    parameters: np.ndarray,
-    slot: int,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-) -> None:
-    """Write error and velocity twice, a ring apart, so that any age is read without wrapping around."""
-    ring, motors = history.shape[1] // 4, position_target.shape[0]
-    error_gain, velocity_gain = parameters[0, 0], parameters[1, 0]
-    for block in range(history.shape[0]):
-        first = block * LANES
-        for lane in range(min(LANES, motors - first)):
-            motor = first + lane
-            error = np.float32((position_target[motor] - joint_pos[motor]) * error_gain)
-            velocity = np.float32(joint_vel[motor] * velocity_gain)
-            history[block, slot, lane] = error
-            history[block, slot + ring, lane] = error
-            history[block, slot + 2 * ring, lane] = velocity
-            history[block, slot + 3 * ring, lane] = velocity
-
-
-@njit(cache=True, nogil=True)
-def _evaluate(
-    weights: np.ndarray, inputs: np.ndarray, biases: np.ndarray, history: np.ndarray, scratch: np.ndarray, slot: int
-) -> None:
-    """Run the network of one block of lanes; its output is the last row of the scratch."""
-    neurons = (biases.shape[0] - 1) // 2
-    first, second, last = scratch[:neurons], scratch[neurons : 2 * neurons], scratch[2 * neurons :]
-    first_layer(weights, history, slot, inputs, biases[:neurons], first)
-    offset = inputs.shape[0] * neurons
-    softsign_layer(weights, offset, first, biases[neurons : 2 * neurons], second)
-    linear_output(weights, offset + neurons * neurons, second, biases[2 * neurons :], last)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def renew_torque(
-    arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray
-) -> None:
-    """Renew the network's torque [N·m] in the first row of the memory if its period is over."""
-    held = arrays.memory[0]
-    if arrays.clock[0] % arrays.clock[1] == 0:
-        slot = (arrays.clock[0] // arrays.clock[1]) % (arrays.history.shape[1] // 4)
-        _remember(arrays.history, arrays.parameters, slot, position_target, joint_pos, joint_vel)
-        scale, limit = arrays.parameters[2, 0], arrays.parameters[3, 0]
-        for block in range(arrays.history.shape[0]):
-            scratch = arrays.scratch[block]
-            _evaluate(arrays.weights, arrays.inputs, arrays.biases[block], arrays.history[block], scratch, slot)
-            first, output = block * LANES, scratch[scratch.shape[0] - 1]
-            for motor in range(first, min(first + LANES, held.shape[0])):
-                raw = scale * float(output[motor - first])
-                held[motor] = min(limit, max(-limit, raw))
-
-
-@njit(cache=True, nogil=True, inline="always")
-def step_latent(
+def _step(
     arrays: ActuatorArrays,
+    physics_dt: float,
     position_target: np.ndarray,
     joint_pos: np.ndarray,
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
     """Write (n,) torque [N·m], renewed every ``period`` and held in between."""
+    arrays = borrowed(arrays)
     renew_torque(arrays, position_target, joint_pos, joint_vel)
     torque[:] = arrays.memory[0]
+
+
+LATENT = ActuatorKind("latent", "latent network", "#7d4fa8", reset=reset_network, step=_step)

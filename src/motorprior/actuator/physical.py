@@ -13,7 +13,7 @@ All quantities at the output shaft. Per substep h (<= 0.25 ms), with the joint m
 
 Dry friction is applied as an impulse that can stop the rotor but never reverse it (exact stiction). The joint
 gets the mean of τ_gear over the substeps. Structure after the identified Pupper v2 motors and
-puppersim's motor model (jietan/puppersim); rotor, gear play and delay are added.
+puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.actuator import PHYSICAL, ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
 from motorprior.actuator.delay_line import fill_line, row_of_age, write_line
+from motorprior.actuator.kind import ActuatorKind, Model
 
 SUBSTEP = 0.00025
 """Longest substep [s]: a tenth of the fastest gear oscillation."""
@@ -99,6 +100,11 @@ class PhysicalActuator:
     motors: MotorParameters
 
     @property
+    def kind(self) -> ActuatorKind:
+        """The physical motor's."""
+        return PHYSICAL
+
+    @property
     def num_motors(self) -> int:
         """Number of motors."""
         return len(self.motors)
@@ -125,8 +131,8 @@ class PhysicalActuator:
 
 
 @njit(cache=True, nogil=True)
-def reset_physical(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Rotor at rest above the joint, in the middle of the play."""
+def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    """Rotor at rest above the joint, in the middle of the backlash."""
     arrays.memory[ROTOR_POS, :] = joint_pos
     arrays.memory[ROTOR_VEL, :] = 0.0
     arrays.memory[FILTERED_VEL, :] = 0.0
@@ -166,7 +172,7 @@ def _rub(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: flo
 
 
 @njit(cache=True, nogil=True)
-def step_physical(
+def _step(
     arrays: ActuatorArrays,
     physics_dt: float,
     position_target: np.ndarray,
@@ -197,8 +203,14 @@ def step_physical(
         torque[motor] = total / substeps
 
 
-@njit(cache=True, nogil=True, inline="always")
-def read_encoders(arrays: ActuatorArrays, out: np.ndarray) -> None:
+@njit(cache=True, nogil=True)
+def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     """(n,) encoder angle [rad]: rotor position plus encoder zero."""
     for motor in range(out.shape[0]):
         out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]
+
+
+PHYSICAL = ActuatorKind(
+    "physical", "physical", "#15181d", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
+    bench_step=SUBSTEP, variants=(Model("oracle", "oracle", "#4b5360"),),
+)  # fmt: skip

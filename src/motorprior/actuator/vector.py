@@ -80,6 +80,9 @@ class Vector:
     def __lt__(self, other: Vector | float) -> Vector:
         return Vector(self.builder, self.builder.fcmp_ordered("<", self.value, self._operand(other)))
 
+    def __or__(self, other: Vector) -> Vector:
+        return Vector(self.builder, self.builder.or_(self.value, other.value))
+
     def _operand(self, other: Vector | float) -> Any:
         if isinstance(other, Vector):
             return other.value
@@ -108,6 +111,10 @@ def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector
     return Vector(builder, builder.select(condition.value, value(yes), value(no)))
 
 
+def _indicator(condition: Vector) -> Vector:
+    return _where(condition, 1.0, 0.0)
+
+
 def _clip(x: Vector, limit: Vector) -> Vector:
     """Within ±limit; what is not a number stays it."""
     above, below = x > limit, x < -limit
@@ -122,7 +129,7 @@ def _with_sign_of(magnitude: Vector, other: Vector) -> Vector:
     return magnitude._call("copysign", magnitude, other)
 
 
-LANE_ARITHMETIC = Arithmetic(_where, _clip, _positive_part, _with_sign_of)
+LANE_ARITHMETIC = Arithmetic(_where, _indicator, _clip, _positive_part, _with_sign_of)
 
 
 def _pointer(builder: Any, address: Any, width: int) -> Any:

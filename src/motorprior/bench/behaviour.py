@@ -144,7 +144,7 @@ def rise_time(actuator: Actuator) -> np.ndarray:
 def overshoot(actuator: Actuator) -> np.ndarray:
     """(n,) (highest joint_pos before the last STEP_FINAL - mean of that) / STEP [-], not below 0.
 
-    0 for a motor that does not move, but for a bounce in its play; 0 for one that still rises at the end.
+    0 for a motor that does not move, but for a bounce in its backlash; 0 for one that still rises at the end.
     """
     joint_pos, late = _step(actuator, HEAVY_INERTIA), _count(STEP_FINAL)
     return np.maximum(joint_pos[:-late].max(axis=0) - joint_pos[-late:].mean(axis=0), 0.0) / STEP
@@ -164,7 +164,7 @@ def dead_band(actuator: Actuator) -> np.ndarray:
     """(n,) half-width of the position hysteresis [rad].
 
     The target creeps from -CREEP_REACH to +CREEP_REACH and back against a light brake, external torque =
-    -PRESS·sign(target velocity), so that the joint trails by friction/kp + PRESS/kp + half the play:
+    -PRESS·sign(target velocity), so that the joint trails by friction/kp + PRESS/kp + half the backlash:
     (mean joint_pos on the way down - mean on the way up)/2 while |target| < CREEP_WINDOW. A joint that does not
     follow (it travels less than CREEP_WINDOW) has CREEP_REACH, which also bounds the others.
     """
@@ -181,9 +181,9 @@ def dead_band(actuator: Actuator) -> np.ndarray:
 def breakaway(actuator: Actuator) -> np.ndarray:
     """(n,) torque to which a joint that holds target 0 gives way [N·m], mean of both directions.
 
-    After RAMP_SETTLE under PRESS, which takes up the play, the external torque rises from PRESS to RAMP_TOP at
+    After RAMP_SETTLE under PRESS, which takes up the backlash, the external torque rises from PRESS to RAMP_TOP at
     RAMP_RATE; read when joint_pos has moved by GIVE since. It counts dry friction and the controller's
-    kp·GIVE: (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction) for a stiff gear. The play is not in
+    kp·GIVE: (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction) for a stiff gear. The backlash is not in
     it, but for the blow with which it is taken up (up to a tenth). A joint that never gives way has RAMP_TOP.
     """
     still = _count(RAMP_SETTLE)

@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.physical import SUBSTEP, PhysicalActuator
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bench.loaded_joint import next_velocity
 
@@ -82,11 +81,9 @@ def _simulate(
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:
     """Simulate ``trial`` from rest at its first target, plus ``start_offset`` [rad].
 
-    Physical motors run with the joint at their own substep; a model runs at the trial's period or, where
-    that is longer than 2 ms, at 2 ms: the clock it would have in a robot's simulation.
+    Steps are as long as the trial's period or, where that is longer, as the ``bench_step`` of the motors' kind allows.
     """
-    finest = SUBSTEP if isinstance(actuator, PhysicalActuator) else 0.002
-    fine = max(1, int(np.ceil(trial.dt / finest - 1e-9)))
+    fine = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
     steps, n = trial.position_target.shape
     out = np.zeros((4, steps, n))
     _simulate(

@@ -1,12 +1,34 @@
-"""Position targets that make a motor show itself. Each function returns (steps,) targets [rad]."""
+"""Excitations: position targets, and external torques, that show how a motor behaves.
+
+Each function returns (steps,) targets [rad], or torques where it says so; EXCITATIONS lists what a bench can use.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-Excitation = Callable[[np.random.Generator, int, float], np.ndarray]
+from motorprior.exceptions import ConfigError
+
+Signal = Callable[[np.random.Generator, int, float], np.ndarray]
+"""(generator, steps, sample period [s]) -> (steps,)."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What a motor on the bench is commanded and pushed with.
+
+    Attributes:
+        name: in presets.
+        target: position targets [rad].
+        external_torque: on the joint [N·m]; none if not given.
+    """
+
+    name: str
+    target: Signal
+    external_torque: Signal | None = None
 
 
 def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:
@@ -108,3 +130,25 @@ def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
         torque[inside] += peak * np.sin(np.pi * (time[inside] - now) / length)
         now += rng.uniform(0.08, 0.35)
     return torque
+
+
+EXCITATIONS = (
+    Excitation("sine", sine),
+    Excitation("held_steps", held_steps),
+    Excitation("gait", gait),
+    Excitation("impacts", gait, external_torque=impacts),
+    Excitation("creep", creep, external_torque=pushes),
+    Excitation("chirp", chirp),
+)
+
+
+def excitation_named(name: str) -> Excitation:
+    """The entry of EXCITATIONS of that name.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    for each in EXCITATIONS:
+        if each.name == name:
+            return each
+    raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {', '.join(e.name for e in EXCITATIONS)}")

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
-from motorprior.bench import excitation
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.excitation import excitation_named, held
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
@@ -30,7 +30,7 @@ class BenchPreset:
         period: sample period of the log [s].
         segment_steps: samples per contiguous recording.
         load_inertia: (low, high) of the log-uniform load inertia [kg·m²].
-        kinds: excitations by name, one per segment in turn; ``impacts`` is a gait with external torque.
+        kinds: names in `excitation.EXCITATIONS`, one per segment in turn.
         hold_steps: every second excitation is held for so many samples.
         torque: factor on the external torques [-].
     """
@@ -62,16 +62,6 @@ PRESETS = {
 }
 PRESETS["adapt"] = replace(PRESETS["rollout"], segment_steps=500)
 
-_EXCITATIONS: dict[str, excitation.Excitation] = {
-    "sine": excitation.sine,
-    "held_steps": excitation.held_steps,
-    "gait": excitation.gait,
-    "impacts": excitation.gait,
-    "creep": excitation.creep,
-    "chirp": excitation.chirp,
-}
-_EXTERNAL: dict[str, excitation.Excitation] = {"impacts": excitation.impacts, "creep": excitation.pushes}
-
 
 def bench_preset(name: str) -> BenchPreset:
     """The preset of that name.
@@ -97,13 +87,19 @@ def preset_of_period(period: float) -> BenchPreset:
 
 
 def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
-    """One excitation for ``motors`` motors, each with its own signal and load."""
-    targets = [_EXCITATIONS[kind](rng, steps, preset.period) for _ in range(motors)]
+    """One excitation for ``motors`` motors, each with its own signal and load.
+
+    Raises:
+        ConfigError: no excitation is named ``kind``.
+    """
+    chosen = excitation_named(kind)
+    targets = [chosen.target(rng, steps, preset.period) for _ in range(motors)]
     if hold:
-        targets = [excitation.held(target, preset.hold_steps) for target in targets]
+        targets = [held(target, preset.hold_steps) for target in targets]
     external = np.zeros((steps, motors))
-    if kind in _EXTERNAL:
-        external = preset.torque * np.stack([_EXTERNAL[kind](rng, steps, preset.period) for _ in range(motors)], axis=1)
+    if chosen.external_torque is not None:
+        torques = [chosen.external_torque(rng, steps, preset.period) for _ in range(motors)]
+        external = preset.torque * np.stack(torques, axis=1)
     low, high = np.log(preset.load_inertia)
     inertia = np.exp(rng.uniform(low, high, motors))
     return Trial(np.stack(targets, axis=1), external, inertia, preset.period)

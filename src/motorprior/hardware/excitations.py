@@ -12,7 +12,7 @@ from motorprior.hardware.settings import Excitation
 from motorprior.locomotion.trajectory_generator import open_loop_trot
 from motorprior.robots.pupper_v2 import spec
 
-_SIGNALS: dict[str, excitation.Excitation] = {
+_SIGNALS: dict[str, excitation.Signal] = {
     "sine": excitation.sine,
     "chirp": excitation.chirp,
     "steps": excitation.held_steps,

@@ -145,7 +145,7 @@ class _Fit:
         """(M, Z): the better of ``start`` and ``found``, and POLISHES damped Gauss-Newton steps from there.
 
         A step is kept where it lowers the energy on all windows: the result is never worse than the start, whatever the
-        gradients of windows say in which a motor hits its end of play.
+        gradients of windows say in which a motor reaches the end of its backlash.
         """
         values, others = self.energies(start), self.energies(found)
         z = jnp.where((others < values)[:, None], found, start)

@@ -6,9 +6,9 @@ state of a grey box (rotor, backlash, delayed commands) are those of the log.
 
 Where the log's encoders are on the rotors, the rotor follows the record before the start, while the joint hangs on it
 by its gear, and the rotor is what is compared afterwards. All angles are the encoder's then, so that encoder_zero is
-without effect. The play is the central motor's: a rotor sees so little of it that a fit finds what is wrong with the
-loads instead (on virtual robots plays 0.58 of a logarithm off, sure to 0.08). Of both the log says nothing.
-Only a grey box has a rotor; a network takes the reading for the joint's.
+without effect. The backlash is the central motor's: a rotor sees so little of it that a fit would absorb errors of the
+loads in it (on virtual robots log backlash was 0.58 off, at a claimed standard deviation of 0.08). The log holds no
+information on either. Only a grey box has a rotor; a network takes the reading for the joint's.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import LONGEST_DELAY, MotorState
+from motorprior.actuator.latent import scaled_torque
 from motorprior.bench.loaded_joint import next_velocity
 from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed
-from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias, scaled_torque
+from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, TORQUE, VEL
 

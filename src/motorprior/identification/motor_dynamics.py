@@ -14,8 +14,8 @@ from motorprior.actuator.geared_motor_step import LOG_REACH, MotorState, array_a
 from motorprior.identification.network import Parameters
 
 LARGEST_SENSITIVITY = 3.0
-"""A window's gradient by the logarithms of its motor's constants counts at most so much: a motor that hits its end
-of play a step later has gradients that say nothing, and would rule the batch."""
+"""A window's gradient by the logarithms of its motor's constants counts at most so much: a motor that reaches the
+end of its backlash a step later has gradients that say nothing, and would rule the batch."""
 _ARITHMETIC = array_arithmetic(jnp)
 
 Constants = dict[str, jnp.ndarray]

@@ -1,7 +1,7 @@
 """A motor's loss over all windows of its log and what fits need of it, compiled once per recipe and shape.
 
-The network's parameters are arguments: another prior of the same shape, or the same one in other latents, is not
-compiled anew.
+The network's parameters are arguments: another prior of the same shape, or the same one in other latents, needs no
+second compilation.
 """
 
 from __future__ import annotations

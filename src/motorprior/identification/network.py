@@ -1,7 +1,4 @@
-"""The latent network in JAX, for training only; `actuator.latent` holds the formula's other copy.
-
-A parity test (1e-5) ties the two.
-"""
+"""Parameters of a latent network in JAX, for training; `actuator.latent.scaled_torque` is the network itself."""
 
 from __future__ import annotations
 
@@ -64,10 +61,6 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
     return parameters
 
 
-def _softsign(x: jnp.ndarray) -> jnp.ndarray:
-    return x / (1.0 + jnp.abs(x))
-
-
 def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
     """(B, Z) latents of the decoder for z (B, Z): z itself before a prior is standardised."""
     return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
@@ -76,13 +69,6 @@ def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
 def motor_bias(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
     """(B, H) first-layer bias of motors with latents z (B, Z)."""
     return parameters["b1"] + z @ parameters["v1"]
-
-
-def scaled_torque(parameters: Parameters, inputs: jnp.ndarray, bias: jnp.ndarray) -> jnp.ndarray:
-    """(B,) torque / torque_scale for scaled inputs (B, 2T) and first-layer bias (B, H)."""
-    first = _softsign(inputs @ parameters["w1"] + bias)
-    second = _softsign(first @ parameters["w2"] + parameters["b2"])
-    return second @ parameters["w3"] + parameters["b3"]
 
 
 def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:

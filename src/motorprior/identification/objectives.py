@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motorprior.actuator.latent import scaled_torque
 from motorprior.identification.closed_loop import closed_loop
-from motorprior.identification.network import Parameters, decoder_latents, motor_bias, scaled_torque
+from motorprior.identification.network import Parameters, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, Measured
 
@@ -46,7 +47,8 @@ class Objective:
     def gauss_newton(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         """(Z, Z) Gauss-Newton approximation of the loss's Hessian in the one latent z (Z,) of all windows.
 
-        weight·mean of curvature(r)·∇r·∇rᵀ: never negative, and finite where a motor sticks or hits its end of play.
+        weight·mean of curvature(r)·∇r·∇rᵀ: never negative, and finite where a motor sticks or reaches the end of
+        its backlash.
         """
 
         def residuals(latent: jnp.ndarray) -> jnp.ndarray:

@@ -1,7 +1,7 @@
 """Whether new motors lie among those a prior was trained on: their latents, found without the prior's pull.
 
-The loss of a fit tells little: motors of one fleet differ in it by a factor of two. So every new motor is fitted anew,
-by `adapt`, under a Gaussian WIDER times as wide as the training motors, in the decoder's own latents (of preset
+The loss of a fit tells little: motors of one fleet differ in it by a factor of two. So every new motor is fitted once
+more, by `adapt`, under a Gaussian WIDER times as wide as the training motors, in the decoder's own latents (of preset
 rollout the logarithms of the constants), downhill from where the prior had it (a search of its own would end in other
 valleys), and compared with the training motors, M with mean m and deviation s,
 

@@ -1,6 +1,6 @@
-"""The per-motor baseline with play: every motor fitted by itself, nothing shared, no network.
+"""The per-motor baseline with backlash: every motor fitted by itself, nothing shared, no network.
 
-In the manner of PACE (Bjelonic et al., 2025), whose motors have no play.
+In the manner of PACE (Bjelonic et al., 2025), whose motors have no backlash.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _WEAK = 1e-3
 
 
 def fit_motors(data: TrainingData, preset: Preset) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Servo, delay, friction, rotor, gear and play of every motor, fitted to its own log in closed loop.
+    """Servo, delay, friction, rotor, gear and backlash of every motor, fitted to its own log in closed loop.
 
     The loss is that of rollout over all windows of the log; a global search, Adam and Gauss-Newton steps over
     the logarithms of the 14 constants find the minimum (`adapt`).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from motorprior.actuator.kind import Model
 from motorprior.exceptions import ConfigError
 
 
@@ -30,7 +31,7 @@ class Preset:
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
         own_latents: each latent scales one of the 14 constants; otherwise the decoder mixes them.
-        per_motor: every motor has constants of its own, one latent each, without gear play or network.
+        per_motor: every motor has constants of its own, one latent each, without backlash or network.
         standardise: after the training each latent becomes N(0, 1) among the training motors, and their posteriors a
             Laplace approximation (`posterior`).
     """
@@ -61,7 +62,7 @@ class Preset:
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # Baselines: one_motor is rollout without a latent: the best single set of constants. per_motor fits a servo with
-# delay, friction and rotor, but no play, to every motor by itself (in the manner of PACE, Bjelonic et al., 2025).
+# delay, friction and rotor, but no backlash, to every motor by itself (in the manner of PACE, Bjelonic et al., 2025).
 # latent_network is rollout without the physics: the network gives all of the torque, z also the armature; one_network
 # is that without a latent. actuator_net is the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps,
 # softsign, torque regression. paper_wide is the control between paper and rollout: the paper's loss on rollout's data,
@@ -87,6 +88,17 @@ PRESETS = {
     ),
     "paper_wide": Preset("torque", 0.002, _TAPS, has_armature=False, window=1, batch=1024, steps=4000),
 }  # fmt: skip
+MODELS = (
+    Model("paper", "paper", "#cf3b3b"),
+    Model("rollout", "rollout", "#2563c9"),
+    Model("one_motor", "one motor", "#7d4fa8"),
+    Model("per_motor", "per motor", "#7d4fa8"),
+    Model("latent_network", "latent network", "#7d4fa8"),
+    Model("one_network", "one network", "#1a9a8b"),
+    Model("actuator_net", "actuator net", "#7d4fa8"),
+    Model("paper_wide", "paper, wide", "#e08a1e"),
+)
+"""How the motors of each recipe are shown; not part of the recipe, whose fields are the key of what it has made."""
 
 
 def identification_preset(name: str) -> Preset:

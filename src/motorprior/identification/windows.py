@@ -17,8 +17,8 @@ class Measured:
 
     Attributes:
         torque: joint_torque.
-        at_rotor: joint_pos and joint_vel are those of an encoder on the rotor, to which the gear's play is invisible;
-            the joint's own otherwise.
+        at_rotor: joint_pos and joint_vel are those of an encoder on the rotor, to which the gear's backlash is
+            invisible; the joint's own otherwise.
     """
 
     torque: bool

@@ -27,7 +27,6 @@ from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import (
-    limit_explicit,
     make_explicit,
     measure_joint_pos,
     reset_actuator,
@@ -102,7 +101,7 @@ class BulletWorld:
         self._free_joints(np.asarray(joint_pos, dtype=np.float64))
         self._weigh(conditions)
         motors = actuator.arrays(self.config.physics_dt)
-        limit_explicit(motors, EXPLICIT_STIFFNESS / self.config.physics_dt**2)
+        actuator.kind.limit_stiffness(motors, EXPLICIT_STIFFNESS / self.config.physics_dt**2)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
 from motorprior.exceptions import SimulationFault
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
 
 

@@ -15,11 +15,11 @@ from numba import njit
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.bounds import require_count, require_finite
 from motorprior.locomotion.body import Body, action_size, body_of, observation_size
+from motorprior.actuator.borrowed import borrowed
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints

@@ -16,13 +16,13 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size, body_of, observation_size
 from motorprior.locomotion.control_step import command_step
 from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import PHYSICS_DT
 from motorprior.simulation.mj_call import do_nothing_address, mj_step

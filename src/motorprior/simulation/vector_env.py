@@ -14,11 +14,11 @@ from numba import njit
 from numba.typed import List
 
 from motorprior.bounds import require_count, require_finite
+from motorprior.actuator.borrowed import borrowed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.env import observation_bounds
 from motorprior.locomotion.sensing import sense
-from motorprior.simulation.borrowed import borrowed
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.rollout import WalkConfig, begin_walk, new_walker, walk_step
 from motorprior.simulation.world import World, WorldConfig

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motorprior.simulation.borrowed import borrowed
+from motorprior.actuator.borrowed import borrowed
 
 
 class Pair(NamedTuple):

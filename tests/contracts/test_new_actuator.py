@@ -1,0 +1,119 @@
+"""A new actuator is one file, this one, and one entry in the registry: it walks and runs on the bench at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numba import njit
+
+from motorprior.actuator import registry
+from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.ideal_pd import IDEAL_PD, IdealPd
+from motorprior.actuator.kind import ActuatorKind
+from motorprior.bench import dynamometer
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.exceptions import ConfigError
+from motorprior.simulation import rollout
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+
+KP, KD = 9.0, 0.8
+READS_MORE = 0.01
+"""Zero of the encoders [rad]."""
+
+
+@njit(cache=True, nogil=True)
+def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    arrays.memory[0, :] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    for motor in range(torque.shape[0]):
+        torque[motor] = arrays.parameters[0, motor] * (position_target[motor] - joint_pos[motor])
+        arrays.memory[0, motor] += physics_dt
+
+
+@njit(cache=True, nogil=True)
+def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    for motor in range(out.shape[0]):
+        out[motor] = joint_pos[motor] + READS_MORE
+
+
+SPRING = ActuatorKind(
+    "spring", "spring", "#123456", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, longest_step=0.004
+)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A torque that grows with the error, without bound; the engine damps it."""
+
+    num_motors: int
+
+    @property
+    def kind(self) -> ActuatorKind:
+        return SPRING
+
+    @property
+    def armature(self) -> np.ndarray:
+        return np.full(self.num_motors, 0.002)
+
+    @property
+    def damping(self) -> np.ndarray:
+        return np.full(self.num_motors, KD)
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        require_step(physics_dt, SPRING.longest_step)
+        return empty_arrays(SPRING, np.full((1, self.num_motors), KP), 1, 1, self.damping)
+
+
+def same_pd(n: int) -> IdealPd:
+    return IdealPd.uniform(n, KP, KD, torque_limit=1e9, armature=0.002)
+
+
+def test_it_walks_in_the_compiled_rollout_that_was_compiled_before_it():
+    policy = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.zeros(18), np.ones(18))
+    known = WalkSimulator(lambda rng: same_pd(12), walk=WalkConfig(50)).run(*policy, seed=3, trace=True)
+    before = len(rollout._episode.signatures)  # pyright: ignore[reportFunctionMemberAccess]
+    new = WalkSimulator(lambda rng: Spring(12), walk=WalkConfig(50)).run(*policy, seed=3, trace=True)
+    assert len(rollout._episode.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
+    assert new.steps == known.steps == 50 and new.fault == 0
+    # the policy sees other encoders; the first command is the same
+    np.testing.assert_allclose(new.trace[:2], known.trace[:2], atol=0.02)
+    assert np.any(new.trace[-1] != known.trace[-1])
+
+
+def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
+    rng = np.random.default_rng(0)
+    targets = np.repeat(rng.uniform(-0.3, 0.3, (5, 4)), 20, axis=0)
+    trial = Trial(targets, np.zeros_like(targets), np.full(4, 0.003), 0.002)
+    known = run(same_pd(4), Trial(targets.repeat(4, axis=0), np.zeros((400, 4)), trial.load_inertia, 0.0005))
+    before = len(dynamometer._simulate.signatures)  # pyright: ignore[reportFunctionMemberAccess]
+    new = run(Spring(4), trial)
+    assert len(dynamometer._simulate.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
+    np.testing.assert_allclose(new.joint_pos, known.joint_pos[::4], atol=1e-9)
+    np.testing.assert_allclose(new.encoder_pos, new.joint_pos + READS_MORE)
+
+
+def test_one_entry_gives_it_a_name_and_a_colour_in_every_table(monkeypatch: pytest.MonkeyPatch):
+    with pytest.raises(ConfigError, match="spring") as error:
+        registry.title("spring")
+    assert error.value.remedy is not None and "ideal_pd" in error.value.remedy
+    monkeypatch.setattr(registry, "KINDS", (*registry.KINDS, SPRING))
+    assert (registry.title("spring"), registry.colour("spring")) == ("spring", "#123456")
+    assert registry.title("tuned_pd") == "tuned PD"
+
+
+def test_a_kind_says_where_its_encoder_is_and_what_it_leaves_to_the_engine():
+    encoders = {kind.name: kind.encoder for kind in (*registry.KINDS, SPRING)}
+    renewing = {kind.name for kind in (*registry.KINDS, SPRING) if kind.renews_damping}
+    assert encoders == {
+        "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "spring": "rotor"
+    }  # fmt: skip
+    assert renewing == {"grey_box"}
+    assert IDEAL_PD.longest_step == np.inf
+
+
+def test_names_of_models_are_unique():
+    names = [model.name for kind in registry.KINDS for model in kind.models]
+    assert len(set(names)) == len(names)
