@@ -13,9 +13,9 @@ import numpy as np
 from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
 from motorprior.bounds import require_count, require_finite
 from motorprior.locomotion.body import Body, action_size, body_of, observation_size
-from motorprior.actuator.borrowed import borrowed
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.sensing import Sensors, sense

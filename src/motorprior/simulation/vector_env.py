@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from numba import njit
 from numba.typed import List
 
-from motorprior.bounds import require_count, require_finite
 from motorprior.actuator.borrowed import borrowed
+from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.env import observation_bounds
