@@ -33,6 +33,7 @@ import numpy as np
 import optax
 import tyro
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.facts import training_motors
@@ -181,9 +182,9 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
 
 def measured_inertias(fleet: str) -> tuple[float, float]:
     """10th and 90th percentile of what the joints of a trotting robot feel, contacts aside: 1 / (M⁻¹)_jj [kg·m²]."""
-    world, rng = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)), np.random.default_rng(0)
+    world, rng = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)), np.random.default_rng(0)
     motors = PhysicalActuator(load_fleet(fleet).sample(rng, spec.NUM_JOINTS))
-    trot = replay(world, motors, trot_targets(rng, STEPS))
+    trot = replay(world, motors, trot_targets(PUPPER_V2, rng, STEPS))
     data, inertias = mujoco.MjData(world.model), []
     for joint_pos in trot.joint_pos[::50]:
         data.qpos[7:] = joint_pos

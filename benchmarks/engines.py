@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
@@ -81,12 +82,12 @@ def main() -> None:
     print("motors, place: joint RMSE [mrad], base apart after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
         for hung in (True, False):
-            config = WorldConfig(physics_dt=0.001, hung=hung)
+            config = WorldConfig.of(PUPPER_V2, physics_dt=0.001, hung=hung)
             here, there = World(config), BulletWorld(config)
             rows, seconds = [], np.zeros(2)
             for draw in range(DRAWS):
                 rng = np.random.default_rng([draw, 77])
-                motors, targets = motors_of(kind, prior, rng), trot_targets(rng, STEPS)
+                motors, targets = motors_of(kind, prior, rng), trot_targets(PUPPER_V2, rng, STEPS)
                 marks = [time.perf_counter()]
                 one = in_mujoco(here, motors, targets)
                 marks.append(time.perf_counter())
@@ -111,12 +112,12 @@ def main() -> None:
 def convergence(prior: MotorPrior) -> dict[str, float]:
     """How far the shipped number of solver iterations is from ten times as many, on the ground."""
     rng = np.random.default_rng(0)
-    targets, motors = trot_targets(rng, STEPS), motors_of("pd_armature_delay", prior, rng)
+    targets, motors = trot_targets(PUPPER_V2, rng, STEPS), motors_of("pd_armature_delay", prior, rng)
     motions = []
     shipped = bullet_world.SOLVER_ITERATIONS
     for iterations in (shipped, 10 * shipped):
         bullet_world.SOLVER_ITERATIONS = iterations
-        world = BulletWorld(WorldConfig(physics_dt=0.001))
+        world = BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
         motions.append(in_bullet(world, motors, targets))
         world.close()
     bullet_world.SOLVER_ITERATIONS = shipped
@@ -130,11 +131,11 @@ def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     figures, walk = {}, WalkConfig()
     for kind in KINDS[:-1]:
         simulators = {
-            "mujoco": WalkSimulator(partial(motors_of, kind, prior), WorldConfig(physics_dt=0.001), walk),
-            "pybullet": BackendSimulator(PybulletBackend(partial(motors_of, kind, prior)), walk),
+            "mujoco": WalkSimulator(partial(motors_of, kind, prior), WorldConfig.of(PUPPER_V2, physics_dt=0.001), walk),
+            "pybullet": BackendSimulator(PUPPER_V2, PybulletBackend(partial(motors_of, kind, prior)), walk),
         }
         for engine, simulator in simulators.items():
-            search, executor = new_search(ArsConfig()), SerialExecutor(lambda made=simulator: made)
+            search, executor = new_search(ArsConfig(), PUPPER_V2.num_joints), SerialExecutor(lambda made=simulator: made)
             advance(search, executor)
             started = time.perf_counter()
             steps = advance(search, executor).mean_steps
@@ -148,8 +149,8 @@ def step_parts(prior: MotorPrior) -> dict[str, float]:
     figures: dict[str, float] = {}
     for kind in ("learned", "pd_armature_delay"):
         for iterations in (bullet_world.SOLVER_ITERATIONS, 1):
-            rng, world = np.random.default_rng(0), BulletWorld(WorldConfig(physics_dt=0.001))
-            motors, targets, seconds = motors_of(kind, prior, rng), trot_targets(rng, STEPS), defaultdict(float)
+            rng, world = np.random.default_rng(0), BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
+            motors, targets, seconds = motors_of(kind, prior, rng), trot_targets(PUPPER_V2, rng, STEPS), defaultdict(float)
             call = world.call
 
             def timed(name: str, *args: Any, call=call, seconds=seconds, **options: Any) -> Any:

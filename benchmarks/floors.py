@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
@@ -87,12 +88,12 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
 
 def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[float, float, float]:
     """Joint error [rad], ratio of chatter, and distance of the bases [m]: medians over TROTS."""
-    fine = World(WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
-    coarse, rows = World(WorldConfig(hung=hung)), []
+    fine = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
+    coarse, rows = World(WorldConfig.of(PUPPER_V2, hung=hung)), []
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])
-        motors, targets = load_fleet(fleet_name).sample(rng, spec.NUM_JOINTS), trot_targets(rng, STEPS)
+        motors, targets = load_fleet(fleet_name).sample(rng, spec.NUM_JOINTS), trot_targets(PUPPER_V2, rng, STEPS)
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)
         error, chatter, apart = compare(found, truth)

@@ -19,6 +19,7 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.robots.pupper_v2 import mjcf as robot
 from motorprior.robots.pupper_v2 import spec
@@ -96,7 +97,7 @@ def world_of(name: str, physics_dt: float = 0.002) -> World:
     """A world with one setting changed."""
     swap = patch("motorprior.simulation.world.mjcf", every_geom) if name == "every geom collides" else nullcontext()
     with swap:
-        world = World(WorldConfig(physics_dt=physics_dt))
+        world = World(WorldConfig.of(PUPPER_V2, physics_dt=physics_dt))
     VARIANTS[name](world.model)
     return world
 

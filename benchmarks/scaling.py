@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
 from motorprior.search.ars import ArsConfig, Candidate
@@ -54,7 +55,7 @@ def median_seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
 
 def iteration_seconds(executor: Executor, directions: int) -> float:
     """Of one ARS iteration."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2))
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), PUPPER_V2.num_joints)
     return median_seconds(lambda: advance(search, executor), 5)
 
 
@@ -62,7 +63,7 @@ class Recorded:
     """An executor whose episodes have ended long ago: their results only arrive, in chunks, pickled."""
 
     def __init__(self, walker: WalkSimulator, episodes: int, workers: int):
-        shared, size = Round.of(new_search(ArsConfig())), chunk_size(episodes, workers)
+        shared, size = Round.of(new_search(ArsConfig(), PUPPER_V2.num_joints)), chunk_size(episodes, workers)
         tasks = [Task(Candidate(direction, 1), direction) for direction in range(size)]
         chunk = pickle.dumps([run_task(walker, shared, task) for task in tasks])
         self._chunks = [chunk] * -(-episodes // size)
@@ -77,7 +78,7 @@ class Recorded:
 
 def update_seconds(walker: WalkSimulator, directions: int, workers: int) -> float:
     """Of an iteration without its episodes: seeds, tasks, results, statistics, update; what no worker can take over."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2))
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), PUPPER_V2.num_joints)
     recorded = Recorded(walker, 2 * directions, workers)
     return median_seconds(lambda: advance(search, recorded))
 
@@ -94,7 +95,7 @@ def predicted(figures: dict[str, float], workers: int, directions: int) -> float
 
 def travelling(walker: WalkSimulator, directions: int, workers: int) -> dict[str, float]:
     """Bytes per task and per result, pickled in chunks as they travel: what tasks have in common is written once."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2))
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), PUPPER_V2.num_joints)
     shared, candidates = Round.of(search), search.ask()
     size = chunk_size(len(candidates), workers)
     tasks = [Task(candidate, episode_seed(0, 0, candidate.direction)) for candidate in candidates[:size]]
@@ -108,7 +109,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json")
     path = parser.parse_args().json
-    walker, search = make_walker(), new_search(ArsConfig())
+    walker, search = make_walker(), new_search(ArsConfig(), PUPPER_V2.num_joints)
     shared = Round.of(search)
     figures: dict[str, float] = {
         "bytes_shared": len(pickle.dumps(shared)),

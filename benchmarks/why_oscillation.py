@@ -22,6 +22,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
@@ -260,7 +261,7 @@ def measure(settings: Settings) -> dict[str, Any]:
     physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
     models = {name: learned.motors for name, learned in found.items()}
     for place, hung in (("standing", False), ("hung", True)):
-        fidelity = robot_fidelity(motors, models, hung, settings.seed)
+        fidelity = robot_fidelity(PUPPER_V2, motors, models, hung, settings.seed)
         for name in models:
             variants[name][f"{place}_rmse"] = float(np.median(fidelity.rmse[name]))
             variants[name][f"{place}_torque_hf"] = float(min(np.median(fidelity.torque_hf[name]), 1e9))

@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 import motorprior.environments
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env, make_vector_env
@@ -76,7 +77,7 @@ def test_its_episode_is_that_of_motorprior_walk(motors):
     env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
     choice = motorprior.environments.MotorChoice(**motors)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
-    simulator = WalkSimulator(choice.drawer(), WorldConfig(physics_dt=choice.physics_dt), walk)
+    simulator = WalkSimulator(choice.drawer(), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt), walk)
     (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(16)
     while not ended:
         act(*weights, observation, action)

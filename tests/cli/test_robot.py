@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
@@ -32,7 +33,7 @@ def policy_file(path: Path, **changes) -> Path:
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The machine that runs tests has other things to do: a host may be late."""
     late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
-    monkeypatch.setattr(spec, "SAFETY", replace(spec.SAFETY, **late))
+    monkeypatch.setattr(spec, "SAFETY", replace(PUPPER_V2.require_wire().safety, **late))
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.locomotion.policy import Policy
 from motorprior.search.ars import ArsConfig
 from motorprior.search.train import new_search
@@ -28,7 +29,7 @@ def test_a_search_begins_with_the_policy_and_its_view_of_the_world():
         np.ones(12),
         0.01,
     )
-    search = new_search(ArsConfig(), policy)
+    search = new_search(ArsConfig(), PUPPER_V2.num_joints, policy)
     np.testing.assert_array_equal(search.parameters.reshape(16, 19), policy.weights)
     np.testing.assert_allclose(search.observations.mean, policy.observation_mean)
     np.testing.assert_allclose(search.observations.std(), policy.observation_std)
