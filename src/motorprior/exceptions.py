@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 
@@ -12,12 +13,30 @@ class MotorPriorError(Exception):
         problem: what is wrong, with the offending value and the bound it broke.
         where: file (and row, key or joint) it was found in.
         remedy: what the user can do.
+        argument: dotted name of the argument that is to blame, as the message writes it.
     """
 
-    def __init__(self, problem: str, *, where: str | Path | None = None, remedy: str | None = None):
-        self.problem, self.where, self.remedy = problem, where, remedy
-        text = f"{where}: {problem}" if where is not None else problem
-        super().__init__(f"{text} -> {remedy}" if remedy else text)
+    def __init__(
+        self,
+        problem: str,
+        *,
+        where: str | Path | None = None,
+        remedy: str | None = None,
+        argument: str | None = None,
+    ):
+        self.problem, self.where, self.remedy, self.argument = problem, where, remedy, argument
+        super().__init__(self._text())
+
+    def _text(self, option: bool = False) -> str:
+        text = f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
+        if option and self.argument is not None:
+            written = "--" + self.argument.replace("_", "-")
+            text = re.sub(rf"(?<![\w.]){re.escape(self.argument)}(?!\w)", written, text, count=1)
+        return f"{self.where}: {text}" if self.where is not None else text
+
+    def on_command_line(self) -> str:
+        """The message for who typed a command: the argument ``task.max_speed`` is the option ``--task.max-speed``."""
+        return self._text(option=True)
 
 
 class LogError(MotorPriorError):
@@ -48,8 +67,17 @@ class RobotFault(MotorPriorError):
         problem: see `MotorPriorError`.
         safe_state: "idle" where motors must lose their current at once, "crouch" where there is time to sit down.
         remedy: see `MotorPriorError`.
+        argument: see `MotorPriorError`.
     """
 
-    def __init__(self, kind: str, problem: str, *, safe_state: str = "idle", remedy: str | None = None):
+    def __init__(
+        self,
+        kind: str,
+        problem: str,
+        *,
+        safe_state: str = "idle",
+        remedy: str | None = None,
+        argument: str | None = None,
+    ):
         self.kind, self.safe_state = kind, safe_state
-        super().__init__(problem, where=f"robot fault {kind!r}", remedy=remedy)
+        super().__init__(problem, where=f"robot fault {kind!r}", remedy=remedy, argument=argument)
