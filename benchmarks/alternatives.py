@@ -33,7 +33,6 @@ import numpy as np
 import optax
 import tyro
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.facts import training_motors
@@ -47,6 +46,7 @@ from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.train import identify
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, TrainingData, draw, training_data
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import STEPS, trot_targets

@@ -37,9 +37,12 @@ from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from simulated_port import SimulatedPort, on_its_clock
 
+ROBOT = load_robot(DEFAULT_ROBOT)
 SECONDS = 10.0
 CONTROL = "longer"
 
@@ -57,10 +60,10 @@ def record(number: int, folder: Path, seconds: float) -> Path:
     """The recording of robot ``number``, hung, as a motor log."""
     log = folder / f"log_{seconds:g}" / "run.parquet"
     if not log.is_file():
-        port = SimulatedPort(number, hung=True, rate=200)
+        port = SimulatedPort(ROBOT, number, hung=True, rate=200)
         with on_its_clock(port):
             recorded = commands.run_record(
-                port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
+                ROBOT, port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
             )
         import_logs(LogsImport((recorded,), log.parent, hung=True))
     return log
@@ -68,11 +71,12 @@ def record(number: int, folder: Path, seconds: float) -> Path:
 
 def deploy(number: int, policy: Path, life: int) -> Outcome:
     """One walk on the ground."""
-    port, fault = SimulatedPort(number, life), None
+    port, fault = SimulatedPort(ROBOT, number, life), None
     start = port.body.live.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
-            commands.run_deploy(policy, port.port, DeploySettings(Path(out), seconds=SECONDS, yes=True), lambda _: None)
+            settings = DeploySettings(Path(out), seconds=SECONDS, yes=True)
+            commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault as error:
             fault = error.kind
     return Outcome(port.body.path, float(np.hypot(*(port.body.live.position() - start))), fault)

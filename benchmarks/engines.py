@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
 from motorprior.search.train import advance, new_search
@@ -135,7 +135,10 @@ def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
             "pybullet": BackendSimulator(PUPPER_V2, PybulletBackend(partial(motors_of, kind, prior)), walk),
         }
         for engine, simulator in simulators.items():
-            search, executor = new_search(ArsConfig(), PUPPER_V2.num_joints), SerialExecutor(lambda made=simulator: made)
+            search, executor = (
+                new_search(ArsConfig(), PUPPER_V2.num_joints),
+                SerialExecutor(lambda made=simulator: made),
+            )
             advance(search, executor)
             started = time.perf_counter()
             steps = advance(search, executor).mean_steps
@@ -150,7 +153,11 @@ def step_parts(prior: MotorPrior) -> dict[str, float]:
     for kind in ("learned", "pd_armature_delay"):
         for iterations in (bullet_world.SOLVER_ITERATIONS, 1):
             rng, world = np.random.default_rng(0), BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
-            motors, targets, seconds = motors_of(kind, prior, rng), trot_targets(PUPPER_V2, rng, STEPS), defaultdict(float)
+            motors, targets, seconds = (
+                motors_of(kind, prior, rng),
+                trot_targets(PUPPER_V2, rng, STEPS),
+                defaultdict(float),
+            )
             call = world.call
 
             def timed(name: str, *args: Any, call=call, seconds=seconds, **options: Any) -> Any:

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
@@ -32,6 +31,7 @@ from motorprior.identification.distribution import two_sample_auc
 from motorprior.identification.standardise import standardised
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import CONTACT_TIME
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import STEPS, compare, trot_targets

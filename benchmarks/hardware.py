@@ -1,4 +1,4 @@
-"""Deployment against a virtual Pupper over a real pseudo-terminal: clock, age, delay, and reaction times.
+"""Deployment against a virtual robot over a real pseudo-terminal: clock, age, delay, and reaction times.
 
     python benchmarks/hardware.py --minutes 10 --json hardware.json
 
@@ -35,25 +35,37 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware_reactions import MOST_FAULTS, WORDS, NotMeasuredError, deploy, reactions, signal_to_idle, virtual_pupper
+from hardware_reactions import MOST_FAULTS, WORDS, NotMeasuredError, deploy, reactions, signal_to_idle, virtual_robot
 from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing, clock_figures, quantiles_ms
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 KILLS = 5
 LAST_LINES = 10
 NOISE = ("--robot.drop", "0.01", "--robot.corrupt", "0.01")
 
 
-def trot_policy(folder: Path) -> Path:
+def trot_policy(robot: Robot, folder: Path) -> Path:
     """Zero weights: a trot at 1.25 Hz, which needs no training."""
-    path, ones = folder / "trot.safetensors", np.ones(spec.NUM_JOINTS)
-    kp, kd = spec.WIRE_KP * spec.TORQUE_CONSTANT * ones, spec.WIRE_KD * spec.TORQUE_CONSTANT * ones
-    Policy(np.zeros((16, 19)), np.zeros(18), np.ones(18), kp, kd, spec.CONTROL_DT).save(path)
+    path, wire, ones = folder / "trot.safetensors", robot.require_wire(), np.ones(robot.num_joints)
+    observations, actions = observation_size(robot.num_joints), action_size(robot.num_joints)
+    Policy(
+        weights=np.zeros((actions, observations + 1)),
+        observation_mean=np.zeros(observations),
+        observation_std=np.ones(observations),
+        kp=wire.kp * wire.torque_constant * ones,
+        kd=wire.kd * wire.torque_constant * ones,
+        control_dt=robot.control_dt,
+        robot=robot.name,
+        joint_names=robot.joint_names,
+    ).save(path)
     return path
 
 
@@ -65,7 +77,7 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
     while left > 1.0 and faults.total() < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
         timing = Timing()
-        with virtual_pupper(folder, *options) as (port, end):
+        with virtual_robot(folder, *options) as (port, end):
             try:
                 deploy(port, policy, left, folder / "run.csv", timing)
             except RobotFault as fault:
@@ -75,7 +87,7 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         runs.append(timing)
         left -= len(timing.sent) * policy.control_dt
         if len(timing.sent):
-            delays.append(end_to_end(timing, life))
+            delays.append(end_to_end(timing, life, policy.control_dt))
         path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
     if not delays:
         raise NotMeasuredError("no walk was longer than its ramp")
@@ -86,20 +98,21 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
     return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults.total())}
 
 
-def end_to_end(timing: Timing, life: dict) -> np.ndarray:
+def end_to_end(timing: Timing, life: dict, period: float) -> np.ndarray:
     """From a measurement in the robot to the arrival of the command computed from it [s]; lost commands left out."""
     sent, measured = np.asarray(timing.sent), life["started"] + np.asarray(timing.stamp)
     arrived = np.asarray(life["target_times"])
     after = np.minimum(np.searchsorted(arrived, sent - 5e-4), len(arrived) - 1)  # the robot may read while we return
-    found = (arrived[after] >= sent - 5e-4) & (arrived[after] < sent + 0.5 * spec.CONTROL_DT)
+    found = (arrived[after] >= sent - 5e-4) & (arrived[after] < sent + 0.5 * period)
     return (arrived[after] - measured)[found]
 
 
 def inference(policy: Policy, count: int = 5000) -> dict[str, float]:
     """Time of one step of the policy."""
-    walker = Walker(policy)
+    robot = load_robot(policy.robot)
+    walker = Walker(robot, policy)
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    measurement = Measurement(Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), 0.0, 0.0)
+    measurement = Measurement(Telemetry(**zeros, pos=robot.nominal_pose, vel=np.zeros(robot.num_joints)), 0.0, 0.0)
     walker.warm_up(measurement)
     took = []
     for _ in range(count):
@@ -144,8 +157,8 @@ def kills(folder: Path, path: Path) -> dict[str, float]:
     return {"max": max(took), "median": float(np.median(took))}
 
 
-def last_words(folder: Path) -> str:
-    """What the other processes said in the end."""
+def last_lines(folder: Path) -> str:
+    """The last lines that the other processes printed."""
     words = folder / WORDS
     lines = words.read_text(errors="replace").splitlines()[-LAST_LINES:] if words.is_file() else []
     return "".join(f"    {line}\n" for line in lines)
@@ -161,7 +174,7 @@ def measure(
         try:
             found(part())
         except (NotMeasuredError, MotorPriorError, OSError, subprocess.SubprocessError) as error:
-            print(f"not measured: {name}: {error}\n{last_words(folder)}", file=sys.stderr)
+            print(f"not measured: {name}: {error}\n{last_lines(folder)}", file=sys.stderr)
             failed.append(name)
     return failed
 
@@ -181,7 +194,9 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory(prefix="motorprior-hardware-") as name:
         folder = Path(name)
-        wanted = parts(folder, arguments.policy or trot_policy(folder), 60.0 * arguments.minutes)
+        wanted = parts(
+            folder, arguments.policy or trot_policy(load_robot(DEFAULT_ROBOT), folder), 60.0 * arguments.minutes
+        )
         failed = measure(folder, wanted, keep)
     for key, value in figures.items():
         print(f"{key:32} {value:10.4f}")

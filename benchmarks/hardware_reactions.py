@@ -1,4 +1,4 @@
-"""How long a walking host takes to bring a virtual Pupper to rest, fault by fault: what `hardware.py` breaks.
+"""How long a walking host takes to bring a virtual robot to rest, fault by fault: what `hardware.py` breaks.
 
 Faults of the robot are injected at a time of its own; those of the host happen in its control loop, or from outside it.
 """
@@ -24,15 +24,16 @@ from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
+from motorprior.robots.load import load_robot
 
 MOST_FAULTS = 5
 WORDS = "words.txt"
-"""What the robots and hosts of other processes said, in the folder of the measurement."""
+"""Output of the robots and hosts of other processes, in the folder of the measurement."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 FAULT_AT = 7.0
 """Robot time at which injected faults begin [s]: it walks by then."""
@@ -67,11 +68,11 @@ class NotMeasuredError(Exception):
 
 
 @contextmanager
-def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[[], dict]]]:
+def virtual_robot(folder: Path, *options: str) -> Iterator[tuple[str, Callable[[], dict]]]:
     """A virtual robot in its own process: its port, and what it went through, to ask for afterwards."""
     link, life = folder / "port", folder / "life.json"
     life.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "motorprior", "virtual-pupper", "--link", str(link), "--json", str(life)]
+    command = [sys.executable, "-m", "motorprior", "virtual-robot", "--link", str(link), "--json", str(life)]
     with open(folder / WORDS, "a") as words:
         process = subprocess.Popen([*command, "--robot.no-homing", *options], stderr=words)
 
@@ -83,7 +84,7 @@ def virtual_pupper(folder: Path, *options: str) -> Iterator[tuple[str, Callable[
     try:
         while not link.is_symlink():
             if process.poll() is not None:
-                raise NotMeasuredError("the virtual Pupper did not start")
+                raise NotMeasuredError("the virtual robot did not start")
             time.sleep(0.01)
         yield str(link), end
     finally:
@@ -97,20 +98,21 @@ def deploy(
     seconds: float,
     log: Path | None = None,
     timing: Timing | None = None,
-    status: Callable[[Robot], None] = lambda _: None,
+    status: Callable[[RobotLink], None] = lambda _: None,
 ) -> None:
     """Walk, from this process; ``status`` is called in the control loop, twice a second."""
-    recorder = None if log is None else Recorder(log)
-    with Robot(SerialLink(port), recorder=recorder) as robot:
-        stop = StopRequest()
-        walk(robot, policy, gains_for(policy), stop, seconds=seconds, timing=timing, status=lambda _: status(robot))
+    robot = load_robot(policy.robot)
+    recorder = None if log is None else Recorder(robot, log)
+    with RobotLink(robot, SerialLink(robot, port), recorder=recorder) as link:
+        gains, stop = gains_for(robot, policy), StopRequest()
+        walk(link, policy, gains, stop, seconds=seconds, timing=timing, status=lambda _: status(link))
 
 
 def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience: float = 0.5) -> float:
     """Milliseconds from a signal to a walking host until the robot is idle, which takes less than ``patience`` [s]."""
     for _ in range(MOST_FAULTS):
         out = Path(tempfile.mkdtemp(dir=folder)) / "run"
-        with virtual_pupper(folder) as (port, end):
+        with virtual_robot(folder) as (port, end):
             command = ["-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out), "--yes"]
             with open(folder / WORDS, "a") as words:
                 host = subprocess.Popen([sys.executable, *command], stderr=words)
@@ -144,7 +146,7 @@ def first_idle(life: dict, after: float) -> float:
 def reaction(folder: Path, policy: Policy, fault: str) -> float:
     """Milliseconds from an injected fault until the robot is idle, or, unplugged, until the host says so."""
     for _ in range(MOST_FAULTS):
-        with virtual_pupper(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
+        with virtual_robot(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
             try:
                 deploy(port, policy, 2.0 * FAULT_AT)
                 raise NotMeasuredError(f"walked on in spite of {fault}")
@@ -159,39 +161,39 @@ def reaction(folder: Path, policy: Policy, fault: str) -> float:
     raise NotMeasuredError("this machine is too busy")
 
 
-def kill_watchdog(robot: Robot) -> None:
+def kill_watchdog(link: RobotLink) -> None:
     """SIGKILL to the watchdog process."""
-    assert robot._guardian is not None
-    os.kill(robot._guardian.pid, signal.SIGKILL)
+    assert link._guardian is not None
+    os.kill(link._guardian.pid, signal.SIGKILL)
 
 
-def stop_watchdog(robot: Robot) -> None:
+def stop_watchdog(link: RobotLink) -> None:
     """SIGSTOP to the watchdog process: found when its pipe is full, after a second."""
-    assert robot._guardian is not None
-    os.kill(robot._guardian.pid, signal.SIGSTOP)
+    assert link._guardian is not None
+    os.kill(link._guardian.pid, signal.SIGSTOP)
 
 
-def raise_an_exception(_: Robot) -> None:
+def raise_an_exception(_: RobotLink) -> None:
     """A bug in the program."""
     raise ZeroDivisionError("a bug")
 
 
-def command_nonsense(robot: Robot) -> None:
-    """A policy that says NaN."""
-    robot.send(np.full(12, np.nan), Mode.WALK)
+def command_nonsense(link: RobotLink) -> None:
+    """A policy that computes NaN."""
+    link.send(np.full(link.robot.num_joints, np.nan), Mode.WALK)
 
 
-def come_late(_: Robot) -> None:
+def come_late(_: RobotLink) -> None:
     """A busy computer."""
     time.sleep(LATE)
 
 
-def fill_the_disk(_: Robot) -> None:
+def fill_the_disk(_: RobotLink) -> None:
     """No file may grow any more."""
     limit_file_sizes(0)
 
 
-HOST_FAULTS: dict[str, Callable[[Robot], None]] = {
+HOST_FAULTS: dict[str, Callable[[RobotLink], None]] = {
     "watchdog_dead": kill_watchdog,
     "watchdog_asleep": stop_watchdog,
     "exception": raise_an_exception,
@@ -201,20 +203,20 @@ HOST_FAULTS: dict[str, Callable[[Robot], None]] = {
 }
 
 
-def host_reaction(folder: Path, policy: Policy, disaster: Callable[[Robot], None]) -> float:
+def host_reaction(folder: Path, policy: Policy, disaster: Callable[[RobotLink], None]) -> float:
     """Milliseconds from something that happens in the host until the robot is idle."""
     for _ in range(MOST_FAULTS):
         calls, began = 0, float("inf")
 
-        def status(robot: Robot) -> None:
+        def status(link: RobotLink) -> None:
             nonlocal calls, began
             calls += 1
             if calls == STATUS_BEFORE:
                 began = time.monotonic()
-                disaster(robot)
+                disaster(link)
 
         log = Path(tempfile.mkdtemp(dir=folder)) / "run.csv"
-        with virtual_pupper(folder) as (port, end):
+        with virtual_robot(folder) as (port, end):
             found = None
             with file_sizes_restored():
                 try:

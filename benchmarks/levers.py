@@ -19,10 +19,10 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.robots.pupper_v2 import mjcf as robot
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation import speed
 from motorprior.simulation.mj_call import library
 from motorprior.simulation.replay import replay

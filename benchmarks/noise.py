@@ -2,7 +2,7 @@
 
     python benchmarks/noise.py --hours 2 --json noise.json
 
-The host's own code walks virtual Puppers (`simulated_port.py`) while the line loses and damages frames, both ways.
+The host's own code walks virtual robots (`simulated_port.py`) while the line loses and damages frames, both ways.
 Walks of ten minutes, and of two seconds: these are for the arming, when gains go over the line. For each share of lost
 and of damaged frames:
     SHARE/walked_h                hours under way
@@ -34,9 +34,11 @@ from hardware import trot_policy
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import StopRequest
 from motorprior.locomotion.policy import Policy
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from simulated_port import SimulatedPort, on_its_clock
 
 SHARES = (0.01, 0.03, 0.1)
@@ -57,11 +59,12 @@ class Walk:
 def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
     """One walk of so many seconds, or until a fault ends it."""
     loaded, timing, fault = Policy.load(policy), Timing(), None
-    gains = gains_for(loaded)
-    port = SimulatedPort(life % ROBOTS, life, drop=share, corrupt=share)
-    with on_its_clock(port), Robot(port) as robot:
+    robot = load_robot(loaded.robot)
+    gains = gains_for(robot, loaded)
+    port = SimulatedPort(robot, life % ROBOTS, life, drop=share, corrupt=share)
+    with on_its_clock(port), RobotLink(robot, port) as link:
         try:
-            walk(robot, loaded, gains, StopRequest(), seconds=seconds, timing=timing)
+            walk(link, loaded, gains, StopRequest(), seconds=seconds, timing=timing)
         except RobotFault as error:
             fault = error.kind
     sent = np.float32([gains.kp, gains.kd, gains.max_current])
@@ -96,7 +99,7 @@ def main() -> None:
     arguments = parser.parse_args()
     found: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
-        policy = arguments.policy or trot_policy(Path(folder))
+        policy = arguments.policy or trot_policy(load_robot(DEFAULT_ROBOT), Path(folder))
         for share in SHARES:
             count = max(1, round(3600.0 * arguments.hours / LONG))
             seconds, lives = 3600.0 * arguments.hours / count, range(count, count + arguments.armings)

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size

@@ -1,7 +1,7 @@
-"""A virtual Pupper at a port whose clock moves only when somebody waits: hours of a life in minutes, repeatable.
+"""A virtual robot at a port whose clock moves only when the host waits: hours of a life in minutes, repeatable.
 
-What runs is the host's own code, the firmware and the twin. What does not: the operating system (the port, priorities,
-the watchdog process) and its delays, which `hardware.py` measures in real time.
+The host's own code runs, the firmware and the twin. The operating system (the port, priorities, the watchdog process)
+and its delays are left out; `hardware.py` measures them in real time.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from unittest import mock
 
 import numpy as np
 
-from motorprior.hardware import commands, robot, session
-from motorprior.hardware.firmware import Firmware, FirmwareConfig
+from motorprior.bench.fleet import load_fleet
+from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.injected import CommandCutter, NoisyLine
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Command, Sizes, Telemetry
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig
+from motorprior.hardware.virtual.injected import CommandCutter, NoisyLine
 from motorprior.pipeline.twin_body import TwinBody, draw_motors
+from motorprior.robots.robot import Robot
 
 WAY = 1e-4
 """From the robot to the host [s]."""
@@ -35,6 +36,7 @@ class SimulatedPort(SerialLink):
         firmware: of the robot.
 
     Args:
+        robot: that it is one of; its motors are of the first of its fleets.
         number: of the virtual robot, that is, of its motors.
         life: seed of its sensors' noise and of the line's.
         hung: it hangs in the air.
@@ -45,6 +47,7 @@ class SimulatedPort(SerialLink):
 
     def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
         self,
+        robot: Robot,
         number: int,
         life: int = 0,
         *,
@@ -53,14 +56,15 @@ class SimulatedPort(SerialLink):
         drop: float = 0.0,
         corrupt: float = 0.0,
     ):
-        self.port, self.now = f"simulated Pupper {number}", 0.0
-        self.body = TwinBody(draw_motors(load_robot_fleet("pupper_v2"), number), hung, life)
+        self.port, self.now = f"simulated robot {number}", 0.0
+        self._sizes, fleet = Sizes.of(robot), load_fleet(robot.fleets[0][0])
+        self.body = TwinBody(robot, draw_motors(robot, fleet, number), hung, life)
         self._period = 1000 // rate
-        self.firmware = Firmware(self.body, FirmwareConfig(self._period, homes=False))
+        self.firmware = Firmware(robot, self.body, FirmwareConfig(self._period, homes=False))
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, rng=np.random.default_rng([number, life, way])) for way in (0, 1)
         )
-        self._cutter, self._reader = CommandCutter(), telemetry_reader()
+        self._cutter, self._reader = CommandCutter(), telemetry_reader(self._sizes)
 
     @property
     def unsent(self) -> int:
@@ -81,7 +85,7 @@ class SimulatedPort(SerialLink):
     def send(self, command: Command) -> float:
         """See `SerialLink.send`."""
         self._live()
-        for piece in self._cutter.cut(command_frame(command)):
+        for piece in self._cutter.cut(command_frame(command, self._sizes)):
             self._to_robot.put(piece, self.now)
         self.firmware.receive(self._to_robot.take(self.now))
         return self.now
@@ -106,13 +110,13 @@ class SimulatedPort(SerialLink):
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
     """The host's clock is the port's while this is open, and nothing that lives in real time is started.
 
-    The commands `deploy` and `record` find it at whatever port they are told.
+    The commands `deploy` and `record` find it at any port.
     """
     with (
-        mock.patch.object(commands, "SerialLink", lambda _: port),
+        mock.patch.object(commands, "SerialLink", lambda *_: port),
         mock.patch.object(time, "monotonic", lambda: port.now),
         mock.patch.object(time, "sleep", port.sleep),
-        mock.patch.object(robot, "Guardian", lambda *_: mock.Mock()),
+        mock.patch.object(robot_link, "Guardian", lambda *_: mock.Mock()),
         mock.patch.object(session, "real_time_priority", nullcontext),
     ):
         yield

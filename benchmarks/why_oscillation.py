@@ -22,7 +22,6 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
@@ -34,6 +33,7 @@ from motorprior.bench.record import BenchPreset, bench_preset, record
 from motorprior.identification.validate import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import high_frequency_rms
 from motorprior.transfer.robot_fidelity import CUTOFF, robot_fidelity
 

@@ -12,7 +12,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 import motorprior.environments
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env, make_vector_env
@@ -20,6 +19,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig

@@ -23,7 +23,7 @@ from motorprior.cli.robot_choice import RobotChoice
 from motorprior.cli.speed import Speed
 from motorprior.cli.transfer import TransferCommand
 from motorprior.cli.validate import ValidateCommand
-from motorprior.cli.virtual_pupper import VirtualPupperCommand
+from motorprior.cli.virtual_robot import VirtualRobotCommand
 from motorprior.cli.walk import WalkCommand
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.pipeline.bench import Bench
@@ -33,7 +33,7 @@ from motorprior.pipeline.virtual_robot import Virtual
 
 COMMANDS = (
     *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "diff", "adapt"),
-    *("replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-pupper", "report", "speed"),
+    *("replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-robot", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 
@@ -95,7 +95,7 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
         ("doctor --port a", Doctor(RobotChoice("a"))),
         ("deploy a --port b --yes", Deploy(Path("a"), RobotChoice("b"), DeploySettings(yes=True))),
         ("record --virtual --joint knee", Record(RobotChoice(virtual=True), RecordSettings(joint="knee"))),
-        ("virtual-pupper --robot.seed 3", VirtualPupperCommand(Virtual(seed=3))),
+        ("virtual-robot --robot.seed 3", VirtualRobotCommand(Virtual(seed=3))),
         ("report a", MakeReport(Path("a"))),
         ("speed --prior a", Speed(Path("a"))),
     ],

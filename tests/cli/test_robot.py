@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
@@ -19,6 +18,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.logs.parquet_io import read_log
 from motorprior.logs.robot_run import read_robot_run
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 def policy_file(path: Path, **changes) -> Path:

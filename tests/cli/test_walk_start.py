@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.locomotion.policy import Policy
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.train import new_search
 

@@ -12,10 +12,10 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.pupper_backend import PupperBackend
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.serial_backend import SerialBackend
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_pupper import in_thread
+from motorprior.hardware.virtual.virtual_robot import in_thread
 from motorprior.pipeline.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -75,25 +75,19 @@ EVERYTHING = Randomization(
 )  # fmt: skip
 
 
-def virtual_pupper(_: object) -> Backend:
+def virtual_robot(_: object) -> Backend:
     """Over a real serial port object, in real time."""
-    robot, _ = make(Virtual(homing=False))
-    limits = replace(
-        PUPPER_V2.require_wire().safety,
-        slow_speed=4.0,
-        tick_delay=float("inf"),
-        late_ticks=100,
-        telemetry_age=0.5,
-        watchdog=0.5,
-    )
-    return _Owned(Robot(SerialLink(robot.port), limits), in_thread(robot))
+    robot, _ = make(PUPPER_V2, Virtual(homing=False))
+    safety = PUPPER_V2.require_wire().safety
+    limits = replace(safety, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)
+    return _Owned(RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, robot.port), limits), in_thread(robot))
 
 
-class _Owned(PupperBackend):
+class _Owned(SerialBackend):
     """A backend that ends its virtual robot with itself."""
 
-    def __init__(self, robot: Robot, end: Callable[[], None]):
-        super().__init__(robot)
+    def __init__(self, link: RobotLink, end: Callable[[], None]):
+        super().__init__(link)
         self._end = end
 
     def close(self) -> None:
@@ -103,7 +97,7 @@ class _Owned(PupperBackend):
 
 SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_rough]
 """Backends whose time is their own: a seed says everything that happens."""
-BACKENDS = [*SIMULATED, virtual_pupper]
+BACKENDS = [*SIMULATED, virtual_robot]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)

@@ -26,10 +26,15 @@ class OnlyInstalled(importlib.abc.MetaPathFinder):
 if __name__ == "__main__":
     sys.meta_path.insert(0, OnlyInstalled())
     sys.argv = sys.argv[1:]
-    from motorprior.robots.pupper_v2 import spec
+    from motorprior.robots import shipped
 
     late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
-    spec.SAFETY = dataclasses.replace(spec.SAFETY, **late)
+    patient = []
+    for robot in shipped.SHIPPED:
+        wire = robot.require_wire()
+        wire = dataclasses.replace(wire, safety=dataclasses.replace(wire.safety, **late))
+        patient.append(dataclasses.replace(robot, wire=wire))
+    shipped.SHIPPED = tuple(patient)  # before it is imported from there
     if sys.argv[0] == "-c":
         exec(sys.argv[1])
     else:

@@ -13,19 +13,22 @@ import pytest
 
 from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.hardware.control_loop import ControlLoop
-from motorprior.hardware.firmware import Drive, Sensors
 from motorprior.hardware.motions import ramp
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains
-from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
+from motorprior.hardware.virtual.firmware import Drive, Sensors
+from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
 from motorprior.pipeline.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.robots.wire import SafetyLimits
 
-PATIENT = replace(spec.SAFETY, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)
+WIRE = PUPPER_V2.require_wire()
+PATIENT = replace(WIRE.safety, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)
 """Limits for a machine that has other things to do, and for tests in a hurry: quick ramps. The real ones are tested
 without a clock in test_safety.py, and measured by benchmarks/hardware.py."""
 BARE = [sys.executable, str(Path(__file__).with_name("bare_environment.py")), "motorprior.hardware"]
@@ -46,17 +49,19 @@ def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The policy of zero weights: it trots at 1.25 Hz and stays on its feet."""
     path = tmp_path_factory.mktemp("policy") / "policy.safetensors"
     gains = np.full(12, spec.WIRE_KP * spec.TORQUE_CONSTANT), np.full(12, spec.WIRE_KD * spec.TORQUE_CONSTANT)
-    Policy(np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT).save(path)
+    Policy(
+        np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT, PUPPER_V2.name, PUPPER_V2.joint_names
+    ).save(path)
     return path
 
 
 @pytest.fixture
-def virtual() -> Iterator[Callable[..., VirtualPupper]]:
+def virtual() -> Iterator[Callable[..., VirtualRobot]]:
     """Start a virtual Pupper that holds its pose at once, in a thread; all end with the test."""
     ends = []
 
-    def start(**settings) -> VirtualPupper:
-        robot, body = make(Virtual(**{"homing": False, **settings}))
+    def start(**settings) -> VirtualRobot:
+        robot, body = make(PUPPER_V2, Virtual(**{"homing": False, **settings}))
         robot.body = body  # pyright: ignore[reportAttributeAccessIssue]  # for the truth
         ends.append(in_thread(robot))
         return robot
@@ -67,12 +72,12 @@ def virtual() -> Iterator[Callable[..., VirtualPupper]]:
 
 
 @pytest.fixture
-def host() -> Iterator[Callable[..., Robot]]:
+def host() -> Iterator[Callable[..., RobotLink]]:
     """A host's side of a port; idle when the test ends."""
     made = []
 
-    def connect(port: str, **settings) -> Robot:
-        made.append(Robot(SerialLink(port), **{"limits": PATIENT, **settings}))
+    def connect(port: str, **settings) -> RobotLink:
+        made.append(RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, port), **{"limits": PATIENT, **settings}))
         made[-1].listen(time.monotonic() + QUIET)
         return made[-1]
 
@@ -81,9 +86,9 @@ def host() -> Iterator[Callable[..., Robot]]:
         robot.close()
 
 
-def _stand_up(robot: Robot, stop: Callable[[], bool] = lambda: False) -> ControlLoop:
+def _stand_up(robot: RobotLink, stop: Callable[[], bool] = lambda: False) -> ControlLoop:
     """Arm and ramp to the nominal pose, a little faster than a person would."""
-    gains = Gains()
+    gains = Gains.of(WIRE)
     robot.arm(gains.kp, gains.kd, gains.max_current)
     loop = ControlLoop(robot, robot.limits, spec.CONTROL_DT, stop)
     target = robot.target
@@ -92,7 +97,7 @@ def _stand_up(robot: Robot, stop: Callable[[], bool] = lambda: False) -> Control
     return loop
 
 
-def _when(robot: VirtualPupper, what: str, after: float = 0.0, patience: float = 3.0) -> float:
+def _when(robot: VirtualRobot, what: str, after: float = 0.0, patience: float = 3.0) -> float:
     """The first time [s, monotonic] after ``after`` at which the robot entered a mode."""
     give_up = time.monotonic() + patience
     while time.monotonic() < give_up:
@@ -125,7 +130,7 @@ def when() -> Callable[..., float]:
 
 
 @pytest.fixture
-def sits() -> Callable[[VirtualPupper], bool]:
+def sits() -> Callable[[VirtualRobot], bool]:
     """Whether a robot is about in the pose in which losing current is soft."""
     return lambda pupper: bool(np.abs(pupper.firmware._sensors.pos * spec.JOINT_SIGNS - spec.CROUCH_POSE).max() < 0.35)
 
@@ -159,7 +164,7 @@ def full_disk() -> Callable[[int], AbstractContextManager]:
 
 
 @pytest.fixture
-def patient_limits() -> spec.SafetyLimits:
+def patient_limits() -> SafetyLimits:
     """See PATIENT."""
     return PATIENT
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.hardware.firmware import IDLE, POSITION
+from motorprior.hardware.virtual.firmware import IDLE, POSITION
 from motorprior.logs.robot_run import Mode
 
 
@@ -84,7 +84,7 @@ def test_another_word_sends_nothing(virtual: Callable, at_terminal: Callable, tr
     terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run")
     terminal.read_until(b"press Enter")
     terminal.type("no\n")
-    terminal.read_until(b"nobody typed arm")
+    terminal.read_until(b"arm was not typed")
     assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
     assert not (tmp_path / "run").exists()
 
@@ -97,7 +97,7 @@ def test_what_was_typed_before_the_question_arms_nothing(
     terminal.type("arm\n")
     terminal.read_until(b"press Enter")
     terminal.type("no\n")
-    terminal.read_until(b"nobody typed arm")
+    terminal.read_until(b"arm was not typed")
     assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
 
 

@@ -13,8 +13,10 @@ from motorprior.hardware.axes import backend_state
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.locomotion import control_step, policy, task, trajectory_generator
+from motorprior.locomotion.body import body_of
 from motorprior.logs.robot_run import read_robot_run
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BARE = Path(__file__).with_name("bare_environment.py")
 
@@ -31,7 +33,8 @@ def test_the_bare_environment_is_bare(name: str):
 
 def test_every_module_of_hardware_can_be_imported():
     folder = Path(policy.__file__).parents[1] / "hardware"
-    modules = [f"motorprior.hardware.{file.stem}" for file in sorted(folder.glob("*.py"))]
+    files = [file.relative_to(folder).with_suffix("") for file in sorted(folder.rglob("*.py"))]
+    modules = ["motorprior.hardware." + ".".join(file.parts) for file in files if file.stem != "__init__"]
     assert len(modules) > 15
     code = f"import importlib\nfor name in {modules}: importlib.import_module(name)\nprint('all')"
     done = in_bare_environment("-c", code)
@@ -89,7 +92,7 @@ def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
     settings = ("--excitation", "chirp", "--joint", "FR_knee", "--seconds", 1, "--yes", "--out", out)
     done = in_bare_environment("motorprior.hardware", "record", "--port", pupper.port, *settings)
     assert done.returncode == 0 and f"recorded {out / 'run.csv'}" in done.stderr, done.stderr
-    log = read_robot_run(out / "run.csv")
+    log = read_robot_run(out / "run.csv", PUPPER_V2)
     assert 0.9 < log.duration < 1.1 and log.joint_torque is not None and (out / "run.json").is_file()
 
 
@@ -99,7 +102,7 @@ def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
         (("deploy", "no.safetensors", "--port", "/dev/null"), "no such file"),
         (("doctor", "--port", "/dev/ttyNONE"), "cannot open /dev/ttyNONE (No such file or directory)"),
         (("record", "--port", "/dev/null", "--joint", "tail", "--yes"), "--joint 'tail' is unknown"),
-        (("record", "--port", "/dev/null"), "nobody is at the terminal"),
+        (("record", "--port", "/dev/null"), "no terminal to confirm at -> give --yes"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], words: str):
@@ -110,7 +113,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], words
 
 def test_interpreted_and_compiled_formulas_agree(trot: Path):
     """To the last bit or two: the compiler may order a product differently, not more."""
-    rng, seen = np.random.default_rng(0), np.zeros(18)
+    rng, seen, body, pose = np.random.default_rng(0), np.zeros(18), body_of(PUPPER_V2), spec.NOMINAL_POSE
     modules = (control_step, policy, task, trajectory_generator)
     compiled = {name: value for module in modules for name, value in vars(module).items() if hasattr(value, "py_func")}
     assert {"act", "observe", "command_step", "low_pass", "joint_targets"} <= set(compiled)
@@ -122,11 +125,15 @@ def test_interpreted_and_compiled_formulas_agree(trot: Path):
         angles, rates = rng.normal(0.0, 0.5, 12), rng.normal(0.0, 2.0, 3)
         for way in range(2):
             call = (lambda name: compiled[name].py_func) if way else (lambda name: compiled[name])
-            call("observe")(quaternion / np.linalg.norm(quaternion), rates, angles, phase[way], seen)
+            call("observe")(quaternion / np.linalg.norm(quaternion), rates, angles, phase[way], pose, seen)
             call("act")(weights, mean, std, seen, actions[way])
-            phase[way] = call("command_step")(actions[way], state[way], phase[way], 0.01, commands[way], targets[way])
+            phase[way] = call("command_step")(
+                body, actions[way], state[way], phase[way], 0.01, commands[way], targets[way]
+            )
         np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-13)
         assert phase[0] == pytest.approx(phase[1], abs=1e-13)
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
     still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
-    assert np.all(np.isfinite(Walker(policy.Policy.load(trot)).step(backend_state(still, np.zeros(12)))))
+    assert np.all(
+        np.isfinite(Walker(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12))))
+    )

@@ -6,6 +6,7 @@ import pytest
 
 from hardware import measure, parts, trot_policy
 from hardware_reactions import FAULTS, HOST_FAULTS, WORDS, NotMeasuredError
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 def test_a_part_that_fails_costs_no_other_and_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -21,7 +22,7 @@ def test_a_part_that_fails_costs_no_other_and_says_why(tmp_path: Path, capsys: p
 
 
 def test_every_fault_is_a_part_of_its_own(tmp_path: Path):
-    names = parts(tmp_path, trot_policy(tmp_path), 60.0)
+    names = parts(tmp_path, trot_policy(PUPPER_V2, tmp_path), 60.0)
     faults = [fault.partition(":")[0] for fault in FAULTS] + [*HOST_FAULTS, "SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP"]
     assert [fault for fault in faults if f"reaction_ms/{fault}" not in names] == []
     assert "inference_ms/share_over_1ms" in names["inference"]()

@@ -12,8 +12,9 @@ from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.real_time import no_garbage_collection
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
+WIRE = PUPPER_V2.require_wire()
 ZEROS = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
 
 
@@ -58,7 +59,7 @@ def play(clock: Clock, work: list[float], after: dict[int, float] | None = None)
     def after_step(_: Measurement) -> None:
         clock.now += (after or {}).get(step, 0.0)
 
-    loop = ControlLoop(clock, spec.SAFETY, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
+    loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
     loop.play(motion, Mode.WALK, after_step, timing)
     return timing
 
@@ -77,7 +78,7 @@ def test_steps_that_are_left_out_are_missed(clock: Clock):
 def test_the_step_of_a_slow_host_is_in_the_figures(clock: Clock):
     """Otherwise the worst step of all would be in no figure."""
     timing = Timing()
-    loop = ControlLoop(clock, spec.SAFETY, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
+    loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
 
     def motion(_: Measurement) -> np.ndarray:
         clock.now += 0.06 if len(timing.sent) == 6 else 0.0
@@ -101,7 +102,7 @@ def test_a_step_that_ends_in_another_fault_is_in_the_figures(clock: Clock):
             raise RobotFault("watchdog", "the host was silent")
         return np.zeros(12)
 
-    loop = ControlLoop(clock, spec.SAFETY, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
+    loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
     with pytest.raises(RobotFault, match="silent"):
         loop.play(motion, Mode.WALK, timing=timing)
     figures = clock_figures([timing], 0.01)

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from motorprior.hardware.injected import KINDS
+from motorprior.hardware.virtual.injected import KINDS
 
 HERE = Path(__file__).parent
 PAGE = (HERE.parents[1] / "docs" / "hardware.md").read_text("utf-8")

@@ -18,9 +18,10 @@ from motorprior.hardware.framing import (
     telemetry_frame,
     telemetry_reader,
 )
-from motorprior.hardware.protocol import IDLE, Command, Telemetry, encode_command, encode_telemetry
+from motorprior.hardware.protocol import IDLE, Command, Sizes, Telemetry, encode_command, encode_telemetry
 
-READERS = {"command": command_reader, "telemetry": telemetry_reader}
+SIZES = Sizes(12, 4)
+READERS = {"command": lambda: command_reader(SIZES), "telemetry": lambda: telemetry_reader(SIZES)}
 MOST_KEPT = max(framing.largest for framing in (COMMAND_FRAMING, TELEMETRY_FRAMING)) + 8 + LONGEST_LINE
 
 
@@ -33,10 +34,14 @@ def target(step: int) -> Command:
     return Command(pos=np.linspace(-1.0, 1.0, 12) + 0.01 * step, kp=50.0, kd=5.0, max_current=7.0)
 
 
+def framed(message: Command | Telemetry) -> bytes:
+    return telemetry_frame(message, SIZES) if isinstance(message, Telemetry) else command_frame(message, SIZES)
+
+
 def as_bytes(message) -> bytes | str:
     if isinstance(message, str):
         return message
-    return encode_telemetry(message) if isinstance(message, Telemetry) else encode_command(message)
+    return encode_telemetry(message, SIZES) if isinstance(message, Telemetry) else encode_command(message, SIZES)
 
 
 def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
@@ -48,9 +53,7 @@ def cut(data: bytes, at: list[int]) -> list[bytes]:
     return [data[a:b] for a, b in pairwise(bounds)]
 
 
-good = st.integers(0, 9).flatmap(
-    lambda n: st.sampled_from([telemetry_frame(telemetry(n)), command_frame(target(n)), command_frame(IDLE)])
-)
+good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([framed(telemetry(n)), framed(target(n)), framed(IDLE)]))
 noise = st.one_of(
     st.binary(max_size=40), st.sampled_from([b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"SPEED\r\n", b"EE\x00\x10\x8f"])
 )
@@ -74,14 +77,13 @@ def test_a_million_bytes_of_noise_with_frames_in_them(kind: str):
     """No exception, bounded memory, and the frames between the noise are found."""
     rng, reader, sent, found, size = np.random.default_rng(7), READERS[kind](), [], [], 0
     make: Callable = target if kind == "command" else telemetry
-    frame: Callable = command_frame if kind == "command" else telemetry_frame
     while size < 1_000_000:
         junk = rng.integers(0, 256, int(rng.integers(1, 4000)), dtype=np.uint8)
         if rng.random() < 0.5:  # starts of frames everywhere
             junk[rng.integers(0, len(junk), 1 + len(junk) // 8)] = 0 if kind == "command" else 0x45
         message = make(len(sent))
         # What a false start at the end of the noise may swallow is at most one frame long: pad with text.
-        piece = junk.tobytes() + b"\n" * 1100 + frame(message)
+        piece = junk.tobytes() + b"\n" * 1100 + framed(message)
         sent.append(as_bytes(message))
         size += len(piece)
         found += [as_bytes(m) for m in reader.feed(piece) if not isinstance(m, str)]
@@ -92,23 +94,21 @@ def test_a_million_bytes_of_noise_with_frames_in_them(kind: str):
 
 def test_pure_noise_at_once_makes_nothing_but_text():
     rng = np.random.default_rng(3)
-    reader = telemetry_reader()
+    reader = telemetry_reader(SIZES)
     found = reader.feed(rng.integers(0, 256, 300_000, dtype=np.uint8).tobytes())
     assert all(isinstance(message, str) for message in found) and reader.pending <= MOST_KEPT
 
 
 def test_text_between_frames_is_read_and_costs_no_frame():
-    reader = telemetry_reader()
-    stream = (
-        b"Homing\r\n" + telemetry_frame(telemetry(1)) + b"ERROR\r\n" + b"FEET OK\r\n" + telemetry_frame(telemetry(2))
-    )
+    reader = telemetry_reader(SIZES)
+    stream = b"Homing\r\n" + framed(telemetry(1)) + b"ERROR\r\n" + b"FEET OK\r\n" + framed(telemetry(2))
     assert read(reader, [stream]) == [
-        "Homing", encode_telemetry(telemetry(1)), "ERROR", "FEET OK", encode_telemetry(telemetry(2)),
+        "Homing", encode_telemetry(telemetry(1), SIZES), "ERROR", "FEET OK", encode_telemetry(telemetry(2), SIZES),
     ]  # fmt: skip
 
 
 def test_a_line_that_never_ends_is_cut():
-    reader = telemetry_reader()
+    reader = telemetry_reader(SIZES)
     lines = [message for _ in range(100) for message in reader.feed(b"x" * 100)]
     assert lines == ["x" * LONGEST_LINE] * (10_000 // LONGEST_LINE)
 
@@ -116,25 +116,25 @@ def test_a_line_that_never_ends_is_cut():
 @pytest.mark.parametrize("place", range(0, 4))
 def test_a_damaged_head_costs_one_frame_only(place: int):
     """Also a length that became longer: the frames it would swallow are found again."""
-    frame = telemetry_frame(telemetry(0))
+    frame = framed(telemetry(0))
     broken = bytearray(frame)
     broken[place] ^= 0x03
-    reader = telemetry_reader()
-    found = read(reader, [bytes(broken), *(telemetry_frame(telemetry(n)) for n in range(1, 8))])
-    assert found == [encode_telemetry(telemetry(n)) for n in range(1, 8)]
+    reader = telemetry_reader(SIZES)
+    found = read(reader, [bytes(broken), *(framed(telemetry(n)) for n in range(1, 8))])
+    assert found == [encode_telemetry(telemetry(n), SIZES) for n in range(1, 8)]
 
 
 def test_a_lost_byte_costs_one_frame_only():
-    for place in range(len(telemetry_frame(telemetry(0)))):
-        frame = telemetry_frame(telemetry(0))
-        reader = telemetry_reader()
-        found = read(reader, [frame[:place] + frame[place + 1 :], *(telemetry_frame(telemetry(n)) for n in (1, 2))])
-        assert found[-1] == encode_telemetry(telemetry(2)), place
+    for place in range(len(framed(telemetry(0)))):
+        frame = framed(telemetry(0))
+        reader = telemetry_reader(SIZES)
+        found = read(reader, [frame[:place] + frame[place + 1 :], *(framed(telemetry(n)) for n in (1, 2))])
+        assert found[-1] == encode_telemetry(telemetry(2), SIZES), place
 
 
 def test_a_robot_hears_idle_after_half_a_command():
     """What a host leaves when it is killed within a write, and then the watchdog's idle frames."""
-    frame = command_frame(target(0))
+    frame = framed(target(0))
     for length in range(len(frame)):
-        heard = [message for message in command_reader().feed(frame[:length] + 40 * command_frame(IDLE))]
+        heard = [message for message in command_reader(SIZES).feed(frame[:length] + 40 * framed(IDLE))]
         assert any(isinstance(message, Command) and message.idle for message in heard), length

@@ -8,9 +8,10 @@ import pytest
 
 import noise
 from motorprior.artifacts import read_json
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from noise import figures, main, noisy_walk
 from simulated_port import SimulatedPort, on_its_clock
 
@@ -38,7 +39,7 @@ class _Wiretap(SimulatedPort):
     """Keeps what was sent."""
 
     def __init__(self) -> None:
-        super().__init__(0)
+        super().__init__(PUPPER_V2, 0)
         self.keys: list[str] = []
 
     def send(self, command):
@@ -48,7 +49,7 @@ class _Wiretap(SimulatedPort):
 
 def test_gains_go_over_the_line_with_the_first_targets_only():
     port = _Wiretap()
-    with on_its_clock(port), Robot(port) as robot:
+    with on_its_clock(port), RobotLink(PUPPER_V2, port) as robot:
         robot.listen(0.1)
         robot.arm(spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
         for _ in range(50):

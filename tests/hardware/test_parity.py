@@ -1,22 +1,27 @@
 """A robot's policy sees and says what it would in simulation: same state, same observation, same targets."""
 
 import numpy as np
+import pytest
 
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.axes import backend_state, from_wire, quaternion, to_wire
-from motorprior.hardware.firmware import Drive, Firmware, FirmwareConfig, Sensors
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.motions import Walker
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Command, Sizes, Telemetry
 from motorprior.hardware.safety import SafetyGate
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.locomotion.env import PupperWalkEnv
+from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
+from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import Policy, act
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.world import WorldConfig
+
+WIRE = PUPPER_V2.require_wire()
+SIZES = Sizes.of(PUPPER_V2)
 
 
 class ShownBody:
@@ -56,25 +61,26 @@ def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
     """Two seconds of a random policy: env and wire side by side; the wire's float32 is all that is lost."""
     rng = np.random.default_rng(1)
     gains = np.full(12, 9.0), np.full(12, 0.9)
-    policy = Policy(rng.normal(0.0, 0.05, (16, 19)), np.zeros(18), np.full(18, 0.5), *gains, spec.CONTROL_DT)
+    numbers = rng.normal(0.0, 0.05, (16, 19)), np.zeros(18), np.full(18, 0.5), *gains, spec.CONTROL_DT
+    policy = Policy(*numbers, PUPPER_V2.name, PUPPER_V2.joint_names)
     fleet = load_fleet("pupper_v2")
-    config = WorldConfig(physics_dt=spec.TWIN_PHYSICS_DT)
+    config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
     spy = Spy(MujocoBackend(lambda draw: PhysicalActuator(fleet.sample(draw, 12)), config))
-    env, walker, action = PupperWalkEnv(spy), Walker(policy), np.zeros(16)
+    env, walker, action = WalkEnv(PUPPER_V2, spy), Walker(PUPPER_V2, policy), np.zeros(16)
     observation, _ = env.reset(seed=0)
     body = ShownBody(spy.state)
-    firmware, reader = Firmware(body, FirmwareConfig(homes=False)), telemetry_reader()
-    gate = SafetyGate(spec.SAFETY, spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
+    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(SIZES)
+    gate = SafetyGate(PUPPER_V2, WIRE.safety, spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
     gate.take_hold(spec.NOMINAL_POSE, 0.0)
     for step in range(200):
         body.state = spy.state
         (telemetry,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
-        target = walker(Measurement(from_wire(telemetry), 0.0, 0.0))
+        target = walker(Measurement(from_wire(WIRE, telemetry), 0.0, 0.0))
         np.testing.assert_allclose(walker.observation, observation, rtol=0, atol=2e-6)
         act(policy.weights, policy.observation_mean, policy.observation_std, observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
-        firmware.receive(command_frame(gate.admit(target, 0.01 * (step + 1))))
+        firmware.receive(command_frame(gate.admit(target, 0.01 * (step + 1)), SIZES))
         firmware.advance(0)
         assert not terminated
         np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)
@@ -84,19 +90,19 @@ def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
 def test_signs_on_the_wire_are_the_robot_s_own():
     """FR and RR abduction count the other way; nothing else does."""
     angles = np.arange(1.0, 13.0)
-    np.testing.assert_array_equal(to_wire(angles), [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12])
+    np.testing.assert_array_equal(to_wire(WIRE, angles), [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12])
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    seen = from_wire(Telemetry(**zeros, pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
+    seen = from_wire(WIRE, Telemetry(**zeros, pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
-        np.testing.assert_array_equal(series, factor * to_wire(angles))
+        np.testing.assert_array_equal(series, factor * to_wire(WIRE, angles))
     np.testing.assert_array_equal(seen.temp, angles)
 
 
 def test_a_target_on_the_wire_moves_the_joint_it_names(still_body):
-    firmware = Firmware(still_body, FirmwareConfig(homes=False))
+    firmware = Firmware(PUPPER_V2, still_body, FirmwareConfig(homes=False))
     wire = spec.JOINT_SIGNS * spec.NOMINAL_POSE
     wire[0] = -0.3
-    firmware.receive(command_frame(Command(pos=wire)))
+    firmware.receive(command_frame(Command(pos=wire), SIZES))
     firmware.advance(2000)
     assert still_body.pos[0] < -0.29 and abs(still_body.pos[3]) < 1e-6
 
@@ -110,5 +116,5 @@ def test_attitude_survives_the_way_through_a_quaternion():
 
 def test_the_height_of_a_standing_robot_follows_from_its_legs():
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    state = backend_state(Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
-    assert state.base_pos[2] == spec.standing_height()
+    state = backend_state(PUPPER_V2, Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
+    assert state.base_pos[2] == pytest.approx(PUPPER_V2.standing_height, abs=1e-9)

@@ -13,12 +13,15 @@ from motorprior.hardware.framing import COMMAND_FRAMING, TELEMETRY_FRAMING, comm
 from motorprior.hardware.protocol import (
     LARGEST_TELEMETRY,
     Command,
+    Sizes,
     Telemetry,
     decode_command,
     decode_telemetry,
     encode_command,
     encode_telemetry,
 )
+
+SIZES = Sizes(12, 4)
 
 
 def packed(value: object) -> bytes:
@@ -61,23 +64,23 @@ def at_rest(**changes) -> Telemetry:
 @given(commands)
 @settings(max_examples=100, deadline=None)
 def test_a_command_comes_back_as_it_was(command: Command):
-    assert same(decode_command(encode_command(command)), command)
+    assert same(decode_command(encode_command(command, SIZES), SIZES), command)
 
 
 @given(telemetries)
 @settings(max_examples=100, deadline=None)
 def test_telemetry_comes_back_as_it_was(telemetry: Telemetry):
-    assert same(decode_telemetry(encode_telemetry(telemetry)), telemetry)
+    assert same(decode_telemetry(encode_telemetry(telemetry, SIZES), SIZES), telemetry)
 
 
 def test_the_bytes_of_a_command_are_those_of_the_wire():
-    frame = command_frame(Command(kp=50.0, idle=True))
+    frame = command_frame(Command(kp=50.0, idle=True), SIZES)
     # 0x00, length 15, a map of 2: "kp" as float32 50.0 big-endian, "idle" true
     assert frame == b"\x00\x0f\x82\xa2kp\xca" + struct.pack(">f", 50.0) + b"\xa4idle\xc3"
 
 
 def test_the_bytes_of_telemetry_are_those_of_the_wire():
-    frame = telemetry_frame(at_rest(ts=258.0, pos=np.full(12, 1.5)))
+    frame = telemetry_frame(at_rest(ts=258.0, pos=np.full(12, 1.5)), SIZES)
     length = int.from_bytes(frame[2:4], "big")
     assert frame[:2] == b"\x45\x45" and frame[-2:] == b"\r\n" and len(frame) == 4 + length + 2
     found = msgpack.unpackb(frame[4:-2])
@@ -89,7 +92,7 @@ def test_all_keys_together_fit_into_telemetry():
     full = at_rest(
         ts=2.0**32 - 1, **dict.fromkeys(("cur", "pref", "vref", "cref", "lcur", "temp"), np.ones(12)), bat=1.0
     )
-    assert len(encode_telemetry(full)) < LARGEST_TELEMETRY == 1023
+    assert len(encode_telemetry(full, SIZES)) < LARGEST_TELEMETRY == 1023
 
 
 @pytest.mark.parametrize(
@@ -107,18 +110,18 @@ def test_all_keys_together_fit_into_telemetry():
 )
 def test_what_the_firmware_would_refuse_is_not_encoded(command: Command, words: str):
     with pytest.raises(ProtocolError, match=words):
-        encode_command(command)
+        encode_command(command, SIZES)
 
 
 def test_numpys_numbers_are_numbers():
     given = Command(kp=np.float64(50.0), kd=np.float32(5.0), pos=[np.float64(1.0)] * 12, idle=np.bool_(True))  # pyright: ignore
     plain = Command(kp=50.0, kd=5.0, pos=np.ones(12), idle=True)
-    assert encode_command(given) == encode_command(plain)
+    assert encode_command(given, SIZES) == encode_command(plain, SIZES)
 
 
 def test_a_full_position_command_fits():
     command = Command(pos=np.ones(12), kp=50.0, kd=5.0, max_current=7.0, activations=np.ones(12), debug=False)
-    assert len(encode_command(command)) <= 255
+    assert len(encode_command(command, SIZES)) <= 255
 
 
 @pytest.mark.parametrize(
@@ -141,17 +144,17 @@ def test_a_full_position_command_fits():
 )
 def test_a_payload_that_makes_no_sense_is_an_error_and_nothing_else(payload: bytes):
     with pytest.raises(ProtocolError):
-        decode_command(payload)
+        decode_command(payload, SIZES)
     with pytest.raises(ProtocolError):
-        decode_telemetry(payload)
+        decode_telemetry(payload, SIZES)
 
 
 def test_keys_of_a_newer_firmware_are_passed_over():
-    found = msgpack.unpackb(encode_telemetry(at_rest()))
-    assert same(decode_telemetry(packed({**found, "mood": "good"})), at_rest())
+    found = msgpack.unpackb(encode_telemetry(at_rest(), SIZES))
+    assert same(decode_telemetry(packed({**found, "mood": "good"}), SIZES), at_rest())
     del found["vel"]
     with pytest.raises(ProtocolError, match=r"without \['vel'\]"):
-        decode_telemetry(packed(found))
+        decode_telemetry(packed(found), SIZES)
 
 
 def test_the_framings_are_those_of_the_wire():

@@ -16,17 +16,19 @@ import pytest
 
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
-from motorprior.hardware.firmware import ERROR, IDLE, POSITION
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.virtual.firmware import ERROR, IDLE, POSITION
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
+WIRE = PUPPER_V2.require_wire()
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 STEPS_BEFORE, STEPS_AFTER = 30, 300
 SENSED = [
@@ -46,7 +48,7 @@ BEFORE_RESTART = 2.0
 
 @pytest.fixture
 def walker(trot: Path, virtual: Callable, host: Callable) -> Walker:
-    made = Walker(Policy.load(trot))
+    made = Walker(PUPPER_V2, Policy.load(trot))
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
     made.warm_up(Measurement(Telemetry(**zeros, pos=np.zeros(12), vel=np.zeros(12)), 0.0, 0.0))
     return made
@@ -87,7 +89,7 @@ def test_what_telemetry_shows_ends_in_idle(
     if kind == "restart":
         time.sleep(BEFORE_RESTART)
     if kind == "lagging":  # the real limit: with a patient one, joints seen late look stuck first
-        robot.limits = replace(robot.limits, telemetry_age=spec.SAFETY.telemetry_age)
+        robot.limits = replace(robot.limits, telemetry_age=WIRE.safety.telemetry_age)
     robot.listen(time.monotonic() + 0.1)
     with pytest.raises(RobotFault) as caught:
         run(robot, lambda loop: walk_until(loop, walker, break_down))
@@ -122,7 +124,7 @@ def test_a_robot_that_takes_no_more_bytes_is_said_and_idles_when_it_listens_agai
     with pytest.raises(RobotFault, match="takes no more bytes") as caught:
         run(robot, lambda loop: loop.play(stand, Mode.WALK))
     assert caught.value.kind == "unplugged" and "by hand" in str(caught.value)
-    assert (robot._link.unsent > 0) == full, "what this test is about"
+    assert (robot._port.unsent > 0) == full, "what this test is about"
     pupper._faults.clear()
     when(pupper, IDLE)
 
@@ -144,10 +146,10 @@ def test_unplugging_is_said_with_what_to_do(virtual: Callable, host: Callable, s
     robot.idle()  # cannot reach it any more, and must not fail
 
 
-def run(robot: Robot, work: Callable, stop: StopRequest | None = None) -> None:
+def run(robot: RobotLink, work: Callable, stop: StopRequest | None = None) -> None:
     """`run_armed` with a watchdog that would be a minute late: it is not the one who makes the robot idle."""
     robot.limits = replace(robot.limits, watchdog=60.0)
-    run_armed(robot, Gains(), stop or StopRequest(), work)
+    run_armed(robot, Gains.of(WIRE), stop or StopRequest(), work)
 
 
 def slow(_: Measurement) -> None:
@@ -308,10 +310,10 @@ def test_a_full_disk_sits_down_and_idles(
 ):
     """The disk is a limit of the file size here; without any room not even the header can be written."""
     pupper = virtual()
-    robot = host(pupper.port, recorder=Recorder(tmp_path / "run.csv"))
+    robot = host(pupper.port, recorder=Recorder(PUPPER_V2, tmp_path / "run.csv"))
     with full_disk(room), pytest.raises(ArtifactError, match=r"run\.csv: cannot write"):
         run(robot, lambda loop: loop.play(walker, Mode.WALK))
     when(pupper, IDLE)
     assert sits(pupper)
     if room:
-        assert read_robot_run(tmp_path / "run.csv", (Mode.RAMP,)).num_rows > 10
+        assert read_robot_run(tmp_path / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows > 10

@@ -13,6 +13,7 @@ from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.checks import check_log
 from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run, run_columns
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 LAG = 0.0025
 """Between a measurement and the command that follows it [s]."""
@@ -34,7 +35,7 @@ def target_at(step: int) -> np.ndarray:
 
 def recorded(path: Path, steps: int = 200, mode: Mode = Mode.EXCITE, with_current: bool = False) -> Path:
     """Each command leaves LAG after a measurement, at 100 Hz."""
-    recorder = Recorder(path)
+    recorder = Recorder(PUPPER_V2, path)
     for step in range(steps):
         recorder.write(measured(0.01 * step, with_current))
         recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), mode)
@@ -43,17 +44,17 @@ def recorded(path: Path, steps: int = 200, mode: Mode = Mode.EXCITE, with_curren
 
 
 def test_a_row_holds_the_command_in_force_when_it_was_measured(tmp_path: Path):
-    log = read_robot_run(recorded(tmp_path / "run.csv"))
+    log = read_robot_run(recorded(tmp_path / "run.csv"), PUPPER_V2)
     assert log.num_rows == 199, "before the first command there is nothing to record"
     np.testing.assert_allclose(log.time, 0.01 * np.arange(1, 200), atol=1e-9)
     np.testing.assert_allclose(log.position_target[10], target_at(10), atol=1e-6)
     np.testing.assert_allclose(log.joint_pos[10], spec.NOMINAL_POSE + 0.2 * np.sin(0.33), atol=1e-6)
     assert log.joint_torque is None and log.joint_names == spec.JOINT_NAMES
-    assert check_log(log, spec.JOINT_LIMITS).usable
+    assert check_log(log, PUPPER_V2.limits).usable
 
 
 def test_on_a_grid_commands_begin_when_they_did_and_angles_are_smooth(tmp_path: Path):
-    log = read_robot_run(recorded(tmp_path / "run.csv"), period=0.001)
+    log = read_robot_run(recorded(tmp_path / "run.csv"), PUPPER_V2, period=0.001)
     change = np.flatnonzero(np.diff(log.position_target[:, 4]) != 0.0) + 1
     phase = np.round(1e3 * (log.time[change] % 0.01))
     assert set(phase) == {3.0} and len(change) >= 190, "the first millisecond after LAG"
@@ -63,7 +64,7 @@ def test_on_a_grid_commands_begin_when_they_did_and_angles_are_smooth(tmp_path: 
 
 
 def test_currents_become_torques(tmp_path: Path):
-    log = read_robot_run(recorded(tmp_path / "run.csv", with_current=True))
+    log = read_robot_run(recorded(tmp_path / "run.csv", with_current=True), PUPPER_V2)
     assert log.joint_torque is not None
     np.testing.assert_allclose(log.joint_torque, 2.0 * spec.TORQUE_CONSTANT)
 
@@ -71,9 +72,9 @@ def test_currents_become_torques(tmp_path: Path):
 @pytest.mark.parametrize("lost", [1, 7, 300])
 def test_a_cut_last_line_does_not_count(tmp_path: Path, lost: int):
     path = recorded(tmp_path / "run.csv")
-    whole = read_robot_run(path)
+    whole = read_robot_run(path, PUPPER_V2)
     path.write_bytes(path.read_bytes()[:-lost])
-    assert read_robot_run(path).num_rows == whole.num_rows - 1
+    assert read_robot_run(path, PUPPER_V2).num_rows == whole.num_rows - 1
 
 
 def test_damage_before_the_last_line_is_named(tmp_path: Path):
@@ -82,7 +83,7 @@ def test_damage_before_the_last_line_is_named(tmp_path: Path):
     lines[7] = lines[7].replace(",", ";")
     path.write_text("".join(lines))
     with pytest.raises(LogError, match="row 6"):
-        read_robot_run(path)
+        read_robot_run(path, PUPPER_V2)
 
 
 @pytest.mark.parametrize("period", [None, 0.002])
@@ -107,41 +108,41 @@ def test_what_cannot_have_been_recorded_is_named(
     rows[6] = ",".join(cells)
     path.write_text("\n".join([header, *rows]) + "\n")
     with pytest.raises(LogError, match=f"{words}.*delete the row"):
-        read_robot_run(path, period=period)
+        read_robot_run(path, PUPPER_V2, period=period)
 
 
 def test_pauses_and_other_modes_start_new_segments(tmp_path: Path):
-    recorder = Recorder(tmp_path / "run.csv")
+    recorder = Recorder(PUPPER_V2, tmp_path / "run.csv")
     for step in range(400):
         mode = Mode.RAMP if step < 100 else Mode.WALK if step < 200 else Mode.EXCITE
         if not 300 <= step < 310:
             recorder.write(measured(0.01 * step))
         recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), mode)
     recorder.close()
-    log = read_robot_run(tmp_path / "run.csv")
+    log = read_robot_run(tmp_path / "run.csv", PUPPER_V2)
     assert [part.stop - part.start for part in log.segment_slices()] == [100, 99, 90]
-    assert len(list(read_robot_run(tmp_path / "run.csv", (Mode.RAMP,)).segments())) == 1
+    assert len(list(read_robot_run(tmp_path / "run.csv", PUPPER_V2, (Mode.RAMP,)).segments())) == 1
 
 
 def test_a_recording_without_a_moving_robot_is_refused(tmp_path: Path):
     path = recorded(tmp_path / "run.csv", mode=Mode.CROUCH)
     with pytest.raises(LogError, match="no row in which the robot walked"):
-        read_robot_run(path)
+        read_robot_run(path, PUPPER_V2)
     with pytest.raises(LogError, match="no row in which the robot stood up"):
-        read_robot_run(path, (Mode.RAMP,))
+        read_robot_run(path, PUPPER_V2, (Mode.RAMP,))
 
 
 def test_nothing_is_overwritten_and_nothing_empty_is_left(tmp_path: Path):
     path = recorded(tmp_path / "a" / "run.csv")
     with pytest.raises(ArtifactError, match="exists already"):
-        Recorder(path)
-    Recorder(tmp_path / "b.csv").close()
-    Recorder(tmp_path / "runs" / "deploy" / "b.csv").close()
+        Recorder(PUPPER_V2, path)
+    Recorder(PUPPER_V2, tmp_path / "b.csv").close()
+    Recorder(PUPPER_V2, tmp_path / "runs" / "deploy" / "b.csv").close()
     assert [entry.name for entry in tmp_path.iterdir()] == ["a"]
     (tmp_path / "mine").mkdir()
-    Recorder(tmp_path / "mine" / "b.csv").close()
+    Recorder(PUPPER_V2, tmp_path / "mine" / "b.csv").close()
     assert (tmp_path / "mine").is_dir(), "somebody else made it"
-    kept = Recorder(tmp_path / "kept" / "run" / "b.csv")
+    kept = Recorder(PUPPER_V2, tmp_path / "kept" / "run" / "b.csv")
     (tmp_path / "kept" / "run" / "notes").touch()
     kept.close()
     assert (tmp_path / "kept" / "run" / "notes").exists()
@@ -152,11 +153,11 @@ def test_a_full_disk_is_said_and_what_was_written_can_be_read(tmp_path: Path, fu
     with full_disk(room), pytest.raises(ArtifactError, match=r"run\.csv: cannot write .*free some space"):
         recorded(tmp_path / "run.csv")
     if room > 1000:
-        assert read_robot_run(tmp_path / "run.csv").num_rows > 2
+        assert read_robot_run(tmp_path / "run.csv", PUPPER_V2).num_rows > 2
 
 
 def test_idle_time_is_not_recorded(tmp_path: Path):
-    recorder = Recorder(tmp_path / "run.csv")
+    recorder = Recorder(PUPPER_V2, tmp_path / "run.csv")
     recorder.sent(99.0, target_at(0), Mode.WALK)
     recorder.write(measured(0.0))
     recorder.released()
@@ -172,5 +173,5 @@ def test_a_recording_is_known_by_its_first_line(tmp_path: Path):
     with pytest.raises(LogError, match=r"none\.csv: cannot read"):
         is_robot_run(tmp_path / "none.csv")
     with pytest.raises(LogError, match=r"none\.csv: cannot read"):
-        read_robot_run(tmp_path / "none.csv")
-    assert len(run_columns(True)) == len(run_columns(False)) + 12
+        read_robot_run(tmp_path / "none.csv", PUPPER_V2)
+    assert len(run_columns(spec.JOINT_NAMES, True)) == len(run_columns(spec.JOINT_NAMES, False)) + 12

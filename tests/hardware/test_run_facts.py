@@ -1,6 +1,7 @@
 """What a run leaves beside its recording says how it ended and under which limits, whatever ended it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,32 +11,34 @@ from motorprior.artifacts import read_json
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.commands import run_deploy, run_record
 from motorprior.hardware.settings import DeploySettings, RecordSettings
-from motorprior.hardware.virtual_pupper import VirtualPupper
-from motorprior.robots.pupper_v2 import spec
+from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import SafetyLimits
 
 
-@pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch, patient_limits: spec.SafetyLimits) -> None:
+@pytest.fixture
+def patient(patient_limits: SafetyLimits) -> Robot:
     """The commands take the robot's own limits; this machine has other things to do."""
-    monkeypatch.setattr(spec, "SAFETY", patient_limits)
+    return replace(PUPPER_V2, wire=replace(PUPPER_V2.require_wire(), safety=patient_limits))
 
 
-def walk_into(pupper: VirtualPupper, kind: str, trot: Path, out: Path) -> None:
+def walk_into(robot: Robot, pupper: VirtualRobot, kind: str, trot: Path, out: Path) -> None:
     """Deploy, and let something break at the first line of status."""
 
     def say(text: str) -> None:
         if "throttle" in text:
             pupper.break_down(kind)
 
-    run_deploy(trot, pupper.port, DeploySettings(out=out, seconds=6.0, yes=True), say)
+    run_deploy(robot, trot, pupper.port, DeploySettings(out=out, seconds=6.0, yes=True), say)
 
 
 @pytest.mark.parametrize(("kind", "outcome"), [("tilted", "fall"), ("numb", "frozen IMU"), ("unplugged", "unplugged")])
 def test_a_fault_that_ended_a_run_stands_in_its_facts(
-    virtual: Callable, trot: Path, tmp_path: Path, kind: str, outcome: str
+    patient: Robot, virtual: Callable, trot: Path, tmp_path: Path, kind: str, outcome: str
 ):
     with pytest.raises(RobotFault) as caught:
-        walk_into(virtual(), kind, trot, tmp_path)
+        walk_into(patient, virtual(), kind, trot, tmp_path)
     facts, figures = read_json(tmp_path / "run.json"), read_json(tmp_path / "figures.json")
     assert (facts["outcome"], facts["message"]) == (outcome, str(caught.value))
     assert facts["command"] == "deploy" and facts["settings"]["seconds"] == 6.0 and facts["ended"] >= facts["started"]
@@ -44,7 +47,7 @@ def test_a_fault_that_ended_a_run_stands_in_its_facts(
 
 
 def test_a_run_that_ended_in_time_says_so_and_counts_its_clips(
-    virtual: Callable, trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    patient: Robot, virtual: Callable, trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """Thirty control steps in which a joint is told to go beyond its end stop."""
     from motorprior.hardware.motions import Walker
@@ -57,18 +60,18 @@ def test_a_run_that_ended_in_time_says_so_and_counts_its_clips(
         return np.where((np.arange(12) == 3) & (1 < steps <= 31), 9.0, walk(self, measurement))
 
     monkeypatch.setattr(Walker, "__call__", beyond)
-    run_deploy(trot, virtual().port, DeploySettings(out=tmp_path, seconds=0.8, yes=True), lambda _: None)
+    run_deploy(patient, trot, virtual().port, DeploySettings(out=tmp_path, seconds=0.8, yes=True), lambda _: None)
     facts = read_json(tmp_path / "run.json")
     assert (facts["outcome"], facts["message"]) == ("time", None)
     assert facts["position_clips"] == 30 and facts["slew_clips"] >= 1
 
 
 def test_the_limits_in_force_are_those_of_the_recording(
-    virtual: Callable, tmp_path: Path, patient_limits: spec.SafetyLimits
+    patient: Robot, virtual: Callable, tmp_path: Path, patient_limits: SafetyLimits
 ):
     """A robot that hangs may lean, and targets are as slow as was asked."""
     settings = RecordSettings(out=tmp_path, seconds=1.0, speed=3.0, excitation="sine", yes=True)
-    run_record(virtual(hung=True).port, settings, lambda _: None)
+    run_record(patient, virtual(hung=True).port, settings, lambda _: None)
     facts = read_json(tmp_path / "run.json")
     assert facts["safety"]["max_tilt"] is None and facts["safety"]["target_speed"] == 3.0
     assert facts["safety"]["telemetry_age"] == patient_limits.telemetry_age

@@ -15,13 +15,14 @@ from motorprior.hardware.health import Extras, FrozenImu, Pace, Tilt, Tracking
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety import SafetyGate
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-LIMITS = spec.SAFETY
+LIMITS = PUPPER_V2.require_wire().safety
 target = st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=12, max_size=12).map(np.array)
 
 
 def armed(**settings: float) -> SafetyGate:
-    gate = SafetyGate(LIMITS, **{"kp": 50.0, "kd": 5.0, "max_current": 7.0, **settings})
+    gate = SafetyGate(PUPPER_V2, LIMITS, **{"kp": 50.0, "kd": 5.0, "max_current": 7.0, **settings})
     gate.take_hold(spec.NOMINAL_POSE, 0.0)
     return gate
 
@@ -34,7 +35,7 @@ def telemetry(**values) -> Telemetry:
 @given(steps=st.lists(st.tuples(target, st.floats(-1.0, 1.0)), max_size=20), speed=st.floats(0.1, 100.0))
 @settings(max_examples=300, deadline=None)
 def test_what_passes_is_inside_every_bound(steps: list[tuple[np.ndarray, float]], speed: float):
-    gate, now, last = SafetyGate(replace(LIMITS, target_speed=speed), 50.0, 5.0, 7.0), 0.0, spec.NOMINAL_POSE
+    gate, now, last = SafetyGate(PUPPER_V2, replace(LIMITS, target_speed=speed), 50.0, 5.0, 7.0), 0.0, spec.NOMINAL_POSE
     gate.take_hold(last, now)
     for wanted, pause in steps:
         now += pause
@@ -118,7 +119,7 @@ def test_slow_ends_and_counts_nothing():
 
 def test_nothing_passes_before_somebody_took_hold():
     with pytest.raises(RobotFault, match="not armed"):
-        SafetyGate(LIMITS, 50.0, 5.0, 7.0).admit(spec.NOMINAL_POSE, 0.0)
+        SafetyGate(PUPPER_V2, LIMITS, 50.0, 5.0, 7.0).admit(spec.NOMINAL_POSE, 0.0)
 
 
 def test_one_tilted_frame_is_no_fall():
@@ -132,7 +133,7 @@ def test_one_tilted_frame_is_no_fall():
 
 def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
     """First-order lag kd/kp, and 0.2 rad of sag: a real motor."""
-    tracking, joint = Tracking(LIMITS), np.zeros(12)
+    tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
     for step in range(500):
         wanted = 0.8 * np.sin(2 * np.pi * 1.5 * 0.01 * step) * np.ones(12)
         joint = joint + (1 - np.exp(-0.1)) * (wanted - joint)
@@ -144,7 +145,7 @@ def test_the_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: float):
     """A soft joint that follows in its own time is well; a stiff one that follows like a soft one is not."""
 
     def follows(lag: float) -> bool:
-        tracking, joint = Tracking(LIMITS), np.zeros(12)
+        tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
         tracking.begin(kd / kp)
         try:
             for step in range(300):
@@ -159,14 +160,14 @@ def test_the_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: float):
 
 
 def test_a_joint_that_stands_still_under_a_still_target_is_well():
-    tracking = Tracking(LIMITS)
+    tracking = Tracking(PUPPER_V2, LIMITS)
     for step in range(500):
         tracking.check(np.full(12, 0.3), np.full(12, 0.2), 0.01 * step)
 
 
 @pytest.mark.parametrize(("motion", "kind"), [(0.0, "stuck"), (0.01, "tracking")])
 def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
-    tracking, joint = Tracking(LIMITS), np.zeros(12)
+    tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
     with pytest.raises(RobotFault, match=rf"{kind}.*FL_hip") as caught:
         for step in range(200):
             joint[4] = motion * np.sin(3.0 * step)
@@ -178,11 +179,11 @@ def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
 
 def test_a_stuck_joint_is_told_with_its_own_figures():
     """0.3 rad for the one that stands still, not the 0.6 of one that follows."""
-    tracking, joints, wanted = Tracking(LIMITS), np.zeros(12), np.zeros(12)
+    tracking, joints, wanted = Tracking(PUPPER_V2, LIMITS), np.zeros(12), np.zeros(12)
     with pytest.raises(RobotFault, match=r"FR_abduction moved less .* led it 0\.[12]\d rad"):
         for step in range(100):
             wanted[0], wanted[5] = 0.3, 0.6
-            joints[5] = 0.6 * (1.0 - np.exp(-0.01 * step / spec.TRACKING_LAG))
+            joints[5] = 0.6 * (1.0 - np.exp(-0.01 * step / PUPPER_V2.require_wire().tracking_lag))
             tracking.check(joints, wanted, 0.01 * step)
 
 
@@ -234,7 +235,7 @@ def test_some_late_steps_are_allowed_and_many_are_not():
 def test_one_damaged_frame_is_no_overcurrent_no_heat_and_no_flat_battery(
     bad: dict, well: dict, kind: str, duration: float
 ):
-    extras = Extras(LIMITS)
+    extras = Extras(PUPPER_V2, LIMITS)
     for step in range(100):
         extras.check(telemetry(**(bad if step % 3 == 0 else well)), 0.01 * step)
     with pytest.raises(RobotFault) as caught:
@@ -246,11 +247,11 @@ def test_one_damaged_frame_is_no_overcurrent_no_heat_and_no_flat_battery(
 def test_one_class_writes_to_the_port_and_gets_every_command_from_the_gate():
     """Who else could send: the watchdog, which knows one command."""
     folder = Path(safety.__file__).parent
-    written = {file.name: file.read_text("utf-8") for file in folder.glob("*.py")}
-    assert {name for name, text in written.items() if "link.send(" in text} == {"robot.py"}
+    written = {file.name: file.read_text("utf-8") for file in folder.rglob("*.py")}
+    assert {name for name, text in written.items() if "port.send(" in text} == {"robot_link.py"}
     assert {name for name, text in written.items() if "SerialLink(" in text} == {"commands.py"}
-    robot = written["robot.py"]
-    assert sorted(re.findall(r"link\.send\((.*)\)", robot)) == ["command", "command", "gate.law()"]
+    robot = written["robot_link.py"]
+    assert sorted(re.findall(r"port\.send\((.*)\)", robot)) == ["command", "command", "gate.law()"]
     assert "command = gate.admit(target" in robot and "_send_idle(self._gate.idle())" in robot
     writers = {name for name, text in written.items() if "os.write(" in text}
-    assert writers == {"serial_link.py", "watchdog.py", "guardian.py", "recorder.py", "virtual_pupper.py"}
+    assert writers == {"serial_link.py", "watchdog.py", "guardian.py", "recorder.py", "virtual_robot.py"}

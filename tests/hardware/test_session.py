@@ -17,13 +17,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.commands import run_doctor, run_record
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.doctor import examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.firmware import IDLE, FirmwareConfig
 from motorprior.hardware.motions import Walker, played, ramp
 from motorprior.hardware.pilot import Pilot
 from motorprior.hardware.serial_link import SerialLink
@@ -31,18 +31,19 @@ from motorprior.hardware.session import StopRequest, first_look, look_and_confir
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.terminal import careful
-from motorprior.hardware.virtual_pupper import VirtualPupper, in_thread
+from motorprior.hardware.virtual.firmware import IDLE, FirmwareConfig
+from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
-from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 @pytest.mark.parametrize(
     ("robot", "fault", "need_imu", "words"),
     [
-        ({"imu": False}, None, True, "no IMU.*without_imu"),
+        ({"imu": False}, None, True, "no IMU.*give without_imu"),
         ({}, "tilted", True, "fall"),
         ({}, "mute", True, "stale telemetry"),
         ({"imu": False}, None, False, None),
@@ -74,13 +75,13 @@ def test_a_robot_that_moves_by_itself_is_not_armed(virtual: Callable, host: Call
 
 
 @pytest.fixture
-def at_period() -> Iterator[Callable[[int], VirtualPupper]]:
+def at_period() -> Iterator[Callable[[int], VirtualRobot]]:
     """A virtual Pupper whose firmware sends every so many milliseconds, which the command line does not offer."""
     ends = []
 
-    def start(period: int) -> VirtualPupper:
-        body = TwinBody(draw_motors(load_robot_fleet("pupper_v2"), 0), False, 0)
-        pupper = VirtualPupper(body, FirmwareConfig(telemetry_period=period, homes=False))
+    def start(period: int) -> VirtualRobot:
+        body = TwinBody(PUPPER_V2, draw_motors(PUPPER_V2, load_fleet("pupper_v2"), 0), False, 0)
+        pupper = VirtualRobot(PUPPER_V2, body, FirmwareConfig(telemetry_period=period, homes=False))
         ends.append(in_thread(pupper))
         return pupper
 
@@ -122,7 +123,7 @@ def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callabl
     """1 % of the frames lost, 1 % damaged, 1 % twice, both ways."""
     pupper = virtual(drop=0.01, corrupt=0.01, duplicate=0.01, currents=True)
     policy = Policy.load(trot)
-    run = walk(host(pupper.port), policy, gains_for(policy), StopRequest(), seconds=1.5)
+    run = walk(host(pupper.port), policy, gains_for(PUPPER_V2, policy), StopRequest(), seconds=1.5)
     assert run.stopped_by == "time" and len(run.timing.sent) > 100
     deadline = time.monotonic() + 2.0
     while pupper.firmware.mode != IDLE and time.monotonic() < deadline:
@@ -134,11 +135,11 @@ def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callabl
 
 def test_a_port_has_one_user(virtual: Callable):
     pupper = virtual()
-    link = SerialLink(pupper.port)
+    link = SerialLink(PUPPER_V2, pupper.port)
     with pytest.raises(RobotFault, match=r"/dev/null .*no serial port"):
-        SerialLink("/dev/null")
+        SerialLink(PUPPER_V2, "/dev/null")
     with pytest.raises(RobotFault, match="close every other program"):
-        SerialLink(pupper.port)
+        SerialLink(PUPPER_V2, pupper.port)
     link.close()
     with pytest.raises(RobotFault, match="unplugged"):
         link.wait(time.monotonic())
@@ -156,7 +157,7 @@ def test_the_doctor_finds_what_is_wrong(virtual: Callable, host: Callable):
 
 @pytest.mark.parametrize(("kind", "said"), [("numb", "have been the same for 0.3"), ("blind", "have been the same")])
 def test_the_doctor_sees_an_imu_that_stopped(virtual: Callable, host: Callable, kind: str, said: str):
-    """Other than zero is not alive: a frozen sensor repeats its last words."""
+    """Other than zero is not alive: a frozen sensor repeats its last values."""
     pupper = virtual()
     robot = host(pupper.port)
     timer = threading.Timer(0.5, lambda: pupper.break_down(kind))
@@ -168,7 +169,7 @@ def test_the_doctor_sees_an_imu_that_stopped(virtual: Callable, host: Callable, 
 
 def test_the_doctor_takes_the_current_away_when_asked(virtual: Callable, when: Callable):
     pupper = virtual()
-    found = run_doctor(pupper.port, 1.0, idle=True)
+    found = run_doctor(PUPPER_V2, pupper.port, 1.0, idle=True)
     assert {one.check for one in found if not one.well} <= {f"joint {name}" for name in spec.JOINT_NAMES}, "it sank"
     when(pupper, IDLE)
     assert {what for _, what in pupper.events} == {IDLE}
@@ -178,7 +179,7 @@ def test_a_device_that_is_no_robot_is_sent_nothing():
     master, slave = pty.openpty()
     tty.setraw(slave)
     with pytest.raises(RobotFault, match="stale telemetry"):
-        run_doctor(os.ttyname(slave), 1.0, idle=True)
+        run_doctor(PUPPER_V2, os.ttyname(slave), 1.0, idle=True)
     assert not select.select([master], [], [], 0.1)[0]
     os.close(master)
     os.close(slave)
@@ -213,8 +214,8 @@ def test_words_do_not_wait_for_a_terminal_that_takes_none():
 
 def test_nobody_at_the_terminal_is_refused_also_without_a_standard_input(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.stdin", None)
-    with pytest.raises(ConfigError, match="nobody is at the terminal"):
-        run_record("/dev/null", RecordSettings(), lambda _: None)
+    with pytest.raises(ConfigError, match="no terminal to confirm at"):
+        run_record(PUPPER_V2, "/dev/null", RecordSettings(), lambda _: None)
 
 
 def test_silence_is_a_diagnosis(host: Callable):
@@ -235,12 +236,12 @@ def test_silence_is_a_diagnosis(host: Callable):
 )
 @settings(max_examples=60, deadline=None)
 def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, amplitude, speed, seed):
-    targets = excitation_targets(kind, joints_of(joint), seconds, amplitude, speed, spec.CONTROL_DT, seed)
+    targets = excitation_targets(PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed)
     away = targets - spec.NOMINAL_POSE
     assert np.abs(away).max() <= amplitude + 1e-9
     assert np.all(targets >= spec.JOINT_LOWER) and np.all(targets <= spec.JOINT_UPPER)
     moving = set(np.flatnonzero(np.abs(away).max(axis=0)))
-    assert moving <= set(joints_of(joint)) and moving
+    assert moving <= set(joints_of(PUPPER_V2, joint)) and moving
     assert np.abs(away[0]).max() == 0.0 and np.abs(away[-1]).max() < 1e-9
     if kind != "steps":
         assert np.abs(np.diff(targets, axis=0)).max() <= speed * spec.CONTROL_DT + 1e-9
@@ -249,14 +250,14 @@ def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, am
 @pytest.mark.parametrize("joint", ["abduction", "FL_abduction"])
 def test_an_excitation_that_would_move_nothing_is_refused(joint: str):
     with pytest.raises(ConfigError, match=r"gait does not move .*FL_abduction.*another joint"):
-        excitation_targets("gait", joints_of(joint), 2.0, 0.3, 8.0, spec.CONTROL_DT, 0)
+        excitation_targets(PUPPER_V2, "gait", joints_of(PUPPER_V2, joint), 2.0, 0.3, 8.0, 0)
 
 
 def test_joints_are_found_by_any_of_their_names():
-    assert joints_of("all") == tuple(range(12)) and joints_of("RL_knee") == (11,)
-    assert joints_of("FL") == (3, 4, 5) and joints_of("hip") == (1, 4, 7, 10)
+    assert joints_of(PUPPER_V2, "all") == tuple(range(12)) and joints_of(PUPPER_V2, "RL_knee") == (11,)
+    assert joints_of(PUPPER_V2, "FL") == (3, 4, 5) and joints_of(PUPPER_V2, "hip") == (1, 4, 7, 10)
     with pytest.raises(ConfigError):
-        joints_of("")
+        joints_of(PUPPER_V2, "")
 
 
 def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
@@ -295,10 +296,10 @@ def test_throttle_scales_the_stride_and_full_throttle_is_the_policy_itself(trot:
     from motorprior.hardware.protocol import Telemetry
 
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    state = backend_state(Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
+    state = backend_state(PUPPER_V2, Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
 
     def stride(throttle: float) -> float:
-        walker = Walker(Policy.load(trot))
+        walker = Walker(PUPPER_V2, Policy.load(trot))
         walker.throttle = throttle
         return float(np.ptp([walker.step(state)[1] for _ in range(300)][100:]))
 
@@ -307,14 +308,14 @@ def test_throttle_scales_the_stride_and_full_throttle_is_the_policy_itself(trot:
 
 def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
     policy = Policy.load(trot)
-    assert (gains_for(policy).kp, gains_for(policy).kd) == (50.0, 5.0)
-    assert (gains_for(policy, 22.0, 2.2).kp, gains_for(policy, 22.0, 2.2).kd) == (22.0, 2.2)
+    assert (gains_for(PUPPER_V2, policy).kp, gains_for(PUPPER_V2, policy).kd) == (50.0, 5.0)
+    assert (gains_for(PUPPER_V2, policy, 22.0, 2.2).kp, gains_for(PUPPER_V2, policy, 22.0, 2.2).kd) == (22.0, 2.2)
 
 
 @pytest.mark.flaky(reruns=2)
 def test_a_soft_joint_may_take_its_time(still_body, host: Callable):
     """With 10 A/rad and 6 A·s/rad a joint needs 0.6 s, not 0.1 s: that is no fault."""
-    pupper = VirtualPupper(still_body, FirmwareConfig(homes=False, with_imu=False))
+    pupper = VirtualRobot(PUPPER_V2, still_body, FirmwareConfig(homes=False, with_imu=False))
     end = in_thread(pupper)
     robot = host(pupper.port)
     robot.arm(10.0, 6.0, 7.0)

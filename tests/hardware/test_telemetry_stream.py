@@ -9,7 +9,9 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.health import check_stream
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import TelemetryStream
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+WIRE = PUPPER_V2.require_wire()
 
 
 def frame(ts: float, **values) -> Telemetry:
@@ -19,7 +21,7 @@ def frame(ts: float, **values) -> Telemetry:
 
 def running(frames: int = 100) -> TelemetryStream:
     """100 Hz, 3 ms on the way."""
-    stream = TelemetryStream(spec.SAFETY)
+    stream = TelemetryStream(WIRE.safety)
     for n in range(frames):
         assert stream.take(frame(10.0 * n), 5.0 + 0.01 * n + 0.003) is not None
     return stream
@@ -42,7 +44,7 @@ def test_a_damaged_stamp_that_looks_possible_makes_no_other_frame_look_old():
 
 def test_a_drifting_clock_is_followed():
     """100 ppm for ten minutes are 60 ms."""
-    stream, ages = TelemetryStream(spec.SAFETY), []
+    stream, ages = TelemetryStream(WIRE.safety), []
     for n in range(60_000):
         measurement = stream.take(frame(round(10.0 * n * (1 - 1e-4))), 0.01 * n)
         if measurement is not None:
@@ -80,11 +82,11 @@ def test_a_frame_that_no_robot_can_be_in_is_not_believed(values: dict):
 
 def test_a_row_of_impossible_frames_is_a_fault():
     stream = running()
-    for n in range(spec.SAFETY.implausible_frames):
-        check_stream(stream, spec.SAFETY, 6.0)
+    for n in range(WIRE.safety.implausible_frames):
+        check_stream(stream, WIRE.safety, 6.0)
         stream.take(frame(1000.0 + 10 * n, pos=np.full(12, 0.9)), 6.003 + 0.01 * n)
     with pytest.raises(RobotFault, match="implausible"):
-        check_stream(stream, spec.SAFETY, 6.04)
+        check_stream(stream, WIRE.safety, 6.04)
 
 
 def test_a_restart_of_the_robot_is_a_fault():
@@ -92,24 +94,24 @@ def test_a_restart_of_the_robot_is_a_fault():
     for n in range(3):
         stream.take(frame(10.0 * n), 16.0 + 0.01 * n)
     with pytest.raises(RobotFault, match="implausible"):
-        check_stream(stream, spec.SAFETY, 16.04)
+        check_stream(stream, WIRE.safety, 16.04)
 
 
 def test_old_telemetry_is_a_fault_whether_it_stops_or_is_late():
     stream = running()
-    check_stream(stream, spec.SAFETY, 6.05)
+    check_stream(stream, WIRE.safety, 6.05)
     with pytest.raises(RobotFault, match="stale"):
-        check_stream(stream, spec.SAFETY, 6.2)
+        check_stream(stream, WIRE.safety, 6.2)
     for n in range(1, 4):  # frames keep coming, each 150 ms late
         stream.take(frame(990.0 + 10.0 * n), 6.14 + 0.01 * n)
     with pytest.raises(RobotFault, match="stale"):
-        check_stream(stream, spec.SAFETY, 6.171)
+        check_stream(stream, WIRE.safety, 6.171)
     with pytest.raises(RobotFault, match="nothing came yet"):
-        check_stream(TelemetryStream(spec.SAFETY), spec.SAFETY, 0.0)
+        check_stream(TelemetryStream(WIRE.safety), WIRE.safety, 0.0)
 
 
 def test_a_fast_walk_is_believed_at_one_lost_frame_in_two():
-    stream = TelemetryStream(spec.SAFETY)
+    stream = TelemetryStream(WIRE.safety)
     for n in range(0, 1000, 2):
         pose = np.full(12, 1.0 * np.sin(2 * np.pi * 2.0 * 0.01 * n))  # up to 12.6 rad/s
         assert stream.take(frame(10.0 * n, pos=pose, roll=0.1 * np.sin(0.3 * n)), 0.01 * n) is not None

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.firmware import IDLE
 from motorprior.hardware.guardian import Guardian
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_pupper import VirtualPupper
+from motorprior.hardware.virtual.firmware import IDLE
+from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 from motorprior.logs.robot_run import Mode, read_robot_run
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 KILLS, ATTEMPTS, WALKED = 3, 6, 30
 SECONDS_ASLEEP = 17
@@ -27,7 +28,7 @@ many [s]."""
 
 
 def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_next_host(virtual: Callable):
-    link = SerialLink(virtual().port)
+    link = SerialLink(PUPPER_V2, virtual().port)
     guardian = Guardian(link.fileno(), 0.08)
     os.kill(guardian.pid, signal.SIGSTOP)
     with pytest.raises(RobotFault, match="dead or asleep"):
@@ -45,7 +46,7 @@ def walked(log: Path) -> int:
     return sum(line.split(",", 2)[1:2] == [str(int(Mode.WALK))] for line in lines)
 
 
-def kill_while_walking(pupper: VirtualPupper, walking: subprocess.Popen, log: Path) -> float | None:
+def kill_while_walking(pupper: VirtualRobot, walking: subprocess.Popen, log: Path) -> float | None:
     """SIGKILL to a host that walks; when [s], None if this machine was too busy for a walk, and the host said so."""
     give_up = time.monotonic() + 60.0
     while walked(log) < WALKED:
@@ -71,7 +72,7 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
         took.append(when(pupper, IDLE, killed) - killed)
         time.sleep(0.15)
         assert pupper.events[-1][1] == IDLE, "nothing moves it again"
-        assert read_robot_run(log, (Mode.WALK,)).num_rows >= WALKED, "the recording survives"
+        assert read_robot_run(log, PUPPER_V2, (Mode.WALK,)).num_rows >= WALKED, "the recording survives"
         if len(took) == KILLS:
             break
     assert len(took) == KILLS, "this machine is too busy"

@@ -15,12 +15,15 @@ from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+WIRE = PUPPER_V2.require_wire()
 
 
 def test_who_sits_down_does_not_walk_again(virtual: Callable, host: Callable, sits: Callable, tmp_path: Path):
     """A battery that runs flat on the way down: the rest of the way, not the gait's end once more."""
     pupper, begun = virtual(), 0
-    robot = host(pupper.port, recorder=Recorder(tmp_path / "run.csv"))
+    robot = host(pupper.port, recorder=Recorder(PUPPER_V2, tmp_path / "run.csv"))
     robot.limits = replace(robot.limits, slow_speed=1.5)
 
     def wind_down() -> Motion:
@@ -37,7 +40,7 @@ def test_who_sits_down_does_not_walk_again(virtual: Callable, host: Callable, si
         return target
 
     with pytest.raises(RobotFault, match="battery"):
-        run_armed(robot, Gains(), StopRequest(), lambda _: None, wind_down=wind_down)
+        run_armed(robot, Gains.of(WIRE), StopRequest(), lambda _: None, wind_down=wind_down)
     modes = [int(row.split(",")[1]) for row in (tmp_path / "run.csv").read_text().splitlines()[1:]]
     assert begun == 1 and modes == sorted(modes) and modes[-1] == Mode.CROUCH
     assert sits(pupper)
@@ -57,7 +60,7 @@ def test_coming_to_rest_goes_on_after_a_fault_in_it(virtual: Callable, host: Cal
         return lambda _: next(rows, None)
 
     with pytest.raises(RobotFault, match="battery"):
-        run_armed(robot, Gains(), StopRequest(), lambda _: None, wind_down=wind_down)
+        run_armed(robot, Gains.of(WIRE), StopRequest(), lambda _: None, wind_down=wind_down)
     assert begun == 2 and sits(pupper)
 
 
@@ -76,6 +79,6 @@ def test_the_way_up_is_slow_whatever_the_motion_says(
     def work(_: ControlLoop) -> None:
         row.append(robot.target)
 
-    run_armed(robot, Gains(), StopRequest(), work, crouch=False)
+    run_armed(robot, Gains.of(WIRE), StopRequest(), work, crouch=False)
     assert np.abs(spec.NOMINAL_POSE - start).max() > 0.5, "ten steps are too few for it"
     assert np.abs(row[0] - start).max() <= 10 * 2 * spec.CONTROL_DT * 1.5 + 0.05

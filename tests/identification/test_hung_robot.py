@@ -57,7 +57,7 @@ def found(tmp_path_factory: pytest.TempPathFactory, known: GearedMotor) -> Poste
 @pytest.fixture(scope="module")
 def truth(known: GearedMotor) -> np.ndarray:
     """(12, P) the motors' own latents."""
-    motors: MotorParameters = draw_motors(FLEET, ROBOT)
+    motors: MotorParameters = draw_motors(PUPPER_V2, FLEET, ROBOT)
     values = {name: getattr(motors, name) for name in PARAMETERS if name != "kd_over_kp"}
     values["kd_over_kp"] = motors.kd / motors.kp
     raw = [values[name] / ZERO_SCALE if name == "encoder_zero" else np.log(values[name] + 1e-9) for name in PARAMETERS]

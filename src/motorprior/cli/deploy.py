@@ -13,6 +13,7 @@ from motorprior.cli.console import CONSOLE, table
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.hardware.settings import DeploySettings, require_robot_extra
 from motorprior.locomotion.policy import Policy
+from motorprior.robots.load import load_robot
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,6 @@ def run_deploy_command(config: Deploy) -> None:
     Policy.load(config.policy)  # before a virtual robot is started for nothing
     say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
     with config.choice.open() as port:
-        figures = run_deploy(config.policy, port, config.settings, say)
+        figures = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, say)
     if figures:
         table("Clock", ["figure", "value"], [[name, f"{value:.3f}"] for name, value in figures.items()])

@@ -10,6 +10,7 @@ import tyro
 from motorprior.cli.console import table
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.hardware.settings import require_robot_extra
+from motorprior.robots.load import load_robot
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ def run_doctor_command(config: Doctor) -> None:
     from motorprior.hardware.commands import require_well, run_doctor
 
     with config.choice.open() as port:
-        found = run_doctor(port, config.seconds, config.idle)
+        found = run_doctor(load_robot(config.choice.kind), port, config.seconds, config.idle)
     rows = [["ok" if one.well else "BAD", one.check, one.finding, "" if one.well else one.remedy] for one in found]
     table(f"{port}, {config.seconds:g} s", ["", "check", "finding", "remedy"], rows)
     require_well(found)

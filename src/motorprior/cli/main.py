@@ -29,7 +29,7 @@ from motorprior.cli.report import MakeReport, run_report  # noqa: E402
 from motorprior.cli.speed import Speed, run_speed  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
-from motorprior.cli.virtual_pupper import VirtualPupperCommand, run_virtual_pupper  # noqa: E402
+from motorprior.cli.virtual_robot import VirtualRobotCommand, run_virtual_robot  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
 from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
@@ -53,7 +53,7 @@ Command = (
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Deploy, tyro.conf.subcommand("deploy")]
     | Annotated[Record, tyro.conf.subcommand("record")]
-    | Annotated[VirtualPupperCommand, tyro.conf.subcommand("virtual-pupper")]
+    | Annotated[VirtualRobotCommand, tyro.conf.subcommand("virtual-robot")]
     | Annotated[MakeReport, tyro.conf.subcommand("report")]
     | Annotated[Speed, tyro.conf.subcommand("speed")]
 )
@@ -72,7 +72,7 @@ RUN = {
     Doctor: run_doctor_command,
     Deploy: run_deploy_command,
     Record: run_record_command,
-    VirtualPupperCommand: run_virtual_pupper,
+    VirtualRobotCommand: run_virtual_robot,
     MakeReport: run_report,
     Speed: run_speed,
 }

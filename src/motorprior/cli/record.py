@@ -11,6 +11,7 @@ import tyro
 from motorprior.cli.console import CONSOLE
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.hardware.settings import RecordSettings, require_robot_extra
+from motorprior.robots.load import load_robot
 
 
 @dataclass(frozen=True)
@@ -39,5 +40,5 @@ def run_record_command(config: Record) -> None:
     if choice.virtual and not settings.standing:
         choice = replace(choice, robot=replace(choice.robot, hung=True))
     with choice.open() as port:
-        log = run_record(port, settings, say)
+        log = run_record(load_robot(choice.kind), port, settings, say)
     say(f"{log}: next, motorprior logs check {log}")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline.virtual_robot import Virtual, living
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -16,10 +17,12 @@ class RobotChoice:
 
     port: str | None = None
     """Serial port, for example /dev/ttyACM0; the only one there is if not given."""
+    kind: str = DEFAULT_ROBOT
+    """Which robot: a shipped one by name."""
     virtual: bool = False
-    """Start a virtual Pupper and use it."""
+    """Start a virtual robot and use it."""
     robot: Virtual = field(default_factory=Virtual)
-    """The virtual Pupper."""
+    """The virtual robot."""
 
     @contextlib.contextmanager
     def open(self) -> Iterator[str]:
@@ -33,12 +36,12 @@ class RobotChoice:
             raise ConfigError(f"--port {self.port} and --virtual", remedy="give one of them")
         if not self.virtual and self.robot != Virtual():
             raise ConfigError(
-                "settings of a virtual Pupper without --virtual", remedy="give --virtual, or leave them out"
+                "settings of a virtual robot without --virtual", remedy="give --virtual, or leave them out"
             )
         if not self.virtual:
             from motorprior.hardware.commands import the_port
 
             yield the_port(self.port)
             return
-        with living(self.robot) as port:
+        with living(self.kind, self.robot) as port:
             yield port

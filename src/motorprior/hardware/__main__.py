@@ -16,6 +16,8 @@ from typing import Any, get_args, get_type_hints
 from motorprior.exceptions import ConfigError, MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
 from motorprior.hardware.terminal import Say, careful
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 SECONDS = 3.0
 IDLE_FIRST = "take the current from the motors first, so that legs can be moved by hand; a standing robot sinks"
@@ -28,6 +30,7 @@ def parser() -> argparse.ArgumentParser:
     for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
         command = commands.add_parser(name)
         command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one there is if not given")
+        command.add_argument("--robot", default=DEFAULT_ROBOT, help="name of a shipped robot, or path of a .toml file")
         if name == "deploy":
             command.add_argument("policy", type=Path, help="policy.safetensors")
         if settings is None:
@@ -68,7 +71,7 @@ def main() -> None:
         _require_no_virtual_robot(sys.argv[1:])
         arguments = vars(parser().parse_args())
         require_robot_extra()
-        _run(arguments.pop("command"), arguments.pop("port"), arguments.pop("policy", None), arguments, say)
+        _run(arguments, say)
     except (MotorPriorError, OSError) as error:
         say(f"error: {error.on_command_line() if isinstance(error, MotorPriorError) else error}")
         raise SystemExit(2) from None
@@ -87,18 +90,19 @@ def _require_no_virtual_robot(words: list[str]) -> None:
         raise ConfigError(f"{asked[0]} needs the simulator", remedy="pip install 'motorprior[full,robot]'")
 
 
-def _run(command: str, given: str | None, policy: Path | None, arguments: dict[str, Any], say: Say) -> None:
+def _run(arguments: dict[str, Any], say: Say) -> None:
     from motorprior.hardware.commands import require_well, run_deploy, run_doctor, run_record, the_port
 
-    port = the_port(given)
-    if command == "deploy" and policy is not None:
-        figures = run_deploy(policy, port, DeploySettings(**arguments), say)
+    command, policy = arguments.pop("command"), arguments.pop("policy", None)
+    robot, port = load_robot(arguments.pop("robot")), the_port(arguments.pop("port"))
+    if command == "deploy":
+        figures = run_deploy(robot, policy, port, DeploySettings(**arguments), say)
         for name, value in figures.items():
             say(f"{name} {value:.4g}")
     elif command == "record":
-        say(f"recorded {run_record(port, RecordSettings(**arguments), say)}")
+        say(f"recorded {run_record(robot, port, RecordSettings(**arguments), say)}")
     else:
-        found = run_doctor(port, arguments["seconds"], arguments["idle"])
+        found = run_doctor(robot, port, arguments["seconds"], arguments["idle"])
         for line in found:
             say(
                 f"{'ok ' if line.well else 'BAD'} {line.check}: {line.finding}"

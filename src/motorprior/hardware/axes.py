@@ -9,20 +9,21 @@ import numpy as np
 
 from motorprior.backend import BackendState
 from motorprior.hardware.protocol import Telemetry
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import Wire
 
 _SIGNED = ("pos", "vel", "cur", "pref", "vref", "cref", "lcur")
 
 
-def to_wire(angles: np.ndarray) -> np.ndarray:
-    """(12,) angles of the library as the robot counts them [rad]."""
-    return spec.JOINT_SIGNS * angles
+def to_wire(wire: Wire, angles: np.ndarray) -> np.ndarray:
+    """(joints,) angles of the library as the robot counts them [rad]."""
+    return wire.joint_signs * angles
 
 
-def from_wire(telemetry: Telemetry) -> Telemetry:
+def from_wire(wire: Wire, telemetry: Telemetry) -> Telemetry:
     """The same telemetry with every joint's series in the library's signs; its own inverse."""
-    series = {name: getattr(telemetry, name) for name in _SIGNED}
-    return replace(telemetry, **{name: spec.JOINT_SIGNS * value for name, value in series.items() if value is not None})
+    signs, series = wire.joint_signs, {name: getattr(telemetry, name) for name in _SIGNED}
+    return replace(telemetry, **{name: signs * value for name, value in series.items() if value is not None})
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -40,20 +41,21 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def backend_state(telemetry: Telemetry, torque: np.ndarray, fault: int = 0) -> BackendState:
-    """What the robot knows of itself, as every backend tells it.
+def backend_state(robot: Robot, telemetry: Telemetry, torque: np.ndarray, fault: int = 0) -> BackendState:
+    """The state that a robot's own sensors show, in the form that every backend reports.
 
-    It does not know where it is: x, y and the linear velocity are 0. Its height follows from the longest leg, as
-    if that stood on flat ground.
+    Not measured are x, y and the linear velocity, which are 0, and the height, which follows from the longest leg as
+    if that stood on flat ground: max over legs of leg.drop(joint_pos) · cos(roll) · cos(pitch).
 
     Args:
+        robot: described.
         telemetry: in the library's signs.
-        torque: (12,) of the motors [N·m].
+        torque: (joints,) of the motors [N·m].
         fault: 0, or the number of a fault.
     """
-    down = spec.leg_drop(telemetry.pos.reshape(4, 3)).max() * math.cos(telemetry.roll) * math.cos(telemetry.pitch)
+    down = max((leg.drop(telemetry.pos) for leg in robot.legs), default=0.0)
     return BackendState(
-        base_pos=np.array([0.0, 0.0, down]),
+        base_pos=np.array([0.0, 0.0, down * math.cos(telemetry.roll) * math.cos(telemetry.pitch)]),
         base_quat=quaternion(telemetry.roll, telemetry.pitch, telemetry.yaw),
         base_lin_vel=np.zeros(3),
         base_ang_vel=np.array([telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate]),

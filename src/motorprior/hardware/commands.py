@@ -1,4 +1,4 @@
-"""What a person asks of a robot: deploy, record, doctor. Checks, the files they leave, and the words in between.
+"""The commands deploy, record and doctor: checks, the files they leave, and messages to the user.
 
 The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both end here.
 """
@@ -16,18 +16,19 @@ from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
 from motorprior.hardware.pilot import pilot
 from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_facts import RunFacts
 from motorprior.hardware.serial_link import SerialLink, find_ports
 from motorprior.hardware.session import Gains, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, RecordSettings
-from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_somebody
+from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_terminal
 from motorprior.locomotion.policy import Policy
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
 _BELIEVED = 0.3
-"""Time in which a robot shows that it is one [s]."""
+"""Time to listen until telemetry proves that the device is a robot [s]."""
 
 
 def the_port(port: str | None) -> str:
@@ -48,7 +49,7 @@ def the_port(port: str | None) -> str:
     raise ConfigError(f"several ports: {', '.join(found)}", remedy="say which one is port", argument="port")
 
 
-def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dict[str, float]:
+def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, say: Say) -> dict[str, float]:
     """Walk; returns the figures of the run's timing.
 
     Raises:
@@ -58,74 +59,69 @@ def run_deploy(path: Path, port: str, settings: DeploySettings, say: Say) -> dic
     _require("seconds", settings.seconds, 0.0, 1e6)
     _require("throttle", settings.throttle, 0.0, 1.0, or_equal=True)
     policy = Policy.load(path)
-    deploy.check_policy(policy)
-    gains = replace(deploy.gains_for(policy, settings.kp, settings.kd), max_current=settings.max_current)
-    _require_gains(gains)
+    deploy.check_policy(robot, policy)
+    gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
+    _require_gains(gains, robot.require_wire().safety)
     if settings.dry_run:
-        with Robot(SerialLink(port)) as robot, stop_on_signals() as stop:
-            steps = deploy.rehearse(robot, policy, stop, settings.seconds or 5.0, say)
+        with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
+            steps = deploy.rehearse(link, policy, stop, settings.seconds or 5.0, say)
         say(f"dry run: {steps} control steps, nothing was sent")
         return {}
-    require_somebody(settings.yes)
+    require_terminal(settings.yes)
     out = settings.out or _dated("deploy")
     facts, timing = RunFacts(out), Timing()
-    robot = Robot(SerialLink(port), recorder=Recorder(out / LOG))
-    with robot, stop_on_signals() as stop, facts.kept(robot, timing, policy.control_dt):
+    link = RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, out / LOG))
+    with link, stop_on_signals() as stop, facts.kept(link, timing, policy.control_dt):
 
         def confirm() -> None:
             ask_to_arm(stop, settings.yes, WALKING, say)
             more = {"policy": str(path), "provenance": dict(policy.provenance)}
-            facts.begin("deploy", port, settings, gains, robot, more)
+            facts.begin("deploy", port, settings, gains, link, more)
 
         run = deploy.walk(
-            robot, policy, gains, stop,
+            link, policy, gains, stop,
             seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
             pilot=lambda: pilot(settings.throttle), status=say, timing=timing,
         )  # fmt: skip
         facts.outcome = run.stopped_by
-    say(f"stopped by {run.stopped_by or 'nobody'}; {out / LOG}")
+    say(f"stopped by {run.stopped_by}; {out / LOG}")
     return clock_figures([timing], policy.control_dt)
 
 
-def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
+def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> Path:
     """Excite and record; returns the log.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a folder in use.
         RobotFault: why it ended early; the recording is kept.
     """
+    wire = robot.require_wire()
     _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
     _require("amplitude", settings.amplitude, 0.0, 1.5)
-    _require("speed", settings.speed, 0.0, spec.SAFETY.target_speed)
+    _require("speed", settings.speed, 0.0, wire.safety.target_speed)
     if settings.seed < 0:
         raise ConfigError(f"seed {settings.seed} is below 0", remedy="give 0 or more", argument="seed")
-    gains = Gains(settings.kp, settings.kd, settings.max_current)
-    _require_gains(gains)
-    joints = joints_of(settings.joint)
+    gains = Gains.of(wire, settings.kp, settings.kd, settings.max_current)
+    _require_gains(gains, wire.safety)
+    joints = joints_of(robot, settings.joint)
     targets = excitation_targets(
-        settings.excitation,
-        joints,
-        settings.seconds,
-        _amplitude(settings),
-        settings.speed,
-        spec.CONTROL_DT,
-        settings.seed,
+        robot, settings.excitation, joints, settings.seconds, _amplitude(settings), settings.speed, settings.seed
     )
-    require_somebody(settings.yes)
+    require_terminal(settings.yes)
     out = settings.out or _dated("record")
-    limits = replace(spec.SAFETY, target_speed=settings.speed)
+    limits = replace(wire.safety, target_speed=settings.speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang askew
     facts, timing = RunFacts(out), Timing()
-    robot = Robot(SerialLink(port), limits, Recorder(out / LOG))
-    with robot, stop_on_signals() as stop, facts.kept(robot, timing, spec.CONTROL_DT):
+    link = RobotLink(robot, SerialLink(robot, port), limits, Recorder(robot, out / LOG))
+    with link, stop_on_signals() as stop, facts.kept(link, timing, robot.control_dt):
 
         def confirm() -> None:
             ask_to_arm(stop, settings.yes, STANDING if settings.standing else HUNG, say)
-            facts.begin("record", port, settings, gains, robot)
+            facts.begin("record", port, settings, gains, link)
 
         record.excite(
-            robot, targets, gains, stop,
+            link, targets, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
             confirm=confirm, status=say, timing=timing,
         )  # fmt: skip
@@ -133,7 +129,7 @@ def run_record(port: str, settings: RecordSettings, say: Say) -> Path:
     return out / LOG
 
 
-def run_doctor(port: str, seconds: float, idle: bool) -> list[Diagnosis]:
+def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Diagnosis]:
     """Listen and judge; sends nothing, or idle and nothing else.
 
     Raises:
@@ -141,15 +137,15 @@ def run_doctor(port: str, seconds: float, idle: bool) -> list[Diagnosis]:
         RobotFault: nothing came, or the port is gone.
     """
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
-    with Robot(SerialLink(port)) as robot:
+    with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
-            examine(robot, _BELIEVED)  # an unknown device at the port gets no bytes
-            robot.relax()
-        return examine(robot, seconds)
+            examine(link, _BELIEVED)  # an unknown device at the port gets no bytes
+            link.relax()
+        return examine(link, seconds)
 
 
 def require_well(found: list[Diagnosis]) -> None:
-    """Refuse what a doctor found.
+    """Refuse a robot with a finding that is not as it should be.
 
     Raises:
         RobotFault: something is not as it should be.
@@ -160,7 +156,7 @@ def require_well(found: list[Diagnosis]) -> None:
 
 
 def _amplitude(settings: RecordSettings) -> float:
-    """What the ground lets pass is less than what the air does: feet that are pushed into it look blocked."""
+    """The largest amplitude [rad]; a smaller one on the ground, where feet that are pushed into it look blocked."""
     if settings.amplitude is not None:
         return settings.amplitude
     return 0.1 if settings.standing else 0.4
@@ -175,8 +171,7 @@ def _require(name: str, value: float | None, low: float, high: float, or_equal: 
     )
 
 
-def _require_gains(gains: Gains) -> None:
-    limits = spec.SAFETY
+def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
     _require("kp", gains.kp, 0.0, limits.highest_kp)
     _require("kd", gains.kd, 0.0, limits.highest_kd)
     _require("max_current", gains.max_current, 0.0, limits.max_current)

@@ -12,10 +12,10 @@ import numpy as np
 
 from motorprior.hardware.health import Pace
 from motorprior.hardware.motions import Motion
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
-from motorprior.robots.pupper_v2.spec import SafetyLimits
+from motorprior.robots.wire import SafetyLimits
 
 _AFTER_TELEMETRY = 0.0015
 """A step aims at this time [s] after the arrival of a measurement, so that it acts on a fresh one."""
@@ -87,14 +87,14 @@ class ControlLoop:
         timing: of the motion played last.
 
     Args:
-        robot: armed.
+        link: armed.
         limits: for the host's pace.
         period: control period [s].
         stop: asked before every step; True ends the motion.
     """
 
-    def __init__(self, robot: Robot, limits: SafetyLimits, period: float, stop: Callable[[], bool]):
-        self._robot, self._period, self._stop = robot, period, stop
+    def __init__(self, link: RobotLink, limits: SafetyLimits, period: float, stop: Callable[[], bool]):
+        self._link, self._period, self._stop = link, period, stop
         self._pace = Pace(limits, period)
         self._deadline = time.monotonic() + period
         self.timing = Timing()
@@ -115,18 +115,18 @@ class ControlLoop:
             timing: filled, also if a fault ends the motion.
 
         Raises:
-            RobotFault: see `Robot.check`, `Robot.send` and `Pace.check`.
+            RobotFault: see `RobotLink.check`, `RobotLink.send` and `Pace.check`.
         """
         measurement, self.timing = None, timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
             try:
-                self._robot.listen(self._deadline)
-                measurement = self._robot.check()
+                self._link.listen(self._deadline)
+                measurement = self._link.check()
                 target = motion(measurement)
                 if target is None:
                     return measurement
-                sent = self._robot.send(target, mode)
+                sent = self._link.send(target, mode)
             except Exception:
                 self.timing.broken_off = max(0.0, time.monotonic() - self._deadline)
                 raise

@@ -11,15 +11,14 @@ from typing import Protocol
 import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import Walker
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, StopRequest, first_look, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.robot_run import Mode
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 
 GAIN_TOLERANCE = 0.15
 """A policy's gains may differ from the robot's by this share: they come out of a fit."""
@@ -30,7 +29,7 @@ _WIND_DOWN = 1.0
 
 
 class Pilot(Protocol):
-    """Whoever steers: a keyboard, a gamepad, nobody."""
+    """A person who steers, with keyboard or gamepad."""
 
     def throttle(self) -> float | None:
         """0..1, or None to stop."""
@@ -39,7 +38,7 @@ class Pilot(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a walk.
+    """Outcome of a walk.
 
     Attributes:
         timing: of the walk.
@@ -50,48 +49,59 @@ class Run:
     stopped_by: str
 
 
-def gains_for(policy: Policy, kp: float | None = None, kd: float | None = None) -> Gains:
+def gains_for(
+    robot: Robot,
+    policy: Policy,
+    kp: float | None = None,
+    kd: float | None = None,
+    max_current: float | None = None,
+) -> Gains:
     """The gains to send for a policy.
 
-    A policy says the gains of the motors it was trained on in N·m/rad. Those of the robot are 50 A/rad and 5 A·s/rad
-    times 0.18 N·m/A; the fleets were identified at these, so where the two agree to 15 % the robot's are sent.
+    A policy states the gains of the motors it was trained on in N·m/rad, a wire its own in A/rad; the torque constant
+    [N·m/A] is between them. The fleets were identified at the wire's, so where the two agree to 15 % these are sent.
 
     Args:
+        robot: with a wire.
         policy: to be deployed.
         kp: sent instead [A/rad].
         kd: sent instead [A·s/rad].
+        max_current: sent instead of the robot's own [A].
 
     Raises:
         ConfigError: the policy's gains are others and none were given.
     """
+    wire = robot.require_wire()
     for name, unit, given, of_policy, of_robot, highest in (
-        ("kp", "A/rad", kp, policy.kp, spec.WIRE_KP, spec.SAFETY.highest_kp),
-        ("kd", "A·s/rad", kd, policy.kd, spec.WIRE_KD, spec.SAFETY.highest_kd),
+        ("kp", "A/rad", kp, policy.kp, wire.kp, wire.safety.highest_kp),
+        ("kd", "A·s/rad", kd, policy.kd, wire.kd, wire.safety.highest_kd),
     ):
-        wanted = of_policy / spec.TORQUE_CONSTANT
+        wanted = of_policy / wire.torque_constant
         if given is None and np.abs(wanted / of_robot - 1.0).max() > GAIN_TOLERANCE:
             mean = float(wanted.mean())
             raise ConfigError(
                 f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {of_robot:g}",
                 remedy=(f"give {name} {mean:.1f} if that is meant, or " if mean <= highest else "")
                 + "train it with the robot's gains",
+                argument=name,
             )
-    return Gains(spec.WIRE_KP if kp is None else kp, spec.WIRE_KD if kd is None else kd)
+    return Gains.of(wire, kp, kd, max_current)
 
 
-def check_policy(policy: Policy) -> None:
+def check_policy(robot: Robot, policy: Policy) -> None:
     """Refuse a policy that this robot cannot run.
 
     Raises:
-        ArtifactError: another robot or joint order.
-        ConfigError: another control period.
+        ArtifactError: a damaged one.
+        ConfigError: one for another robot, other joints or another control period.
     """
     policy.check()
-    policy.require_clock(spec.CONTROL_DT)
+    policy.require_robot(robot)
+    policy.require_clock(robot.control_dt)
 
 
 def walk(
-    robot: Robot,
+    link: RobotLink,
     policy: Policy,
     gains: Gains,
     stop: StopRequest,
@@ -106,7 +116,7 @@ def walk(
     """Look at the robot, arm it, stand up, walk, sit down.
 
     Args:
-        robot: idle.
+        link: idle.
         policy: see `check_policy`.
         gains: to send.
         stop: ends the walk.
@@ -120,8 +130,8 @@ def walk(
     Raises:
         RobotFault: why the walk ended early; the robot is idle.
     """
-    walker = Walker(policy)
-    look_and_confirm(robot, confirm, need_imu, walker.warm_up)
+    walker = Walker(link.robot, policy)
+    look_and_confirm(link, confirm, need_imu, walker.warm_up)
     timing, ended_by = timing or Timing(), ""
 
     def work(loop: ControlLoop) -> None:
@@ -137,46 +147,46 @@ def walk(
             return walker(measurement)
 
         with pilot() as steering:
-            loop.play(motion, Mode.WALK, _status_line(robot, walker, status), timing)
+            loop.play(motion, Mode.WALK, _status_line(link, walker, status), timing)
 
-    run_armed(robot, gains, stop, work, control_dt=policy.control_dt, wind_down=lambda: walker.winding_down(_WIND_DOWN))
+    run_armed(link, gains, stop, work, wind_down=lambda: walker.winding_down(_WIND_DOWN))
     return Run(timing, ended_by or stop.reason or "")
 
 
-def rehearse(robot: Robot, policy: Policy, stop: StopRequest, seconds: float, status: Callable[[str], None]) -> int:
-    """Compute what the policy would say, and send nothing; returns the number of control steps."""
-    walker = Walker(policy)
-    walker.warm_up(first_look(robot, need_imu=False))
-    show, steps = _status_line(robot, walker, status), 0
+def rehearse(link: RobotLink, policy: Policy, stop: StopRequest, seconds: float, status: Callable[[str], None]) -> int:
+    """Compute the targets of a policy, and send nothing; returns the number of control steps."""
+    walker = Walker(link.robot, policy)
+    walker.warm_up(first_look(link, need_imu=False))
+    show, steps = _status_line(link, walker, status), 0
     deadline = time.monotonic()
     end = deadline + seconds
     while deadline < end and not stop():
         deadline += policy.control_dt
-        robot.listen(deadline)
-        measurement = robot.check()
-        target = walker.step(backend_state(measurement.telemetry, np.zeros(spec.NUM_JOINTS)))
+        link.listen(deadline)
+        measurement = link.check()
+        target = walker(measurement)
         if not np.all(np.isfinite(target)):
-            raise RobotFault("impossible command", f"the policy says {target.tolist()}")
+            raise RobotFault("impossible command", f"the policy's targets are {target.tolist()}")
         show(measurement)
         steps += 1
     return steps
 
 
-def _status_line(robot: Robot, walker: Walker, status: Callable[[str], None]) -> Callable[[Measurement], None]:
-    """A function that tells how things are, every half second."""
-    count = 0
+def _status_line(link: RobotLink, walker: Walker, status: Callable[[str], None]) -> Callable[[Measurement], None]:
+    """A function that gives ``status`` a line every 50 control steps."""
+    count, period = 0, link.robot.control_dt
 
     def show(measurement: Measurement) -> None:
         nonlocal count
         count += 1
         if count % _STATUS_EVERY:
             return
-        telemetry, stream = measurement.telemetry, robot.stream
+        telemetry, stream = measurement.telemetry, link.stream
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
-            f"{spec.CONTROL_DT * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  throttle "
-            f"{walker.throttle:.1f}  telemetry {age:.0f} ms old, damaged {robot.rejected + stream.impossible}{battery}"
+            f"{period * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  throttle "
+            f"{walker.throttle:.1f}  telemetry {age:.0f} ms old, damaged {link.rejected + stream.impossible}{battery}"
         )
 
     return show

@@ -17,9 +17,11 @@ from typing import Generic, TypeVar
 
 from motorprior.exceptions import ProtocolError
 from motorprior.hardware.protocol import (
+    IDLE,
     LARGEST_COMMAND,
     LARGEST_TELEMETRY,
     Command,
+    Sizes,
     Telemetry,
     decode_command,
     decode_telemetry,
@@ -58,14 +60,18 @@ COMMAND_FRAMING = Framing(b"\x00", 1, b"", LARGEST_COMMAND)
 TELEMETRY_FRAMING = Framing(b"\x45\x45", 2, b"\r\n", LARGEST_TELEMETRY)
 
 
-def command_frame(command: Command) -> bytes:
+def command_frame(command: Command, sizes: Sizes) -> bytes:
     """A command as it goes over the wire; raises what `encode_command` raises."""
-    return COMMAND_FRAMING.wrap(encode_command(command))
+    return COMMAND_FRAMING.wrap(encode_command(command, sizes))
 
 
-def telemetry_frame(telemetry: Telemetry) -> bytes:
+def telemetry_frame(telemetry: Telemetry, sizes: Sizes) -> bytes:
     """Telemetry as it goes over the wire; raises what `encode_telemetry` raises."""
-    return TELEMETRY_FRAMING.wrap(encode_telemetry(telemetry))
+    return TELEMETRY_FRAMING.wrap(encode_telemetry(telemetry, sizes))
+
+
+IDLE_FRAME = command_frame(IDLE, Sizes(0, 0))
+"""The same bytes for every robot: the command holds no array."""
 
 
 class FrameReader(Generic[Message]):
@@ -146,14 +152,14 @@ class FrameReader(Generic[Message]):
         self._line.clear()
 
 
-def command_reader() -> FrameReader[Command]:
-    """What the robot's firmware does with the bytes it gets."""
-    return FrameReader(COMMAND_FRAMING, decode_command)
+def command_reader(sizes: Sizes) -> FrameReader[Command]:
+    """The robot's end of the line: reads commands."""
+    return FrameReader(COMMAND_FRAMING, lambda payload: decode_command(payload, sizes))
 
 
-def telemetry_reader() -> FrameReader[Telemetry]:
-    """What the host does with the bytes it gets."""
-    return FrameReader(TELEMETRY_FRAMING, decode_telemetry)
+def telemetry_reader(sizes: Sizes) -> FrameReader[Telemetry]:
+    """The host's end of the line: reads telemetry and text."""
+    return FrameReader(TELEMETRY_FRAMING, lambda payload: decode_telemetry(payload, sizes))
 
 
 def _append_text(line: bytes, out: list) -> None:

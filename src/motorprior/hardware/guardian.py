@@ -1,4 +1,4 @@
-"""The host's side of the watchdog: starts the process, gives it beats, and hears when it has taken over."""
+"""The host's side of the watchdog: starts the process, sends it beats, and reads when it has taken over."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import sys
 from pathlib import Path
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.framing import command_frame
-from motorprior.hardware.protocol import IDLE
+from motorprior.hardware.framing import IDLE_FRAME
 
 _START, _SOON = 10.0, 0.005
 """Longest start of an interpreter, and longest wait for one that was killed [s]."""
 _PIPE, _BEAT = 4096, 40 * b"."
-"""A pipe of one page [bytes], and beats that fill it in about a second when nobody reads them: a watchdog that sleeps
+"""A pipe of one page [bytes], and beats that fill it in about a second when they are not read: a watchdog that sleeps
 is found out. Where pages are larger, or a pipe cannot be made smaller, it takes up to 16 s."""
 
 
@@ -39,8 +38,8 @@ class Guardian:
                 fcntl.fcntl(self._beats, fcntl.F_SETPIPE_SZ, _PIPE)
         self._reports, report_end = os.pipe()
         script = str(Path(__file__).with_name("watchdog.py"))
-        idle = command_frame(IDLE).hex()
-        arguments = [sys.executable, "-I", "-S", script, str(port), str(beat_end), str(report_end), str(timeout), idle]
+        numbers = [str(port), str(beat_end), str(report_end), str(timeout)]
+        arguments = [sys.executable, "-I", "-S", script, *numbers, IDLE_FRAME.hex()]
         try:
             self._process = subprocess.Popen(
                 arguments, pass_fds=(port, beat_end, report_end), start_new_session=True, stdin=subprocess.DEVNULL
@@ -92,7 +91,7 @@ class Guardian:
         os.close(self._reports)
 
     def kill(self) -> None:
-        """End it at once, dead or asleep: the robot still moves, and nobody may wait."""
+        """End it at once, dead or asleep, without waiting: the robot still moves."""
         self._process.kill()
         os.close(self._beats)
         os.close(self._reports)

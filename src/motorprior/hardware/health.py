@@ -1,7 +1,7 @@
-"""What is wrong with the robot, judged from believed telemetry and the targets it got. One small class per kind.
+"""Faults of a robot, found in believed telemetry and the targets that were sent. One small class per kind.
 
-Each check is fed once per measurement and raises `RobotFault` when its bound (`spec.SafetyLimits`) is broken for the
-stated time. Angles are those of the library, not of the wire.
+Each check is called once per measurement and raises `RobotFault` when its bound (`robots.wire.SafetyLimits`) is broken
+for the stated time. Angles are those of the library, not of the wire.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.spec import JOINT_NAMES, SafetyLimits
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import SafetyLimits
 
 
 class _Lasting:
@@ -74,17 +74,21 @@ class Tracking:
 
     reference += (1 - exp(-dt / lag)) (target - reference), lag = kd / kp of the gains that were sent: what a joint
     with these gains does.
+
+    Args:
+        robot: with a wire; until `begin`, the lag is that of its own gains.
+        limits: bounds.
     """
 
-    def __init__(self, limits: SafetyLimits):
-        self._limits = limits
-        self.begin(spec.TRACKING_LAG)
+    def __init__(self, robot: Robot, limits: SafetyLimits):
+        self._names, self._limits = robot.joint_names, limits
+        self.begin(robot.require_wire().tracking_lag)
 
     def begin(self, lag: float) -> None:
-        """Begin anew at the next measurement, with ``lag`` [s]: the motors had no current until now."""
+        """Restart from the next measurement, with ``lag`` [s]: the motors had no current until now."""
         self._lag = lag
         self._reference: np.ndarray | None = None
-        self._last, self._away = 0.0, np.zeros(spec.NUM_JOINTS)
+        self._last, self._away = 0.0, np.zeros(len(self._names))
         self._windows: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def check(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> None:
@@ -99,7 +103,7 @@ class Tracking:
         if self._away[worst] >= self._limits.tracking_time:
             raise RobotFault(
                 "tracking",
-                f"{JOINT_NAMES[worst]} is {error[worst]:.2f} rad from where its target led it, for "
+                f"{self._names[worst]} is {error[worst]:.2f} rad from where its target led it, for "
                 f"{self._away[worst]:.2f} s",
                 remedy="look for a motor without power, a loose cable or an obstacle",
             )
@@ -119,7 +123,7 @@ class Tracking:
             joint = int(np.argmax(stuck))
             raise RobotFault(
                 "stuck",
-                f"{JOINT_NAMES[joint]} moved less than {self._limits.stuck_motion} rad while its target led it "
+                f"{self._names[joint]} moved less than {self._limits.stuck_motion} rad while its target led it "
                 f"{led[joint]:.2f} rad",
                 remedy="look for a frozen encoder or a blocked joint",
             )
@@ -128,8 +132,8 @@ class Tracking:
 class Extras:
     """Currents, temperatures and battery, where the robot sends them."""
 
-    def __init__(self, limits: SafetyLimits):
-        self._limits = limits
+    def __init__(self, robot: Robot, limits: SafetyLimits):
+        self._names, self._limits = robot.joint_names, limits
         self._current = _Lasting(limits.current_time)
         self._temperature, self._battery = _Lasting(limits.warning_time), _Lasting(limits.warning_time)
 
@@ -139,13 +143,13 @@ class Extras:
         if self._current(current is not None and np.abs(current).max() > limits.measured_current, now):
             assert current is not None
             worst = int(np.argmax(np.abs(current)))
-            raise RobotFault("current", f"{JOINT_NAMES[worst]} draws {current[worst]:.1f} A")
+            raise RobotFault("current", f"{self._names[worst]} draws {current[worst]:.1f} A")
         if self._temperature(temperature is not None and temperature.max() > limits.temperature, now):
             assert temperature is not None
             worst = int(np.argmax(temperature))
             raise RobotFault(
                 "temperature",
-                f"{JOINT_NAMES[worst]} is at {temperature[worst]:.0f} °C",
+                f"{self._names[worst]} is at {temperature[worst]:.0f} °C",
                 safe_state="crouch",
                 remedy="let the motors cool down",
             )

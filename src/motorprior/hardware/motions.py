@@ -1,4 +1,4 @@
-"""What a robot is told, step by step: a ramp, a policy, an excitation. A motion ends by returning None."""
+"""Motions, step by step: a ramp, a policy, an excitation. A motion ends by returning None."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ import numpy as np
 from motorprior.backend import BackendState
 from motorprior.hardware.axes import backend_state
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.locomotion.body import action_size, body_of, observation_size
 from motorprior.locomotion.control_step import command_step
-from motorprior.locomotion.policy import ACTION_SIZE, INTENSITY, OBSERVATION_SIZE, Policy, act
+from motorprior.locomotion.policy import INTENSITY, Policy, act
 from motorprior.locomotion.task import observe
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
 
 Motion = Callable[[Measurement], np.ndarray | None]
-"""From the latest measurement to the (12,) position targets [rad] of this control step; None when it is over."""
+"""From the latest measurement to the (joints,) position targets [rad] of this control step; None when it is over."""
 _SHORTEST_RAMP = 0.5
 
 
 def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, hold: float = 0.0) -> Motion:
-    """From (12,) ``start`` to ``goal`` [rad], all joints together, with a cosine profile.
+    """From (joints,) ``start`` to ``goal`` [rad], all joints together, with a cosine profile.
 
     target = start + (goal - start)·(1 - cos(π t / T)) / 2, T such that no joint exceeds ``speed``.
 
@@ -48,46 +49,55 @@ def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, h
 
 
 def played(targets: np.ndarray) -> Motion:
-    """The rows of ``targets`` (steps, 12) [rad], one per control step."""
+    """The rows of ``targets`` (steps, joints) [rad], one per control step."""
     rows = iter(targets)
     return lambda _: next(rows, None)
 
 
 class Walker:
-    """A policy in the loop, with the very functions of the simulation, in the order of `PupperWalkEnv`.
+    """A policy in the loop, with the very functions of the simulation, in the order of `WalkEnv`.
 
     Attributes:
-        observation: (18,) what the policy saw last.
+        observation: (observations,) the last input of the policy.
         throttle: 0..1, share of the intensity that the policy asks for. 1 is the policy as it was trained; it was not
             trained for another.
     """
 
-    def __init__(self, policy: Policy):
-        self._policy = policy
+    def __init__(self, robot: Robot, policy: Policy):
+        joints = robot.num_joints
+        self._robot, self._body, self._policy = robot, body_of(robot), policy
         self.throttle = 1.0
-        self.observation, self._action = np.zeros(OBSERVATION_SIZE), np.zeros(ACTION_SIZE)
-        self._command, self._target = np.zeros(ACTION_SIZE), np.zeros(spec.NUM_JOINTS)
+        self.observation, self._action = np.zeros(observation_size(joints)), np.zeros(action_size(joints))
+        self._command, self._target = np.zeros(action_size(joints)), np.zeros(joints)
         self.reset()
 
     def reset(self) -> None:
         """Begin an episode: phase and filter at 0."""
-        self._phase, self._filter_state = 0.0, np.zeros(ACTION_SIZE)
+        self._phase, self._filter_state = 0.0, np.zeros(len(self._action))
 
     def step(self, state: BackendState) -> np.ndarray:
-        """The (12,) targets [rad] for a state: observe, act, command; afterwards the phase is the next one."""
+        """The (joints,) targets [rad] for a state: observe, act, command; afterwards the phase is the next one."""
         policy = self._policy
-        observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, self._phase, self.observation)
+        observe(
+            state.base_quat,
+            state.base_ang_vel,
+            state.measured_joint_pos,
+            self._phase,
+            self._body.nominal_pose,
+            self.observation,
+        )
         act(policy.weights, policy.observation_mean, policy.observation_std, self.observation, self._action)
         if self.throttle < 1.0:  # intensity = (action + 1) / 2, so this scales it
-            self._action[INTENSITY] = self.throttle * (self._action[INTENSITY] + 1.0) - 1.0
+            intensity = self._robot.num_joints + INTENSITY
+            self._action[intensity] = self.throttle * (self._action[intensity] + 1.0) - 1.0
         self._phase = command_step(
-            self._action, self._filter_state, self._phase, policy.control_dt, self._command, self._target
+            self._body, self._action, self._filter_state, self._phase, policy.control_dt, self._command, self._target
         )
         return self._target.copy()
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """`step` as a `Motion`."""
-        return self.step(backend_state(measurement.telemetry, np.zeros(spec.NUM_JOINTS)))
+        return self.step(backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints)))
 
     def winding_down(self, seconds: float) -> Motion:
         """The same gait with less and less throttle: a third of the time is stepping in place."""

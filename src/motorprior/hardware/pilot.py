@@ -1,7 +1,7 @@
-"""Whoever steers: a keyboard in a terminal, a gamepad where there is one, or nobody.
+"""Steering by a keyboard in a terminal, or by a gamepad where there is one.
 
-The one thing that can be steered is the throttle, the share of the trained intensity of the gait: the policies shipped
-so far walk straight on, and nobody taught them to turn.
+It sets the throttle, the share of the trained intensity of the gait, and nothing else: policies are trained to walk
+straight on, not to turn.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The messages between host and robot: dataclasses to msgpack and back, pure functions.
 
-Keys, units and array sizes are those of the firmware Nate711/DJIPupperTests (MIT). Angles are the robot's own:
-`axes` turns them into the library's and back. Numbers travel as float32.
+Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles are the robot's own: `axes` turns them
+into the library's and back. Numbers travel as float32.
 
 `temp` and `bat` are not in that firmware: a robot that measures them may send them under these names.
 """
@@ -17,28 +17,63 @@ import msgpack
 import numpy as np
 
 from motorprior.exceptions import ProtocolError
+from motorprior.robots.robot import Robot
 
 LARGEST_COMMAND = 255
 """Payload of a command [bytes]: its length travels in one byte."""
 LARGEST_TELEMETRY = 1023
 """Payload of telemetry [bytes]; all keys together need about 650. A longer length is a damaged one."""
+_SPARE = 4
+"""An array of a newer firmware may be so much longer than the longest known one; it is passed over."""
 LARGEST_FLOAT = float(np.finfo(np.float32).max)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Lengths of the arrays in a robot's messages.
+
+    Attributes:
+        joints: of the robot.
+        legs: of the robot.
+    """
+
+    joints: int
+    legs: int
+
+    @classmethod
+    def of(cls, robot: Robot) -> Sizes:
+        """Those of a robot."""
+        return cls(robot.num_joints, len(robot.legs))
+
+    @property
+    def of_command(self) -> dict[str, int]:
+        """Length of every array that a command may hold, by key."""
+        feet = 3 * self.legs
+        return {
+            "pos": self.joints, "activations": self.joints,
+            "cart_pos": feet, "cart_kp": 3, "cart_kd": 3, "ff_force": feet,
+        }  # fmt: skip
+
+    @property
+    def of_telemetry(self) -> dict[str, int]:
+        """Length of every array that telemetry may hold, by key."""
+        return dict.fromkeys(_TELEMETRY_SERIES, self.joints)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """What the host may say; a key that is None is not sent.
+    """A message to the robot; a key that is None is not sent.
 
     Attributes:
-        pos: (12,) joint position targets [rad].
+        pos: (joints,) joint position targets [rad].
         kp: position gain [A/rad].
         kd: velocity gain [A·s/rad].
         max_current: bound of every motor's current [A].
-        activations: (12,) 1 for a motor that is driven, 0 for one that is not.
-        cart_pos: (12,) foot positions, legs × (x, y, z) [m].
+        activations: (joints,) 1 for a motor that is driven, 0 for one that is not.
+        cart_pos: (3·legs,) foot positions, legs × (x, y, z) [m].
         cart_kp: (3,) foot stiffness [A/m].
         cart_kd: (3,) foot damping [A·s/m].
-        ff_force: (12,) feed-forward foot forces [N].
+        ff_force: (3·legs,) feed-forward foot forces [N].
         zero: take the present pose as zero.
         home: find the end stops.
         idle: no current, until the next target.
@@ -62,7 +97,7 @@ class Command:
 
 @dataclass(frozen=True, kw_only=True)
 class Telemetry:
-    """What the robot says.
+    """A message from the robot.
 
     Attributes:
         ts: time since the robot started [ms].
@@ -72,14 +107,14 @@ class Telemetry:
         yaw_rate: [rad/s]; so are pitch_rate and roll_rate.
         pitch_rate: see yaw_rate.
         roll_rate: see yaw_rate.
-        pos: (12,) [rad].
-        vel: (12,) [rad/s].
-        cur: (12,) measured current [A], where it is compiled in.
-        pref: (12,) position reference [rad].
-        vref: (12,) velocity reference [rad/s].
-        cref: (12,) current reference [A].
-        lcur: (12,) last commanded current [A].
-        temp: (12,) motor temperature [°C], where a robot measures it.
+        pos: (joints,) [rad].
+        vel: (joints,) [rad/s].
+        cur: (joints,) measured current [A], where it is compiled in.
+        pref: (joints,) position reference [rad].
+        vref: (joints,) velocity reference [rad/s].
+        cref: (joints,) current reference [A].
+        lcur: (joints,) last commanded current [A].
+        temp: (joints,) motor temperature [°C], where a robot measures it.
         bat: battery voltage [V], where a robot measures it.
     """
 
@@ -103,17 +138,19 @@ class Telemetry:
 
 IDLE = Command(idle=True)
 
-_COMMAND_ARRAYS = {"pos": 12, "activations": 12, "cart_pos": 12, "cart_kp": 3, "cart_kd": 3, "ff_force": 12}
 _COMMAND_FLAGS = ("zero", "home", "idle", "debug")
 _TELEMETRY_SERIES = ("pos", "vel", "cur", "pref", "vref", "cref", "lcur", "temp")
-_TELEMETRY_ARRAYS: dict[str, int] = {name: 12 for name in _TELEMETRY_SERIES}
 _COMMAND_KEYS = tuple(field.name for field in fields(Command))
 _TELEMETRY_KEYS = tuple(field.name for field in fields(Telemetry))
 _REQUIRED = _TELEMETRY_KEYS[: _TELEMETRY_KEYS.index("cur")]
 
 
-def encode_command(command: Command) -> bytes:
+def encode_command(command: Command, sizes: Sizes) -> bytes:
     """The payload of a command: a msgpack map of what is set, numbers as float32.
+
+    Args:
+        command: with at least one key.
+        sizes: of the robot.
 
     Raises:
         ProtocolError: what the firmware would refuse or misread: an array of another size, a number that is not
@@ -122,7 +159,8 @@ def encode_command(command: Command) -> bytes:
     given = {key: getattr(command, key) for key in _COMMAND_KEYS if getattr(command, key) is not None}
     if not given:
         raise ProtocolError("an empty command", remedy="set at least one key")
-    plain = {key: _plain(key, value, _COMMAND_ARRAYS, _COMMAND_FLAGS) for key, value in given.items()}
+    arrays = sizes.of_command
+    plain = {key: _plain(key, value, arrays, _COMMAND_FLAGS) for key, value in given.items()}
     payload = _packed(plain)
     if len(payload) > LARGEST_COMMAND:
         raise ProtocolError(
@@ -132,27 +170,28 @@ def encode_command(command: Command) -> bytes:
     return payload
 
 
-def decode_command(payload: bytes) -> Command:
-    """What a robot reads out of a payload.
+def decode_command(payload: bytes, sizes: Sizes) -> Command:
+    """The command in a payload, as a robot reads it; inverse of `encode_command`.
 
     Raises:
         ProtocolError: not a msgpack map, an unknown key, an array of another size, or a number that is not finite.
     """
-    found = _unpacked(payload)
+    found, arrays = _unpacked(payload, sizes), sizes.of_command
     unknown = set(found) - set(_COMMAND_KEYS)
     if unknown or not found:
         raise ProtocolError(f"unknown keys {sorted(map(repr, unknown))[:3]}" if unknown else "an empty map")
-    return Command(**{key: _number(key, value, _COMMAND_ARRAYS, _COMMAND_FLAGS) for key, value in found.items()})
+    return Command(**{key: _number(key, value, arrays, _COMMAND_FLAGS) for key, value in found.items()})
 
 
-def encode_telemetry(telemetry: Telemetry) -> bytes:
+def encode_telemetry(telemetry: Telemetry, sizes: Sizes) -> bytes:
     """The payload of telemetry, numbers as float32 and ``ts`` as an integer.
 
     Raises:
         ProtocolError: an array of another size, a number that is not finite, or too many bytes.
     """
     values = {key: getattr(telemetry, key) for key in _TELEMETRY_KEYS if getattr(telemetry, key) is not None}
-    plain: dict[str, Any] = {key: _plain(key, value, _TELEMETRY_ARRAYS, ()) for key, value in values.items()}
+    arrays = sizes.of_telemetry
+    plain: dict[str, Any] = {key: _plain(key, value, arrays, ()) for key, value in values.items()}
     plain["ts"] = round(plain["ts"])
     payload = _packed(plain)
     if len(payload) > LARGEST_TELEMETRY:
@@ -160,19 +199,19 @@ def encode_telemetry(telemetry: Telemetry) -> bytes:
     return payload
 
 
-def decode_telemetry(payload: bytes) -> Telemetry:
-    """What the host reads out of a payload; keys of a newer firmware are passed over.
+def decode_telemetry(payload: bytes, sizes: Sizes) -> Telemetry:
+    """The telemetry in a payload, as the host reads it; keys of a newer firmware are passed over.
 
     Raises:
         ProtocolError: not a msgpack map, a required key missing, an array of another size, or a number that is
             not finite.
     """
-    found = _unpacked(payload)
+    found, arrays = _unpacked(payload, sizes), sizes.of_telemetry
     missing = [key for key in _REQUIRED if key not in found]
     if missing:
         raise ProtocolError(f"telemetry without {missing}")
     known = {key: found[key] for key in _TELEMETRY_KEYS if key in found}
-    return Telemetry(**{key: _number(key, value, _TELEMETRY_ARRAYS, ()) for key, value in known.items()})
+    return Telemetry(**{key: _number(key, value, arrays, ()) for key, value in known.items()})
 
 
 def _packed(values: Mapping[str, Any]) -> bytes:
@@ -181,10 +220,11 @@ def _packed(values: Mapping[str, Any]) -> bytes:
     return packed
 
 
-def _unpacked(payload: bytes) -> dict[Any, Any]:
+def _unpacked(payload: bytes, sizes: Sizes) -> dict[Any, Any]:
     """A msgpack map of at most 32 entries, or an error; never anything else."""
+    longest = max(sizes.joints, 3 * sizes.legs, 3) + _SPARE
     try:
-        found = msgpack.unpackb(payload, max_map_len=32, max_array_len=16, max_str_len=64, max_ext_len=0)
+        found = msgpack.unpackb(payload, max_map_len=32, max_array_len=longest, max_str_len=64, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not msgpack ({str(error)[:60]})") from error
     if not isinstance(found, dict):

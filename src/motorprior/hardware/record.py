@@ -8,17 +8,16 @@ import numpy as np
 
 from motorprior.hardware.control_loop import ControlLoop, Timing
 from motorprior.hardware.motions import played
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, StopRequest, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
-from motorprior.robots.pupper_v2 import spec
 
 _STATUS_EVERY = 500
 
 
 def excite(
-    robot: Robot,
+    link: RobotLink,
     targets: np.ndarray,
     gains: Gains,
     stop: StopRequest,
@@ -29,10 +28,10 @@ def excite(
     status: Callable[[str], None] = lambda _: None,
     timing: Timing | None = None,
 ) -> Timing:
-    """Look, arm, ramp to the nominal pose, play (steps, 12) targets [rad], and let go.
+    """Look, arm, ramp to the nominal pose, play (steps, joints) targets [rad], and let go.
 
     Args:
-        robot: idle; it has the recorder, and the limits that the gate keeps.
+        link: idle; it has the recorder, and the limits that the gate keeps.
         targets: from `excitation_targets`.
         gains: to send.
         stop: ends it early.
@@ -45,17 +44,17 @@ def excite(
     Raises:
         RobotFault: why it ended early; the robot is idle and the recording is kept.
     """
-    look_and_confirm(robot, confirm, need_imu)
-    timing, done = timing or Timing(), 0
+    look_and_confirm(link, confirm, need_imu)
+    timing, done, period = timing or Timing(), 0, link.robot.control_dt
 
     def count(_: Measurement) -> None:
         nonlocal done
         done += 1
         if done % _STATUS_EVERY == 0:
-            status(f"{done * spec.CONTROL_DT:6.1f} of {len(targets) * spec.CONTROL_DT:g} s recorded")
+            status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
         loop.play(played(targets), Mode.EXCITE, count, timing)
 
-    run_armed(robot, gains, stop, work, crouch=not hung)
+    run_armed(link, gains, stop, work, crouch=not hung)
     return timing

@@ -12,6 +12,7 @@ import numpy as np
 from motorprior.exceptions import ArtifactError
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode, run_columns
+from motorprior.robots.robot import Robot
 
 _KEPT_TARGETS = 32
 
@@ -23,14 +24,15 @@ class Recorder:
     the control loop, so a loss of power costs the last seconds.
 
     Args:
+        robot: whose measurements they are.
         path: file to create; its folder is made, if it was not there.
 
     Raises:
         ArtifactError: the file exists already, or cannot be written.
     """
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, robot: Robot, path: Path):
+        self.path, self._joint_names = path, robot.joint_names
         self._made = [folder for folder in path.parents if not folder.exists()]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -48,7 +50,7 @@ class Recorder:
         self.rows = 0
 
     def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
-        """Remember a (12,) target [rad] that went out at ``time`` [s] on the host's clock."""
+        """Remember a (joints,) target [rad] that went out at ``time`` [s] on the host's clock."""
         self._targets.append((time, target, mode))
 
     def released(self) -> None:
@@ -92,7 +94,7 @@ class Recorder:
         telemetry = measurement.telemetry
         if self._format is None:
             self._with_current = telemetry.cur is not None
-            columns = run_columns(self._with_current)
+            columns = run_columns(self._joint_names, self._with_current)
             self._append(",".join(columns) + "\n")
             self._format = "%.3f,%d,%.4f" + ",%.7g" * (len(columns) - 3) + "\n"
         now = 1e-3 * telemetry.ts

@@ -13,9 +13,8 @@ from typing import Any
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import Timing, clock_figures
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, fault_of
-from motorprior.robots.pupper_v2 import spec
 
 FACTS, FIGURES = "run.json", "figures.json"
 
@@ -36,16 +35,16 @@ class RunFacts:
         self.outcome = ""
 
     def begin(
-        self, command: str, port: str, settings: Any, gains: Gains, robot: Robot, more: dict[str, Any] | None = None
+        self, command: str, port: str, settings: Any, gains: Gains, link: RobotLink, more: dict[str, Any] | None = None
     ) -> None:
         """Write what is known before the first command.
 
         Args:
             command: "deploy" or "record".
             port: path of the port.
-            settings: dataclass of what the person chose.
+            settings: dataclass of the user's choices.
             gains: to send.
-            robot: for the limits in force.
+            link: to the robot, with the limits in force.
             more: further facts.
 
         Raises:
@@ -54,17 +53,17 @@ class RunFacts:
         self._facts = {
             "command": command,
             "port": port,
-            "robot": spec.ROBOT_NAME,
+            "robot": link.robot.name,
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
             "gains": asdict(gains),
-            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(robot.limits).items()},
+            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
             **(more or {}),
         }
         write_json(self._folder / FACTS, self._facts)
 
     @contextlib.contextmanager
-    def kept(self, robot: Robot, timing: Timing, period: float) -> Iterator[None]:
+    def kept(self, link: RobotLink, timing: Timing, period: float) -> Iterator[None]:
         """Write how the run ended when this is left, if it had begun; the robot is idle by then.
 
         Raises:
@@ -74,26 +73,26 @@ class RunFacts:
             yield
         except BaseException as error:
             with contextlib.suppress(ArtifactError):  # what ended the run matters more
-                self._end(robot, timing, period, error)
+                self._end(link, timing, period, error)
             raise
-        self._end(robot, timing, period, None)
+        self._end(link, timing, period, None)
 
-    def _end(self, robot: Robot, timing: Timing, period: float, error: BaseException | None) -> None:
+    def _end(self, link: RobotLink, timing: Timing, period: float, error: BaseException | None) -> None:
         if self._facts is None:
             return
-        stream = robot.stream
+        stream = link.stream
         ending = {
             "ended": _now(),
             "outcome": self.outcome if error is None else _kind(error),
             "message": None if error is None else str(error),
-            "position_clips": robot.position_clips,
-            "slew_clips": robot.slew_clips,
-            "commands": robot.sent,
+            "position_clips": link.position_clips,
+            "slew_clips": link.slew_clips,
+            "commands": link.sent,
             "frames": {
                 "believed": stream.accepted,
                 "repeated": stream.repeated,
                 "impossible": stream.impossible,
-                "damaged": robot.rejected,
+                "damaged": link.rejected,
             },
         }
         write_json(self._folder / FACTS, self._facts | ending)

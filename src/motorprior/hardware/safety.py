@@ -11,8 +11,8 @@ import numpy as np
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.axes import to_wire
 from motorprior.hardware.protocol import IDLE, Command
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.spec import SafetyLimits
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import SafetyLimits
 
 
 class SafetyGate:
@@ -24,6 +24,7 @@ class SafetyGate:
         slew_clips: joints' targets slowed down, while not slow: the ramps keep to ``slow_speed`` themselves.
 
     Args:
+        robot: with a wire; its joint limits hold.
         limits: bounds.
         kp: [A/rad] and kd: [A·s/rad], gains to send.
         kd: see kp.
@@ -33,10 +34,12 @@ class SafetyGate:
         RobotFault: gains or a current beyond the limits, negative or not finite.
     """
 
-    def __init__(self, limits: SafetyLimits, kp: float, kd: float, max_current: float):
+    def __init__(self, robot: Robot, limits: SafetyLimits, kp: float, kd: float, max_current: float):
         _require_gain("kp", kp, limits.highest_kp, "A/rad")
         _require_gain("kd", kd, limits.highest_kd, "A·s/rad")
         _require_gain("max_current", max_current, limits.max_current, "A")
+        self._wire, self._lower, self._upper = robot.require_wire(), robot.lower, robot.upper
+        self._longest_step = 2.0 * robot.control_dt
         self._limits, self._kp, self._kd, self._max_current = limits, kp, kd, max_current
         self._target: np.ndarray | None = None
         self._time = 0.0
@@ -47,7 +50,7 @@ class SafetyGate:
 
     @property
     def target(self) -> np.ndarray | None:
-        """The (12,) target that the robot holds [rad], None while idle."""
+        """The (joints,) target that the robot holds [rad], None while idle."""
         return None if self._target is None else self._target.copy()
 
     def take_hold(self, joint_pos: np.ndarray, now: float) -> None:
@@ -58,32 +61,32 @@ class SafetyGate:
         """
         if self._fault is not None:
             raise self._fault
-        self._target = np.clip(joint_pos, spec.JOINT_LOWER, spec.JOINT_UPPER)
+        self._target = np.clip(joint_pos, self._lower, self._upper)
         self._time = now
 
     def admit(self, target: np.ndarray, now: float) -> Command:
-        """The command for a (12,) position target [rad] of the library's frame, made safe.
+        """The command for a (joints,) position target [rad] of the library's frame, made safe.
 
         Raises:
-            RobotFault: not 12 finite numbers; nobody took hold before; or the gate is shut.
+            RobotFault: not one finite number per joint; no `take_hold` before; or the gate is shut.
         """
         if self._fault is not None and not self._descending:
             raise self._fault
         if self._target is None:
             raise self.shut(RobotFault("not armed", "a target for a robot that is idle"))
         wanted = np.asarray(target, dtype=np.float64)
-        if wanted.shape != (spec.NUM_JOINTS,) or not np.all(np.isfinite(wanted)):
-            problem = f"target {wanted.tolist()} is not {spec.NUM_JOINTS} finite angles"
+        if wanted.shape != self._lower.shape or not np.all(np.isfinite(wanted)):
+            problem = f"target {wanted.tolist()} is not {len(self._lower)} finite angles"
             raise self.shut(RobotFault("impossible command", problem, safe_state="crouch"))
-        inside = np.clip(wanted, spec.JOINT_LOWER, spec.JOINT_UPPER)
+        inside = np.clip(wanted, self._lower, self._upper)
         self.position_clips += int(np.count_nonzero(inside != wanted))
         # A late step may make up for at most two periods: a target must not leap after a pause.
         speed = self._limits.slow_speed if self.slow else self._limits.target_speed
-        reach = speed * min(max(0.0, now - self._time), 2.0 * spec.CONTROL_DT)
+        reach = speed * min(max(0.0, now - self._time), self._longest_step)
         near = np.clip(inside, self._target - reach, self._target + reach)
         self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))
         self._target, self._time = near, now
-        return Command(pos=to_wire(near))
+        return Command(pos=to_wire(self._wire, near))
 
     def law(self) -> Command:
         """Gains and current limit, a command of their own: some firmwares read nothing but `pos` beside it.

@@ -1,4 +1,4 @@
-"""The serial port as two streams of messages. Never blocks for longer than it is told to."""
+"""The serial port as two streams of messages. No call blocks beyond the time that it is given."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from pathlib import Path
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Command, Sizes, Telemetry
+from motorprior.robots.robot import Robot
 
 BAUD_RATE = 500_000  # 8N1; on a USB port the number means nothing, on a converter it does
 _READ_SIZE = 4096
@@ -27,13 +28,14 @@ class SerialLink:
         rejected: frames that were damaged.
 
     Args:
+        robot: whose messages travel over it.
         port: path of the device, for example /dev/ttyACM0.
 
     Raises:
         RobotFault: no such port, no permission, or another program has it.
     """
 
-    def __init__(self, port: str | Path):
+    def __init__(self, robot: Robot, port: str | Path):
         import serial
 
         self.port = str(port)
@@ -41,7 +43,8 @@ class SerialLink:
             self._serial = serial.Serial(self.port, BAUD_RATE, timeout=0, write_timeout=0, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
             raise RobotFault("no port", f"cannot open {self.port} ({_reason(error)})", remedy=_remedy(error)) from error
-        self._reader = telemetry_reader()
+        self._sizes = Sizes.of(robot)
+        self._reader = telemetry_reader(self._sizes)
         self._unsent = bytearray()
 
     @property
@@ -85,7 +88,7 @@ class SerialLink:
             RobotFault: the port is gone, or the robot takes nothing any more.
             ProtocolError: a command that the firmware would refuse.
         """
-        self._unsent += command_frame(command)
+        self._unsent += command_frame(command, self._sizes)
         try:
             sent = os.write(self.fileno(), self._unsent)
             del self._unsent[:sent]

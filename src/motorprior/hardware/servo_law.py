@@ -1,4 +1,4 @@
-"""What a motor's controller is told: the firmware's law, for whoever has to know a current that is not sent."""
+"""The control law of the firmware, for the current of a motor that does not report it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ def servo_current(
     kd: np.ndarray | float,
     max_current: float,
 ) -> np.ndarray:
-    """(12,) current of every motor [A]: kp·(target - joint_pos) - kd·joint_vel, within ±max_current.
+    """(joints,) current of every motor [A]: kp·(target - joint_pos) - kd·joint_vel, within ±max_current.
 
     Args:
-        target: (12,) [rad].
-        joint_pos: (12,) [rad], in the signs of ``target``.
-        joint_vel: (12,) [rad/s], the same.
+        target: (joints,) [rad].
+        joint_pos: (joints,) [rad], in the signs of ``target``.
+        joint_vel: (joints,) [rad/s], the same.
         kp: [A/rad].
         kd: [A·s/rad].
         max_current: [A].

@@ -22,16 +22,16 @@ from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.health import is_imu_alive
 from motorprior.hardware.motions import Motion, ramp
 from motorprior.hardware.real_time import no_garbage_collection, real_time_priority
-from motorprior.hardware.robot import Robot
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.wire import Wire
 
 _FIRST_LOOK = 0.5
 """Time to listen before arming [s]."""
-_FEWEST_FRAMES = 0.8 / spec.CONTROL_DT
-"""Per second of the robot's own clock, so that neither old frames out of a buffer nor a busy host count; the rest may
-get lost."""
+_FEWEST_FRAMES = 0.8
+"""Per control period of the robot's own clock, so that neither old frames out of a buffer nor a busy host count; the
+rest may get lost."""
 _RANGE_SLACK = 0.1
 """A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
 _HOLD = 0.5
@@ -85,7 +85,7 @@ def stop_on_signals() -> Iterator[StopRequest]:
 
 @dataclass(frozen=True)
 class Gains:
-    """What the robot is told besides its targets.
+    """Gains and current limit to send.
 
     Attributes:
         kp: [A/rad].
@@ -93,28 +93,39 @@ class Gains:
         max_current: [A].
     """
 
-    kp: float = spec.WIRE_KP
-    kd: float = spec.WIRE_KD
-    max_current: float = spec.MAX_CURRENT
+    kp: float
+    kd: float
+    max_current: float
+
+    @classmethod
+    def of(
+        cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
+    ) -> Gains:
+        """The given ones, and the robot's own where None is given."""
+        return cls(
+            wire.kp if kp is None else kp,
+            wire.kd if kd is None else kd,
+            wire.max_current if max_current is None else max_current,
+        )
 
 
-def first_look(robot: Robot, need_imu: bool) -> Measurement:
+def first_look(link: RobotLink, need_imu: bool) -> Measurement:
     """Listen for half a second and refuse a robot that must not be armed.
 
     Raises:
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
             fault.
     """
-    robot.listen(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
-    first, before = robot.check().telemetry, robot.stream.accepted
-    robot.listen(time.monotonic() + 0.8 * _FIRST_LOOK)
-    measurement = robot.check()
-    telemetry, frames = measurement.telemetry, robot.stream.accepted - before
-    seconds = 1e-3 * (telemetry.ts - first.ts)
-    if frames < max(2.0, _FEWEST_FRAMES * seconds):
+    link.listen(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
+    first, before = link.check().telemetry, link.stream.accepted
+    link.listen(time.monotonic() + 0.8 * _FIRST_LOOK)
+    measurement, robot = link.check(), link.robot
+    telemetry, frames = measurement.telemetry, link.stream.accepted - before
+    seconds, fewest = 1e-3 * (telemetry.ts - first.ts), _FEWEST_FRAMES / robot.control_dt
+    if frames < max(2.0, fewest * seconds):
         raise RobotFault(
             "stale telemetry",
-            f"{frames} frames in {seconds:.2f} s, {_FEWEST_FRAMES:.0f} per second are the least",
+            f"{frames} frames in {seconds:.2f} s, {fewest:.0f} per second are the least",
             remedy="see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period",
         )
     if need_imu and not is_imu_alive(telemetry):
@@ -124,61 +135,62 @@ def first_look(robot: Robot, need_imu: bool) -> Measurement:
             remedy="flash a firmware that reads the IMU, or give without_imu and stay within reach of the robot",
             argument="without_imu",
         )
-    outside = (telemetry.pos < spec.JOINT_LOWER - _RANGE_SLACK) | (telemetry.pos > spec.JOINT_UPPER + _RANGE_SLACK)
+    outside = (telemetry.pos < robot.lower - _RANGE_SLACK) | (telemetry.pos > robot.upper + _RANGE_SLACK)
     if outside.any():
         worst = int(np.argmax(outside))
         raise RobotFault(
             "joint range",
-            f"{spec.JOINT_NAMES[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is "
-            f"{spec.JOINT_LOWER[worst]:+.2f} to {spec.JOINT_UPPER[worst]:+.2f}",
+            f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is "
+            f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}",
             remedy="switch the robot on with its legs free so that it finds its end stops",
         )
     moved = np.abs(telemetry.pos - first.pos)
     if moved.max() > _STILL:
         raise RobotFault(
             "moving",
-            f"{spec.JOINT_NAMES[int(np.argmax(moved))]} moved {moved.max():.2f} rad, and this host sent nothing",
+            f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, and this host sent nothing",
             remedy="wait until the robot has homed or lies still, hands off, and end other programs that drive it",
         )
-    if max(abs(telemetry.roll), abs(telemetry.pitch)) > robot.limits.max_tilt:
+    if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
     return measurement
 
 
 def look_and_confirm(
-    robot: Robot, confirm: Callable[[], None], need_imu: bool, prepare: Callable[[Measurement], None] = lambda _: None
+    link: RobotLink,
+    confirm: Callable[[], None],
+    need_imu: bool,
+    prepare: Callable[[Measurement], None] = lambda _: None,
 ) -> None:
     """Look, prepare, and the arm step; a robot that waited for these is looked at once more.
 
     Raises:
-        RobotFault: nobody confirmed, or see `first_look`.
+        RobotFault: ``confirm`` refused, or see `first_look`.
     """
-    seen = first_look(robot, need_imu)
+    seen = first_look(link, need_imu)
     before = time.monotonic()
     prepare(seen)
     confirm()
     if time.monotonic() - before > _QUICK:
-        first_look(robot, need_imu)
+        first_look(link, need_imu)
 
 
 def run_armed(
-    robot: Robot,
+    link: RobotLink,
     gains: Gains,
     stop: StopRequest,
     work: Callable[[ControlLoop], None],
     *,
-    control_dt: float = spec.CONTROL_DT,
     crouch: bool = True,
     wind_down: Callable[[], Motion] | None = None,
 ) -> None:
     """Arm, ramp to the nominal pose, ``work``, then wind down, crouch and idle, whatever happens.
 
     Args:
-        robot: idle, looked at.
+        link: idle, looked at.
         gains: to send.
         stop: ends any motion.
         work: plays motions on the loop it gets.
-        control_dt: control period [s].
         crouch: sit down at the end; a hung robot need not.
         wind_down: a motion that brings what ``work`` did to rest, before the crouch: a robot that walks at half a metre
             per second and crouches at once falls over its feet one time in three.
@@ -186,15 +198,15 @@ def run_armed(
     Raises:
         RobotFault: the fault that ended the run; the robot is idle.
     """
-    way_down = _WayDown(robot, control_dt)
+    way_down = _WayDown(link)
     with no_garbage_collection(), real_time_priority():
         try:
-            robot.arm(gains.kp, gains.kd, gains.max_current)
-            loop = ControlLoop(robot, robot.limits, control_dt, stop)
-            robot.gate.slow = True
-            loop.play(_to_nominal(robot, control_dt), Mode.RAMP)
+            link.arm(gains.kp, gains.kd, gains.max_current)
+            loop = ControlLoop(link, link.limits, link.robot.control_dt, stop)
+            link.gate.slow = True
+            loop.play(_to_nominal(link), Mode.RAMP)
             if not stop():
-                robot.gate.slow, way_down.wind_down = False, wind_down
+                link.gate.slow, way_down.wind_down = False, wind_down
                 work(loop)
             if crouch:
                 way_down.take()
@@ -204,7 +216,7 @@ def run_armed(
                 way_down.take_after(fault)
             raise
         finally:
-            robot.idle()
+            link.idle()
 
 
 def fault_of(error: Exception) -> RobotFault:
@@ -213,10 +225,10 @@ def fault_of(error: Exception) -> RobotFault:
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-def _to_nominal(robot: Robot, control_dt: float) -> Motion:
-    target = robot.gate.target
+def _to_nominal(link: RobotLink) -> Motion:
+    target, robot = link.gate.target, link.robot
     assert target is not None, "armed"
-    return ramp(target, spec.NOMINAL_POSE, robot.limits.slow_speed, control_dt, _HOLD)
+    return ramp(target, robot.nominal_pose, link.limits.slow_speed, robot.control_dt, _HOLD)
 
 
 class _WayDown:
@@ -226,30 +238,30 @@ class _WayDown:
         wind_down: a motion that comes to rest; None where nothing moves, not any more, or cannot be trusted.
     """
 
-    def __init__(self, robot: Robot, control_dt: float):
-        self._robot, self._control_dt = robot, control_dt
+    def __init__(self, link: RobotLink):
+        self._link = link
         self.wind_down: Callable[[], Motion] | None = None
 
     def take(self) -> None:
         """Sit down, on a clock of its own: what ended the motion must not end this."""
-        robot = self._robot
-        robot.gate.let_down()
-        robot.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
-        patient = replace(robot.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
-        loop = ControlLoop(robot, patient, self._control_dt, lambda: False)
+        link, robot = self._link, self._link.robot
+        link.gate.let_down()
+        link.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
+        patient = replace(link.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
+        loop = ControlLoop(link, patient, robot.control_dt, lambda: False)
         if self.wind_down is not None:
             loop.play(self.wind_down(), Mode.WALK)
         self.wind_down = None
-        robot.gate.slow = True
-        target = robot.gate.target
+        link.gate.slow = True
+        target, crouch = link.gate.target, robot.require_wire().crouch_pose
         assert target is not None, "armed"
-        loop.play(ramp(target, spec.CROUCH_POSE, robot.limits.slow_speed, self._control_dt), Mode.CROUCH)
+        loop.play(ramp(target, crouch, link.limits.slow_speed, robot.control_dt), Mode.CROUCH)
 
     def take_after(self, fault: RobotFault) -> None:
         """Sit down after a fault; a second fault on the way leaves idle, which follows anyway."""
         with contextlib.suppress(MotorPriorError):
-            self._robot.gate.shut(fault)
-            self._robot.forgive(fault.kind)
+            self._link.gate.shut(fault)
+            self._link.forgive(fault.kind)
             if fault.kind in _NOT_TO_BE_TRUSTED:
                 self.wind_down = None
             self.take()

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 from motorprior.exceptions import ConfigError
-from motorprior.robots.pupper_v2 import spec
 
 Excitation = Literal["sine", "chirp", "steps", "multisine", "gait"]
 
@@ -31,11 +30,11 @@ class DeploySettings:
     Attributes:
         out: folder for run.csv (measurements, and the target then in force), run.json (settings, gains, limits,
             outcome) and figures.json (how well the clock was kept); runs/deploy/<date> if not given.
-        seconds: time to walk [s]; until told to stop if not given.
+        seconds: time to walk [s]; until it is stopped if not given.
         throttle: share of the trained intensity of the gait to begin with, 0..1 [-].
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
-        max_current: current limit to send [A].
+        max_current: current limit to send [A]; the robot's own if not given.
         without_imu: walk a robot whose IMU is not read: a fall is not seen.
         dry_run: compute everything and send nothing, for ``seconds`` or 5 s.
         yes: arm without asking.
@@ -46,7 +45,7 @@ class DeploySettings:
     throttle: float = 1.0
     kp: float | None = None
     kd: float | None = None
-    max_current: float = spec.MAX_CURRENT
+    max_current: float | None = None
     without_imu: bool = False
     dry_run: bool = False
     yes: bool = False
@@ -65,9 +64,9 @@ class RecordSettings:
         amplitude: largest distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
         speed: fastest target [rad/s].
         standing: the robot stands on the ground and sits down afterwards; otherwise it hangs in the air.
-        kp: position gain to send [A/rad].
-        kd: velocity gain to send [A·s/rad].
-        max_current: current limit to send [A].
+        kp: position gain to send [A/rad]; the robot's own if not given.
+        kd: velocity gain to send [A·s/rad]; the robot's own if not given.
+        max_current: current limit to send [A]; the robot's own if not given.
         seed: of the random signals.
         without_imu: record a standing robot whose IMU is not read: a fall is not seen.
         yes: arm without asking.
@@ -80,9 +79,9 @@ class RecordSettings:
     amplitude: float | None = None
     speed: float = 8.0
     standing: bool = False
-    kp: float = spec.WIRE_KP
-    kd: float = spec.WIRE_KD
-    max_current: float = spec.MAX_CURRENT
+    kp: float | None = None
+    kd: float | None = None
+    max_current: float | None = None
     seed: int = 0
     without_imu: bool = False
     yes: bool = False

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.hardware.protocol import Telemetry
-from motorprior.robots.pupper_v2.spec import SafetyLimits
+from motorprior.robots.wire import SafetyLimits
 
 _WINDOW = 5.0
 _FURTHEST_ANGLE = 2.0 * math.pi  # the firmware's own bound of a joint angle

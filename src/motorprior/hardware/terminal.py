@@ -1,4 +1,4 @@
-"""A person at a terminal: asked to arm, told what stops the robot, and never waited for while it moves."""
+"""Dialogue at a terminal: confirmation before arming, and messages that never make a moving robot wait."""
 
 from __future__ import annotations
 
@@ -18,20 +18,18 @@ STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
 HUNG = "Ctrl-C takes the current away at once and the legs drop; no key does anything."
 
 
-def require_somebody(yes: bool) -> None:
-    """Refuse to wait for a person who is not there.
+def require_terminal(yes: bool) -> None:
+    """Refuse to wait for a confirmation that no terminal can give.
 
     Raises:
         ConfigError: no terminal, and no ``yes``.
     """
     if not yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError(
-            "nobody is at the terminal to arm the robot", remedy="give yes if that is meant", argument="yes"
-        )
+        raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
 
 
 def ask_to_arm(stop: Callable[[], bool], yes: bool, how_to_stop: str, say: Say) -> None:
-    """Wait until somebody types ``arm``. What was typed before they were asked does not count.
+    """Wait until ``arm`` is typed. What was typed before the question does not count.
 
     Raises:
         RobotFault: something else was typed, or a signal came.
@@ -47,11 +45,11 @@ def ask_to_arm(stop: Callable[[], bool], yes: bool, how_to_stop: str, say: Say) 
             if sys.stdin.readline().strip() == "arm":
                 return
             break
-    raise RobotFault("not armed", "nobody typed arm; nothing was sent", remedy="run the command again when ready")
+    raise RobotFault("not armed", "arm was not typed; nothing was sent", remedy="run the command again when ready")
 
 
 def careful(say: Say, file: TextIO) -> Say:
-    """The same words, unless the terminal or pipe behind ``file`` is gone or full: no reason to stop, or to wait.
+    """``say``, but silent while the terminal or pipe behind ``file`` is gone or full: no reason to stop, or to wait.
 
     A control loop that waits for a terminal (Ctrl-S, a pager) would be idled by the watchdog.
     """

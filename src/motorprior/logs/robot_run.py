@@ -14,9 +14,8 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
-from motorprior.robots.pupper_v2.spec import ENCODER, JOINT_NAMES, ROBOT_NAME, TORQUE_CONSTANT
+from motorprior.robots.robot import Robot
 
-MOTOR = "DJI M2006 P36 + C610"
 _GAP = 0.055
 """A pause longer than this [s] starts a new segment; single lost frames do not."""
 _SHORTEST_SEGMENT = 4
@@ -26,7 +25,7 @@ _BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
 
 class Mode(IntEnum):
-    """What the robot was doing in a row."""
+    """The robot's activity in a row."""
 
     RAMP = 1
     WALK = 2
@@ -37,13 +36,13 @@ class Mode(IntEnum):
 _DOING = {Mode.RAMP: "stood up", Mode.WALK: "walked", Mode.EXCITE: "was excited", Mode.CROUCH: "sat down"}
 
 
-def run_columns(with_current: bool) -> tuple[str, ...]:
+def run_columns(joint_names: tuple[str, ...], with_current: bool) -> tuple[str, ...]:
     """Names of the columns: time, mode, when the target in force came into force, series per joint, body.
 
     Units: s, rad, rad/s and, for joint_current, A; both times on the robot's clock.
     """
     series = _SERIES if with_current else _SERIES[:-1]
-    return ("time", "mode", "target_since", *(f"{name}/{joint}" for name in series for joint in JOINT_NAMES), *_BODY)
+    return ("time", "mode", "target_since", *(f"{name}/{joint}" for name in series for joint in joint_names), *_BODY)
 
 
 def is_robot_run(path: Path) -> bool:
@@ -65,7 +64,7 @@ def _first_line(path: Path) -> str:
 
 
 def read_robot_run(
-    path: Path, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
+    path: Path, robot: Robot, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
 ) -> MotorLog:
     """The rows of a recording in which the robot walked or was excited, or did what ``modes`` say.
 
@@ -74,6 +73,7 @@ def read_robot_run(
 
     Args:
         path: the recording.
+        robot: that was recorded.
         modes: what the robot must have been doing.
         period: put every segment on this grid [s]: angles by cubic splines, velocities as their derivatives, and each
             target from the very moment it came into force. As recorded if not given.
@@ -82,7 +82,7 @@ def read_robot_run(
         LogError: not a recording, damaged before its last line, without a row of these modes, a time that does not
             increase, or numbers that are not finite.
     """
-    columns = run_columns(with_current="joint_current/" in _first_line(path))
+    columns = run_columns(robot.joint_names, with_current="joint_current/" in _first_line(path))
     table = read_number_table(path, columns, may_be_cut=True)
     _require_clean(table, columns, path)
     breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
@@ -97,8 +97,8 @@ def read_robot_run(
         )
     parts = [table[rows & (segment == index)] for index in np.unique(segment[rows])]
     if period is not None:
-        parts = [_on_grid(part, period, path) for part in parts]
-    return checked(_as_log(parts, columns, path), where=path)
+        parts = [_on_grid(part, period, robot.num_joints, path) for part in parts]
+    return checked(_as_log(parts, columns, robot, path), where=path)
 
 
 def _require_clean(table: np.ndarray, columns: tuple[str, ...], path: Path) -> None:
@@ -114,32 +114,32 @@ def _require_clean(table: np.ndarray, columns: tuple[str, ...], path: Path) -> N
         raise LogError(problem, where=path, remedy=remedy)
 
 
-def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], path: Path) -> MotorLog:
-    table, joints = np.concatenate(parts), len(JOINT_NAMES)
+def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], robot: Robot, path: Path) -> MotorLog:
+    table, joints = np.concatenate(parts), robot.num_joints
     series = {name: table[:, 3 + index * joints : 3 + (index + 1) * joints] for index, name in enumerate(_SERIES)}
-    with_current = len(columns) == len(run_columns(True))
+    with_current = any(column.startswith("joint_current/") for column in columns)
     roll = columns.index("roll")
     return MotorLog(
         time=table[:, 0],
         position_target=series["position_target"],
         joint_pos=series["joint_pos"],
         joint_vel=series["joint_vel"],
-        joint_torque=TORQUE_CONSTANT * series["joint_current"] if with_current else None,
+        joint_torque=robot.require_wire().torque_constant * series["joint_current"] if with_current else None,
         segment=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
         base_orientation=table[:, roll : roll + 2],
-        joint_names=JOINT_NAMES,
-        robot=ROBOT_NAME,
-        motor=MOTOR,
+        joint_names=robot.joint_names,
+        robot=robot.name,
+        motor=robot.motor,
         source=str(path),
-        encoder=ENCODER,
+        encoder=robot.encoder,
     )
 
 
-def _on_grid(part: np.ndarray, period: float, path: Path) -> np.ndarray:
+def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.ndarray:
     """The rows of one segment every ``period`` [s]."""
     from scipy.interpolate import CubicSpline
 
-    time, joints = part[:, 0], len(JOINT_NAMES)
+    time = part[:, 0]
     if not 0.0 < period <= time[-1] - time[0]:
         raise LogError(f"period {period:g} s does not fit a segment of {time[-1] - time[0]:g} s", where=path)
     grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)

@@ -1,4 +1,4 @@
-"""The twin as the body of a virtual Pupper: where simulation and hardware meet."""
+"""The twin as the body of a virtual robot: where simulation and hardware meet."""
 
 from __future__ import annotations
 
@@ -6,30 +6,31 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Fleet
-from motorprior.hardware.firmware import Drive, Sensors
 from motorprior.hardware.servo_law import servo_current
-from motorprior.robots.pupper_v2 import spec
+from motorprior.hardware.virtual.firmware import Drive, Sensors
+from motorprior.robots.robot import Robot
 from motorprior.simulation.live_robot import LiveRobot
 
 TWIN_STREAM = 0x7710
-"""Separates the motors of virtual Puppers from those of benches, training and transfer studies."""
+"""Separates the motors of virtual robots from those of benches, training and transfer studies."""
 
 
-def draw_motors(fleet: Fleet, seed: int) -> MotorParameters:
-    """The twelve motors of virtual Pupper number ``seed``."""
-    return fleet.sample(np.random.default_rng([TWIN_STREAM, seed]), spec.NUM_JOINTS)
+def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
+    """The motors of virtual robot number ``seed``."""
+    return fleet.sample(np.random.default_rng([TWIN_STREAM, seed]), robot.num_joints)
 
 
 class TwinBody:
-    """`hardware.firmware.Body` on `simulation.live_robot.LiveRobot`, in the robot's own signs.
+    """`hardware.virtual.firmware.Body` on `simulation.live_robot.LiveRobot`, in the robot's own signs.
 
     Attributes:
         live: the twin behind it.
         path: length of its way over the ground [m], in straight pieces of a second.
     """
 
-    def __init__(self, motors: MotorParameters, hung: bool, seed: int):
-        self.live = LiveRobot(motors, hung, np.random.default_rng([TWIN_STREAM, seed, 1]))
+    def __init__(self, robot: Robot, motors: MotorParameters, hung: bool, seed: int):
+        self._signs = robot.require_wire().joint_signs
+        self.live = LiveRobot(robot, motors, hung, np.random.default_rng([TWIN_STREAM, seed, 1]))
         self._drive: Drive | None = None
         self.path, self._lived, self._was_at = 0.0, 0, self.live.position()
 
@@ -40,7 +41,7 @@ class TwinBody:
             self.live.set_gains(drive.kp, drive.kd, drive.max_current)
             self.live.block(drive.blocked)
         self._drive = drive
-        self.live.advance(milliseconds, spec.JOINT_SIGNS * drive.target)
+        self.live.advance(milliseconds, self._signs * drive.target)
         self._measure_path(milliseconds)
 
     def _measure_path(self, milliseconds: int) -> None:
@@ -53,8 +54,8 @@ class TwinBody:
     def sense(self) -> Sensors:
         """See `Body.sense`; the current is that of the law at the present target."""
         state = self.live.state()
-        pos, vel = spec.JOINT_SIGNS * state.joint_pos, spec.JOINT_SIGNS * state.joint_vel
-        current = np.zeros(spec.NUM_JOINTS)
+        pos, vel = self._signs * state.joint_pos, self._signs * state.joint_vel
+        current = np.zeros_like(pos)
         if (drive := self._drive) is not None:
             current = servo_current(drive.target, pos, vel, drive.kp, drive.kd, drive.max_current)
         return Sensors(pos, vel, current, state.attitude, state.rates)

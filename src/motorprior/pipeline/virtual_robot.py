@@ -1,6 +1,6 @@
 """A virtual robot on a pseudo-terminal, in this process or in one of its own.
 
-``python -m motorprior.pipeline.virtual_robot SETTINGS LINK`` is that process: it ends with the one that started it.
+``python -m motorprior.pipeline.virtual_robot ROBOT SETTINGS LINK`` is that process: it ends with the one that started it.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from motorprior.exceptions import ConfigError, MotorPriorError, RobotFault
 from motorprior.hardware.settings import require_robot_extra
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Lines, Progress
+from motorprior.robots.load import load_robot
 
 if TYPE_CHECKING:
-    from motorprior.hardware.virtual_pupper import VirtualPupper
+    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
     from motorprior.pipeline.twin_body import TwinBody
+    from motorprior.robots.robot import Robot
 
 RATES = (100, 200)
 LONGEST_DELAY = 2.0
@@ -40,8 +42,8 @@ _LONGEST_START = 60.0
 class Virtual:
     """A robot that is not there: pseudo-terminal, firmware, and the twin in real time."""
 
-    fleet: str = "pupper_v2"
-    """Fleet that its twelve motors are drawn from."""
+    fleet: str | None = None
+    """Fleet that its motors are drawn from; the robot's own if not given."""
     seed: int = 0
     """Number of the robot: another one has other motors."""
     hung: bool = False
@@ -66,16 +68,16 @@ class Virtual:
     """Faults, KIND:JOINT@SECONDS or KIND@SECONDS, for example frozen:FR_knee@8 or unplugged@10."""
 
 
-def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
+def make(robot: Robot, config: Virtual) -> tuple[VirtualRobot, TwinBody]:
     """A robot and its body; nothing lives yet.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, an unknown fleet or fault.
     """
     require_robot_extra()
-    from motorprior.hardware.firmware import FirmwareConfig
-    from motorprior.hardware.injected import NoisyLine, parse_fault
-    from motorprior.hardware.virtual_pupper import VirtualPupper
+    from motorprior.hardware.virtual.firmware import FirmwareConfig
+    from motorprior.hardware.virtual.injected import NoisyLine, parse_fault
+    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
     from motorprior.pipeline.twin_body import TwinBody, draw_motors
 
     require_seed(config.seed)
@@ -84,8 +86,9 @@ def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
         require_number(name, getattr(config, name), most=1.0)
     if config.rate not in RATES:
         raise ConfigError(f"rate {config.rate} is no rate of the firmware", remedy="give 100 or 200", argument="rate")
-    faults = [parse_fault(text) for text in config.fault]
-    body = TwinBody(draw_motors(load_robot_fleet(config.fleet), config.seed), config.hung, config.seed)
+    faults = [parse_fault(robot, text) for text in config.fault]
+    motors = draw_motors(robot, load_robot_fleet(robot, config.fleet), config.seed)
+    body = TwinBody(robot, motors, config.hung, config.seed)
     firmware = FirmwareConfig(1000 // config.rate, config.currents, config.imu, config.homing)
     lines = [
         NoisyLine(
@@ -93,10 +96,11 @@ def make(config: Virtual) -> tuple[VirtualPupper, TwinBody]:
         )
         for way in (0, 1)
     ]
-    return VirtualPupper(body, firmware, faults, *lines), body
+    return VirtualRobot(robot, body, firmware, faults, *lines), body
 
 
 def serve(
+    robot: Robot,
     config: Virtual,
     link: Path | None = None,
     seconds: float | None = None,
@@ -106,7 +110,8 @@ def serve(
     """Live until Ctrl-C, a signal or the end of ``seconds``; returns what the robot went through.
 
     Args:
-        config: the robot.
+        robot: one with a wire.
+        config: which of its kind, and what is wrong with it.
         link: name for its pseudo-terminal.
         seconds: lifetime [s]; without end if not given.
         with_parent: end with the process that started this one, however that ends.
@@ -118,15 +123,15 @@ def serve(
     if seconds is not None:
         require_number("seconds", seconds)
     parent = os.getppid()
-    robot, body = make(config)
+    virtual, body = make(robot, config)
     start = body.live.state().base
-    with _ended_by_signals(robot.stop, seconds), _named(link, robot.port):
-        progress.note(f"virtual Pupper number {config.seed} on {link or robot.port}")
-        robot.run(lambda: with_parent and os.getppid() != parent)
+    with _ended_by_signals(virtual.stop, seconds), _named(link, virtual.port):
+        progress.note(f"virtual robot number {config.seed} on {link or virtual.port}")
+        virtual.run(lambda: with_parent and os.getppid() != parent)
     end = body.live.state()
     forward, left = (end.base - start)[:2]
-    progress.note(f"virtual Pupper: went {forward:+.2f} m forward, {left:+.2f} m left, now {robot.firmware.mode}")
-    return {"path_m": body.path} | _life(robot, forward, left, end.attitude)
+    progress.note(f"virtual robot: went {forward:+.2f} m forward, {left:+.2f} m left, now {virtual.firmware.mode}")
+    return {"path_m": body.path} | _life(virtual, forward, left, end.attitude)
 
 
 @contextlib.contextmanager
@@ -143,7 +148,7 @@ def _ended_by_signals(stop: Callable[[], None], seconds: float | None) -> Iterat
             signal.signal(number, handler)
 
 
-def _life(robot: VirtualPupper, forward: float, left: float, attitude: np.ndarray) -> dict[str, Any]:
+def _life(robot: VirtualRobot, forward: float, left: float, attitude: np.ndarray) -> dict[str, Any]:
     targets = [at for at, what in robot.events if what == "target"]
     return {
         "started": robot.started,
@@ -184,15 +189,15 @@ def _named(link: Path | None, port: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def living(config: Virtual) -> Iterator[str]:
+def living(robot_name: str, config: Virtual) -> Iterator[str]:
     """A virtual robot in a process of its own while this is open; gives its port.
 
     Raises:
         RobotFault: it did not start.
     """
-    with tempfile.TemporaryDirectory(prefix="virtual-pupper-") as folder:
+    with tempfile.TemporaryDirectory(prefix="virtual-robot-") as folder:
         link = Path(folder) / "port"
-        command = [sys.executable, "-m", __name__, json.dumps(asdict(config)), str(link)]
+        command = [sys.executable, "-m", __name__, robot_name, json.dumps(asdict(config)), str(link)]
         process = subprocess.Popen(command, start_new_session=True)
         try:
             _wait_for(link, process)
@@ -214,16 +219,16 @@ def _wait_for(link: Path, process: subprocess.Popen) -> None:
     deadline = time.monotonic() + _LONGEST_START
     while not link.is_symlink():
         if process.poll() is not None or time.monotonic() > deadline:
-            raise RobotFault("no port", "the virtual Pupper did not start", remedy="see what it printed above")
+            raise RobotFault("no port", "the virtual robot did not start", remedy="see what it printed above")
         time.sleep(0.02)
 
 
-def _main(settings: str, link: str) -> None:
+def _main(robot_name: str, settings: str, link: str) -> None:
     """The process of `living`."""
     values = json.loads(settings)
     config = Virtual(**values | {"fault": tuple(values["fault"])})
     try:
-        serve(config, Path(link), with_parent=True, progress=Lines(sys.stderr))
+        serve(load_robot(robot_name), config, Path(link), with_parent=True, progress=Lines(sys.stderr))
     except MotorPriorError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None

@@ -25,7 +25,14 @@ class UserModel:
     """
 
     def __init__(self, path: Path, is_free: bool, removes_actuators: bool):
-        import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
+        try:
+            import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
+        except ModuleNotFoundError as error:
+            raise ArtifactError(
+                "MuJoCo is not installed, which reads a robot's model",
+                where=path,
+                remedy="pip install 'motorprior[full]'",
+            ) from error
 
         self._mujoco, self._path = mujoco, path
         if not path.is_file():

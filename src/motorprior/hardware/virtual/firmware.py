@@ -1,4 +1,4 @@
-"""What runs on the robot: the firmware's behaviour without a port, bytes in and bytes out, at times it is told.
+"""The firmware's behaviour without a port: bytes in and bytes out, at times that the caller gives.
 
 After Nate711/DJIPupperTests (MIT): it homes by itself, then holds; a target puts it into position mode with the gains
 it knows; `idle` takes the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every
@@ -17,8 +17,8 @@ import numpy as np
 
 from motorprior.hardware.axes import to_wire
 from motorprior.hardware.framing import command_reader, telemetry_frame
-from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.robots.pupper_v2 import spec
+from motorprior.hardware.protocol import Command, Sizes, Telemetry
+from motorprior.robots.robot import Robot
 
 HOMING_CURRENT, HOMING_SPEED = 6.0, 1.5  # [A], [rad/s]
 FURTHEST_ANGLE, LARGEST_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
@@ -27,12 +27,12 @@ HOMING, HOLDING, POSITION, IDLE, ERROR = "homing", "holding", "position", "idle"
 
 @dataclass(frozen=True)
 class Drive:
-    """What the current loops are told: i = kp·(target - q) - kd·dq, within ±max_current.
+    """Input of the current loops: i = kp·(target - q) - kd·dq, within ±max_current.
 
     Attributes:
-        target: (12,) [rad].
-        kp: (12,) [A/rad]; 0 where a motor is off.
-        kd: (12,) [A·s/rad].
+        target: (joints,) [rad].
+        kp: (joints,) [A/rad]; 0 where a motor is off.
+        kd: (joints,) [A·s/rad].
         max_current: [A].
         blocked: joints that something holds fast.
     """
@@ -46,15 +46,15 @@ class Drive:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What a robot feels, joints in the robot's own signs.
+    """Measurements of a robot's sensors, joints in the robot's own signs.
 
     Attributes:
-        pos: (12,) [rad].
-        vel: (12,) [rad/s].
-        current: (12,) [A].
+        pos: (joints,) [rad].
+        vel: (joints,) [rad/s].
+        current: (joints,) [A].
         attitude: roll, pitch, yaw [rad].
         rates: of roll, pitch, yaw about the body's axes [rad/s].
-        temperature: (12,) of the motors [°C], where it is measured.
+        temperature: (joints,) of the motors [°C], where it is measured.
         battery: [V], where it is measured.
     """
 
@@ -104,24 +104,27 @@ class Firmware:
         now: time since the start [ms].
 
     Args:
+        robot: with a wire.
         body: what it moves.
         config: how it is built.
-        on_change: told of every change of mode, and of every target ("target"), for the figures of tests.
+        on_change: called at every change of mode with the mode, and at every target with "target".
         sensed: what becomes of the sensors before the firmware reads them; a place for injected faults.
     """
 
     def __init__(
         self,
+        robot: Robot,
         body: Body,
         config: FirmwareConfig,
         on_change: Callable[[str], None] = lambda _: None,
         sensed: Callable[[Sensors], Sensors] = lambda sensors: sensors,
     ):
         self._body, self._config, self._on_change, self._sense = body, config, on_change, sensed
-        self._reader = command_reader()
-        self._zero = np.zeros(spec.NUM_JOINTS)
-        self._gains = (spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
-        self._active = np.ones(spec.NUM_JOINTS)
+        self._wire, self._sizes = robot.require_wire(), Sizes.of(robot)
+        self._reader = command_reader(self._sizes)
+        self._zero = np.zeros(robot.num_joints)
+        self._gains = (self._wire.kp, self._wire.kd, self._wire.max_current)
+        self._active = np.ones(robot.num_joints)
         self._sensors = sensed(body.sense())
         self._target = self._sensors.pos.copy()
         self._text: list[str] = ["LED on", "Homing" if config.homes else "Holding"]
@@ -155,7 +158,7 @@ class Firmware:
                 self._text.append("ERROR")
             if self.now % period == 0:
                 self._look()
-                out += telemetry_frame(self._telemetry())
+                out += telemetry_frame(self._telemetry(), self._sizes)
         return bytes(out)
 
     def pieces(self, milliseconds: int) -> Iterator[bytes]:
@@ -200,7 +203,7 @@ class Firmware:
 
     def _home(self) -> None:
         """Targets move to the homed pose at the homing speed; then the robot holds."""
-        step, away = 1e-3 * HOMING_SPEED, self._target - to_wire(spec.CROUCH_POSE)
+        step, away = 1e-3 * HOMING_SPEED, self._target - to_wire(self._wire, self._wire.crouch_pose)
         self._target -= np.clip(away, -step, step)
         if np.abs(away).max() <= step:
             self._text.append("Homed")
@@ -209,8 +212,8 @@ class Firmware:
     def _drive(self) -> Drive:
         kp, kd, limit = self._gains
         if self.mode == HOMING:
-            kp, kd, limit = spec.WIRE_KP, spec.WIRE_KD, HOMING_CURRENT
-        on = self._active if self.mode in (HOMING, HOLDING, POSITION) else np.zeros(spec.NUM_JOINTS)
+            kp, kd, limit = self._wire.kp, self._wire.kd, HOMING_CURRENT
+        on = self._active if self.mode in (HOMING, HOLDING, POSITION) else np.zeros_like(self._active)
         return Drive(self._target + self._zero, kp * on, kd * on, limit)
 
     def _look(self) -> None:
@@ -232,7 +235,7 @@ class Firmware:
         )  # fmt: skip
         if not config.with_currents:
             return telemetry
-        nothing = np.zeros(spec.NUM_JOINTS)
+        nothing = np.zeros_like(self._active)
         return replace(
             telemetry, cur=sensors.current, pref=self._target, vref=nothing, cref=sensors.current, lcur=sensors.current
         )

@@ -1,6 +1,7 @@
-"""A robot that is not there: a pseudo-terminal with firmware and a body behind it, in real time.
+"""A virtual robot: a pseudo-terminal with firmware and a body behind it, in real time.
 
-Whoever opens `port` talks to it like to a Teensy on /dev/ttyACM0, with the same bytes over a real serial port object.
+A host that opens `port` talks to it as to a Teensy on /dev/ttyACM0, with the same bytes over a real serial port
+object.
 """
 
 from __future__ import annotations
@@ -13,14 +14,15 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 
-from motorprior.hardware.firmware import Body, Drive, Firmware, FirmwareConfig, Sensors
-from motorprior.hardware.injected import LAG, CommandCutter, Fault, FaultySensors, NoisyLine
 from motorprior.hardware.real_time import real_time_priority
+from motorprior.hardware.virtual.firmware import Body, Drive, Firmware, FirmwareConfig, Sensors
+from motorprior.hardware.virtual.injected import LAG, CommandCutter, Fault, FaultySensors, NoisyLine
+from motorprior.robots.robot import Robot
 
 _READ_SIZE = 4096
 
 
-class VirtualPupper:
+class VirtualRobot:
     """One virtual robot. `run` is its life; it may be a thread's or a process's.
 
     Attributes:
@@ -31,6 +33,7 @@ class VirtualPupper:
         started: when `run` began, on the monotonic clock [s].
 
     Args:
+        robot: that it is one of; with a wire.
         body: motors and mechanics.
         config: of the firmware.
         faults: injected.
@@ -40,6 +43,7 @@ class VirtualPupper:
 
     def __init__(
         self,
+        robot: Robot,
         body: Body,
         config: FirmwareConfig,
         faults: Sequence[Fault] = (),
@@ -51,7 +55,7 @@ class VirtualPupper:
         sensors = FaultySensors(self._faults)
         self.events: list[tuple[float, str]] = []
         self._switch_on = lambda: Firmware(
-            self._body, config, self._note, lambda sensed: sensors(sensed, self._body.now)
+            robot, self._body, config, self._note, lambda sensed: sensors(sensed, self._body.now)
         )
         self.firmware = self._switch_on()
         self._to_host, self._to_robot, self._cutter = to_host or NoisyLine(), to_robot or NoisyLine(), CommandCutter()
@@ -171,9 +175,9 @@ class _FaultyBody:
         return self._body.sense()
 
 
-def in_thread(robot: VirtualPupper) -> Callable[[], None]:
+def in_thread(robot: VirtualRobot) -> Callable[[], None]:
     """Start a virtual robot in a thread of this process; returns what ends it."""
-    thread = threading.Thread(target=robot.run, name="virtual-pupper", daemon=True)
+    thread = threading.Thread(target=robot.run, name="virtual-robot", daemon=True)
     thread.start()
 
     def end() -> None:

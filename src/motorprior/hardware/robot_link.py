@@ -19,8 +19,8 @@ from motorprior.hardware.safety import SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.logs.robot_run import Mode
-from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.spec import SafetyLimits
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import SafetyLimits
 
 _IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
 """The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
@@ -33,10 +33,11 @@ _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 
 
-class Robot:
-    """One robot, idle until it is armed and idle again when it is closed. Use it in a ``with`` block.
+class RobotLink:
+    """A host's link to one robot: idle until armed, idle again when closed. Use it in a ``with`` block.
 
     Attributes:
+        robot: at the other end.
         limits: of the safety layer.
         stream: believed telemetry and its counters, in the library's signs.
         text: the last lines that the robot printed.
@@ -45,26 +46,30 @@ class Robot:
         slew_clips: see `SafetyGate`; the same.
 
     Args:
-        link: open port; closed with the robot.
+        robot: with a wire.
+        port: open; closed with the link.
         limits: see attributes; the robot's own if not given.
-        recorder: gets every believed measurement made under a target; closed with the robot.
+        recorder: gets every believed measurement made under a target; closed with the link.
     """
 
-    def __init__(self, link: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None):
-        self._link, self._recorder = link, recorder
-        self.limits = limits = limits or spec.SAFETY
+    def __init__(
+        self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None
+    ):
+        self.robot, self._wire = robot, robot.require_wire()
+        self._port, self._recorder = port, recorder
+        self.limits = limits = limits or self._wire.safety
         self.stream = TelemetryStream(limits)
         self.text: list[str] = []
         self.sent = self.position_clips = self.slew_clips = 0
         self._gate: SafetyGate | None = None
         self._guardian: Guardian | None = None
-        self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(limits)
-        self._extras = Extras(limits)
+        self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(robot, limits)
+        self._extras = Extras(robot, limits)
         self._checked: Measurement | None = None
         self._error_line: str | None = None
         self._forgiven: set[str] = set()
 
-    def __enter__(self) -> Robot:
+    def __enter__(self) -> RobotLink:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -73,7 +78,7 @@ class Robot:
     @property
     def rejected(self) -> int:
         """Damaged frames."""
-        return self._link.rejected
+        return self._port.rejected
 
     @property
     def gate(self) -> SafetyGate:
@@ -88,21 +93,21 @@ class Robot:
 
     @property
     def target(self) -> np.ndarray | None:
-        """The (12,) target in force [rad], None while idle."""
+        """The (joints,) target in force [rad], None while idle."""
         return None if self._gate is None else self._gate.target
 
     def listen(self, until: float) -> None:
-        """Take in what the robot says until ``until`` [s] on the monotonic clock; at least what is there already.
+        """Read messages of the robot until ``until`` [s] on the monotonic clock; at least what is there already.
 
         Raises:
             RobotFault: the port is gone.
         """
         while True:
-            for arrival, message in self._link.wait(until):
+            for arrival, message in self._port.wait(until):
                 if isinstance(message, str):
                     self._hear(message)
                     continue
-                measurement = self.stream.take(from_wire(message), arrival)
+                measurement = self.stream.take(from_wire(self._wire, message), arrival)
                 if measurement is not None:
                     self._record(measurement)
             if time.monotonic() >= until:
@@ -138,9 +143,9 @@ class Robot:
         Raises:
             RobotFault: something is wrong with the robot, the gains, or the watchdog.
         """
-        gate = SafetyGate(self.limits, kp, kd, max_current)
+        gate = SafetyGate(self.robot, self.limits, kp, kd, max_current)
         self._forgiven.clear()
-        self._guardian = Guardian(self._link.fileno(), self.limits.watchdog)
+        self._guardian = Guardian(self._port.fileno(), self.limits.watchdog)
         self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
         measurement = self.check()
         gate.take_hold(measurement.telemetry.pos, time.monotonic())
@@ -148,7 +153,7 @@ class Robot:
         self._tracking.begin(kd / kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
-        """Hold (12,) position targets [rad]; returns when the command left [s].
+        """Hold (joints,) position targets [rad]; returns when the command left [s].
 
         Raises:
             RobotFault: the gate or the watchdog says no, or the port is gone.
@@ -158,8 +163,8 @@ class Robot:
             self._guardian.beat()
         command = gate.admit(target, time.monotonic())
         if self.sent < _LAW_FIRST:
-            self._link.send(gate.law())
-        sent = self._link.send(command)
+            self._port.send(gate.law())
+        sent = self._port.send(command)
         self.sent += 1
         if self._recorder is not None and (target_in_force := gate.target) is not None:
             self._recorder.sent(sent, target_in_force, mode)
@@ -183,7 +188,7 @@ class Robot:
             self._gate = None
         if self._guardian is not None:
             guardian, self._guardian = self._guardian, None
-            if self._link.unsent:
+            if self._port.unsent:
                 guardian.abandon()
             else:
                 guardian.release()
@@ -199,16 +204,16 @@ class Robot:
         try:
             self.idle()
         finally:
-            self._link.close()
+            self._port.close()
             if self._recorder is not None:
                 self._recorder.close()
 
     def _send_idle(self, command: Command) -> None:
-        self._link.forget_unsent()
+        self._port.forget_unsent()
         for repeats in _IDLE_BURSTS:
             with contextlib.suppress(MotorPriorError):  # the port may be gone
                 for _ in range(repeats):
-                    self._link.send(command)
+                    self._port.send(command)
             time.sleep(_IDLE_PAUSE)
 
     @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Faults to order: what a line, an encoder, a motor and a cable can do to a robot, each from a stated time on."""
+"""Injected faults of line, encoders, motors and cables, each from a stated time on."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.firmware import Sensors
 from motorprior.hardware.framing import COMMAND_FRAMING
-from motorprior.robots.pupper_v2 import spec
+from motorprior.hardware.virtual.firmware import LARGEST_CURRENT, Sensors
+from motorprior.robots.robot import Robot
 
 KINDS = (
     *("frozen", "jumping", "stalled", "dead", "hot_current", "hot_motor", "surge"),
@@ -30,10 +30,10 @@ class Fault:
     """One thing that breaks.
 
     Attributes:
-        kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C), surge (12 A:
-            the firmware gives up), tilted (the IMU says 1 rad), numb (the IMU repeats itself), blind (the IMU says 0),
-            flat (17 V), mute (no telemetry), lagging (telemetry comes later and later), deaf (it reads no bytes any
-            more), restart (it starts anew, its clock at 0), unplugged.
+        kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C), surge (a
+            current at which the firmware gives up), tilted (the IMU says 1 rad), numb (the IMU repeats itself), blind
+            (the IMU says 0), flat (17 V), mute (no telemetry), lagging (telemetry comes later and later), deaf (it
+            reads no bytes any more), restart (its clock begins at 0 again), unplugged.
         at: time since the robot started [s].
         joint: index, where the kind has one.
     """
@@ -43,8 +43,10 @@ class Fault:
     joint: int = 0
 
 
-def parse_fault(text: str) -> Fault:
-    """``frozen:FR_knee@5`` is a knee whose encoder freezes 5 s after the start; ``unplugged@8`` has no joint.
+def parse_fault(robot: Robot, text: str) -> Fault:
+    """The fault that a text names: ``frozen:FR_knee@5`` is a knee whose encoder freezes 5 s after the start.
+
+    ``unplugged@8`` has no joint.
 
     Raises:
         ConfigError: another form, kind or joint.
@@ -52,14 +54,14 @@ def parse_fault(text: str) -> Fault:
     found = _FORM.match(text)
     kind, joint = (found["kind"], found["joint"]) if found else ("", None)
     number = re.fullmatch(r"\d+(\.\d*)?", found["at"] or "0") if found else None
-    with_joint = kind in _WITH_JOINT
-    if kind not in KINDS or number is None or (joint in spec.JOINT_NAMES) != with_joint or (joint and not with_joint):
+    with_joint, names = kind in _WITH_JOINT, robot.joint_names
+    if kind not in KINDS or number is None or (joint in names) != with_joint or (joint and not with_joint):
         raise ConfigError(
             f"fault {text!r} is unknown", argument="fault",
             remedy=f"give KIND:JOINT@SECONDS with KIND of {', '.join(_WITH_JOINT)}, or KIND@SECONDS with one of "
             f"{', '.join(kind for kind in KINDS if kind not in _WITH_JOINT)}",
         )  # fmt: skip
-    index = spec.JOINT_NAMES.index(joint) if joint in spec.JOINT_NAMES else 0
+    index = names.index(joint) if joint in names else 0
     return Fault(kind, float(number.group()), index)
 
 
@@ -89,9 +91,9 @@ class FaultySensors:
             elif fault.kind == "hot_current":
                 current[fault.joint] = 9.5
             elif fault.kind == "surge":
-                current[fault.joint] = 12.0
+                current[fault.joint] = 1.2 * LARGEST_CURRENT
             elif fault.kind == "hot_motor":
-                temperature = np.where(np.arange(spec.NUM_JOINTS) == fault.joint, 95.0, 40.0)
+                temperature = np.where(np.arange(len(pos)) == fault.joint, 95.0, 40.0)
             elif fault.kind == "tilted":
                 attitude[0] = 1.0
             elif fault.kind == "numb":

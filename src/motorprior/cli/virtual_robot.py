@@ -1,4 +1,4 @@
-"""``motorprior virtual-pupper``: a robot that is not there, on a pseudo-terminal."""
+"""``motorprior virtual-robot``: a robot that is not there, on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from pathlib import Path
 from motorprior.artifacts import write_json
 from motorprior.cli.console import TERMINAL
 from motorprior.pipeline.virtual_robot import Virtual, serve
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
-class VirtualPupperCommand:
-    """A virtual Pupper on a pseudo-terminal, to deploy to and record from."""
+class VirtualRobotCommand:
+    """A virtual robot on a pseudo-terminal, to deploy to and record from."""
 
     robot: Virtual = field(default_factory=Virtual)
     """The robot."""
@@ -24,10 +26,12 @@ class VirtualPupperCommand:
     """Lifetime [s]; until Ctrl-C if not given."""
     with_parent: bool = False
     """End with the process that started it, however that ends."""
+    kind: str = DEFAULT_ROBOT
+    """Which robot: a shipped one by name."""
 
 
-def run_virtual_pupper(config: VirtualPupperCommand) -> None:
+def run_virtual_robot(config: VirtualRobotCommand) -> None:
     """Live until Ctrl-C, or for the seconds that were asked for."""
-    life = serve(config.robot, config.link, config.seconds, config.with_parent, TERMINAL)
+    life = serve(load_robot(config.kind), config.robot, config.link, config.seconds, config.with_parent, TERMINAL)
     if config.json is not None:
         write_json(config.json, life)
