@@ -24,7 +24,7 @@ from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
-ID = "motorprior/PupperWalk-v0"
+ID = "motorprior/Walk-v0"
 FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, 16))), 20, axis=0)
 
 
@@ -77,7 +77,9 @@ def test_its_episode_is_that_of_motorprior_walk(motors):
     env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
     choice = motorprior.environments.MotorChoice(**motors)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
-    simulator = WalkSimulator(choice.drawer(), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt), walk)
+    simulator = WalkSimulator(
+        choice.drawer(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
+    )
     (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(16)
     while not ended:
         act(*weights, observation, action)

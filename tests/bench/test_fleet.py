@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.bench.fleet import SHIPPED, load_fleet
+from motorprior.bench.fleet import fleet_path, load_fleet
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.shipped import SHIPPED
 
-NAMES = sorted(path.stem for path in SHIPPED.glob("*.toml"))
-SHIPPED_TEXT = (SHIPPED / "pupper_v2.toml").read_text(encoding="utf-8")
+NAMES = sorted(name for robot in SHIPPED for name, _ in robot.fleets)
+SHIPPED_TEXT = fleet_path("pupper_v2").read_text(encoding="utf-8")
 
 
 def with_table(tmp_path: Path, parameter: str, body: str) -> Path:
@@ -42,7 +43,7 @@ def test_both_shipped_fleets_load_and_name_their_motor():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_number_of_a_shipped_fleet_has_a_source(name):
-    tables = (SHIPPED / f"{name}.toml").read_text(encoding="utf-8").split("\n[")[1:]
+    tables = fleet_path(name).read_text(encoding="utf-8").split("\n[")[1:]
     assert len(tables) == len(load_fleet(name).parameters) == 17
     for table in tables:
         sources = [line for line in table.splitlines() if line.startswith("source = ")]

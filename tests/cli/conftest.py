@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motorprior.logs.pupper_import import CSV_COLUMNS
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.facts import read_bench
 from motorprior.cli.console import Bar
 from motorprior.cli.main import main
+from motorprior.logs.puppersim import csv_columns
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walk import Walk, run_walk
@@ -180,4 +180,4 @@ def write_pupper_csv(path: Path, rows: int = 40) -> None:
     time = 0.01 * np.arange(rows)
     angle = spec.NOMINAL_POSE + 0.1 * np.sin(2 * np.pi * time)[:, None]
     table = np.column_stack([time, angle, angle, np.zeros((rows, 4))])
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(CSV_COLUMNS), comments="")
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(csv_columns(spec.NUM_JOINTS)), comments="")

@@ -18,7 +18,7 @@ import pytest
 
 from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.fleet import SHIPPED
+from motorprior.bench.fleet import fleet_path
 from motorprior.cli import main as command
 from motorprior.cli.speed import Speed
 from motorprior.identification.presets import identification_preset
@@ -119,7 +119,7 @@ def test_a_command_line_that_says_nothing_exits_with_2(motorprior: Command, line
 )
 def test_a_fleet_with_a_bad_value_is_refused(refused: Command, tmp_path: Path, old: str, new: str, words: tuple):
     fleet = tmp_path / "mine.toml"
-    text = (SHIPPED / "pupper_v2.toml").read_text("utf-8")
+    text = fleet_path("pupper_v2").read_text("utf-8")
     assert old in text
     fleet.write_text(text.replace(old, new, 1), "utf-8")
     for line in ("bench", "walk --actuator fleet", "demo"):

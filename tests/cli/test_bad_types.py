@@ -12,7 +12,7 @@ import pytest
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.fleet import SHIPPED
+from motorprior.bench.fleet import fleet_path
 from motorprior.cli import main as command
 from motorprior.cli.speed import Speed
 
@@ -145,7 +145,7 @@ def test_a_policy_whose_motors_are_out_of_range_is_named(refused: Command, tmp_p
 def test_a_fleet_with_a_number_beyond_all_bounds_is_refused(
     refused: Command, tmp_path: Path, parameter: str, number: str, words: tuple[str, ...]
 ):
-    head, tail = (SHIPPED / "pupper_v2.toml").read_text("utf-8").split(f"[{parameter}]\n")
+    head, tail = fleet_path("pupper_v2").read_text("utf-8").split(f"[{parameter}]\n")
     first, rest = tail.split("center = ", 1)
     fleet = tmp_path / "mine.toml"
     fleet.write_text(f"{head}[{parameter}]\n{first}center = {number} # {rest}", "utf-8")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from motorprior.artifacts import read_json, read_tensors
-from motorprior.bench.fleet import SHIPPED
+from motorprior.bench.fleet import fleet_path
 from motorprior.bench.record import PRESETS as bench_presets
 from motorprior.identification.presets import PRESETS as identification_presets
 from motorprior.pipeline import stage as stage_module
@@ -137,7 +137,7 @@ def test_a_changed_setting_runs_it_again(motorprior: Command, tmp_path: Path, wh
 
 def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
     fleet, out = tmp_path / "mine.toml", tmp_path / "bench"
-    text = (SHIPPED / "pupper_v2.toml").read_text("utf-8")
+    text = fleet_path("pupper_v2").read_text("utf-8")
     line = ("bench", "--motors", 1, "--steps", 10, "--fleet", fleet, "--out", out)
     fleet.write_text(text, "utf-8")
     assert motorprior(*line).code == 0

@@ -17,6 +17,7 @@ from motorprior.identification.windows import training_data
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.parquet_io import read_log
 from motorprior.logs.robot_run import read_robot_run
+from motorprior.robots import load
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -24,7 +25,9 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 def policy_file(path: Path, **changes) -> Path:
     """Zero weights: a trot."""
     gains = np.full(12, spec.WIRE_KP * spec.TORQUE_CONSTANT), np.full(12, spec.WIRE_KD * spec.TORQUE_CONSTANT)
-    trot = Policy(np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT)
+    trot = Policy(
+        np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT, PUPPER_V2.name, PUPPER_V2.joint_names
+    )
     replace(trot, **changes).save(path)
     return path
 
@@ -33,7 +36,9 @@ def policy_file(path: Path, **changes) -> Path:
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The machine that runs tests has other things to do: a host may be late."""
     late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
-    monkeypatch.setattr(spec, "SAFETY", replace(PUPPER_V2.require_wire().safety, **late))
+    wire = PUPPER_V2.require_wire()
+    lenient = replace(PUPPER_V2, wire=replace(wire, safety=replace(wire.safety, **late)))
+    monkeypatch.setattr(load, "SHIPPED", (lenient,))
 
 
 @pytest.fixture
@@ -49,7 +54,7 @@ def test_a_policy_walks_a_virtual_robot_and_leaves_a_log(motorprior: Callable, p
     facts = json.loads((out / "run.json").read_text())
     assert facts["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and facts["policy"] == str(policy)
     assert json.loads((out / "figures.json").read_text())["control_steps"] >= 40
-    log = read_robot_run(out / "run.csv")
+    log = read_robot_run(out / "run.csv", PUPPER_V2)
     assert log.num_joints == 12 and 1.3 < log.duration < 1.8, "half a second, and one to come to rest"
 
 
@@ -78,7 +83,7 @@ def test_an_excitation_becomes_a_log_that_priors_adapt_to_and_are_identified_fro
     assert done.code == 0, done.err
     checked = motorprior("logs", "check", out / "run.csv")
     assert checked.code == 0 and "12 joints, 2.0 s" in checked.out, checked.out
-    assert read_robot_run(out / "run.csv").joint_torque is not None
+    assert read_robot_run(out / "run.csv", PUPPER_V2).joint_torque is not None
     done = motorprior("logs", "import", out / "run.csv", "--hung", "--out", tmp_path / "log")
     assert done.code == 0, done.err
     log = read_log(tmp_path / "log" / "run.parquet")

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.fleet import SHIPPED
+from motorprior.bench.fleet import fleet_path
 
 Command = Callable[..., Any]
 
@@ -16,7 +16,7 @@ Command = Callable[..., Any]
 @pytest.fixture
 def go1(tmp_path: Path) -> Path:
     """The fleet of another robot."""
-    text = (SHIPPED / "pupper_v2.toml").read_text("utf-8")
+    text = fleet_path("pupper_v2").read_text("utf-8")
     path = tmp_path / "go1.toml"
     path.write_text(text.replace('robot = "pupper_v2"', 'robot = "go1"'), "utf-8")
     return path

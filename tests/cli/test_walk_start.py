@@ -28,6 +28,8 @@ def test_a_search_begins_with_the_policy_and_its_view_of_the_world():
         np.ones(12),
         np.ones(12),
         0.01,
+        PUPPER_V2.name,
+        PUPPER_V2.joint_names,
     )
     search = new_search(ArsConfig(), PUPPER_V2.num_joints, policy)
     np.testing.assert_array_equal(search.parameters.reshape(16, 19), policy.weights)

@@ -25,6 +25,8 @@ from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import WorldConfig
 
+MUJOCO, BULLET = WorldConfig.of(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=0.001)
+
 
 def mujoco(_: object) -> Backend:
     """Physical motors of the shipped fleet."""
@@ -38,26 +40,26 @@ def mujoco(_: object) -> Backend:
 def mujoco_of_grey_boxes(grey_network) -> Backend:
     """Motors drawn around a small servo."""
     network = grey_network(spread=0.05)
-    return MujocoBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))))
+    return MujocoBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))), MUJOCO)
 
 
 def pybullet(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("pupper_v2")
-    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)))
+    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)), BULLET)
 
 
 def pybullet_of_grey_boxes(grey_network) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     network = grey_network(spread=0.05)
-    return PybulletBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))))
+    return PybulletBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))), BULLET)
 
 
 def pybullet_rough(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("mixed")
     motors = lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))  # noqa: E731
-    return PybulletBackend(motors, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
+    return PybulletBackend(motors, BULLET, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
 
 
 def mujoco_randomized(_: object) -> Backend:
@@ -209,7 +211,7 @@ def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(eng
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
     queue = [motors, sound]
-    backend = engine(lambda rng: queue.pop(0))
+    backend = engine(lambda rng: queue.pop(0), BULLET if engine is PybulletBackend else MUJOCO)
     backend.reset(0)
     assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1
     assert backend.reset(0).fault == 0

@@ -13,8 +13,10 @@ from motorprior.actuator.kind import ActuatorKind
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.exceptions import ConfigError
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation import rollout
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
 
 KP, KD = 9.0, 0.8
 READS_MORE = 0.01
@@ -73,9 +75,13 @@ def same_pd(n: int) -> IdealPd:
 
 def test_it_walks_in_the_compiled_rollout_that_was_compiled_before_it():
     policy = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.zeros(18), np.ones(18))
-    known = WalkSimulator(lambda rng: same_pd(12), walk=WalkConfig(50)).run(*policy, seed=3, trace=True)
+    known = WalkSimulator(lambda rng: same_pd(12), WorldConfig.of(PUPPER_V2), WalkConfig(50)).run(
+        *policy, seed=3, trace=True
+    )
     before = len(rollout._episode.signatures)  # pyright: ignore[reportFunctionMemberAccess]
-    new = WalkSimulator(lambda rng: Spring(12), walk=WalkConfig(50)).run(*policy, seed=3, trace=True)
+    new = WalkSimulator(lambda rng: Spring(12), WorldConfig.of(PUPPER_V2), WalkConfig(50)).run(
+        *policy, seed=3, trace=True
+    )
     assert len(rollout._episode.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
     assert new.steps == known.steps == 50 and new.fault == 0
     # the policy sees other encoders; the first command is the same

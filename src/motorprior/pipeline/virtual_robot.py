@@ -1,6 +1,7 @@
 """A virtual robot on a pseudo-terminal, in this process or in one of its own.
 
-``python -m motorprior.pipeline.virtual_robot ROBOT SETTINGS LINK`` is that process: it ends with the one that started it.
+``python -m motorprior.pipeline.virtual_robot ROBOT SETTINGS LINK`` is that process; it ends with the one that
+started it.
 """
 
 from __future__ import annotations
