@@ -168,7 +168,7 @@ def test_a_robot_that_was_not_reset_does_not_walk(make):
 @pytest.mark.parametrize("word", [{"gain": 3.0}, {"render_mode": "rgb_array"}])
 def test_a_keyword_it_does_not_know_is_a_type_error_as_of_any_function(make, word):
     """Stable-Baselines3 tries ``render_mode`` and goes on without it after a TypeError."""
-    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{next(iter(word))}'; use some of engine"):
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{next(iter(word))}'; use some of robot"):
         make(ID, actuator="pd", **word)
 
 

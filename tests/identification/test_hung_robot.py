@@ -16,6 +16,7 @@ from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.logs.parquet_io import read_log
 from motorprior.pipeline.twin_body import draw_motors
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 RECIPE = identification_preset("rollout")
 FLEET = load_fleet("pupper_v2")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,5 +25,6 @@ class MakeReport:
 
 def run_report(config: MakeReport) -> None:
     """Write the page and say where."""
+    command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
     is_demo = (config.run / SETTINGS).is_file()
-    print(build_report(config.run) if is_demo else build_walk_report(config.run, config.robot))
+    print(build_report(config.run) if is_demo else build_walk_report(config.run, config.robot, command))

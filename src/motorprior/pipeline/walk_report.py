@@ -12,8 +12,13 @@ from motorprior.robots.load import load_robot
 from motorprior.transfer.study import STUDY_SEED
 
 
-def build_walk_report(run: Path, robot_name: str) -> Path:
+def build_walk_report(run: Path, robot_name: str, command: str) -> Path:
     """Write report.html beside the policies found in ``run`` or one folder below it; returns its path.
+
+    Args:
+        run: folder of one training, or of several.
+        robot_name: name or .toml file of the robot that walks.
+        command: what makes the same page again, for the page.
 
     Raises:
         ConfigError: no policy there.
@@ -43,7 +48,7 @@ def build_walk_report(run: Path, robot_name: str) -> Path:
         subtitle=f"Robot {robot.name}: policies trained on samples of its motors.",
         sections=(*learned, sections.gaits(robot, traces, robot.control_dt)),
         settings={"robot": robot_name, "policies": len(folders)},
-        command=f"motorprior report {run} --robot {robot_name}",
+        command=command,
     )
     write_report(run / PAGE, report)
     return run / PAGE
