@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from motorprior.cli.adapt import AdaptCommand
+from motorprior.cli.demo import demo_command
 from motorprior.cli.deploy import Deploy
 from motorprior.cli.diff import Diff
 from motorprior.cli.doctor import Doctor
@@ -112,3 +113,12 @@ def test_the_start_does_not_wait_for_heavy_libraries():
         set(loaded) & {"jax", "optax", "matplotlib", "jinja2", "pyarrow", "scipy.optimize", "serial", "msgpack"}
         == set()
     )
+
+
+def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
+    line: str = "demo --fleet mixed --logs somewhere --motors 16 --bench-steps 1500 --workers 1 --out elsewhere"
+    config = parse([*line.split()])
+    assert isinstance(config, Demo)
+    words = "motorprior demo --fleet mixed --logs FOLDER --seed 0 --motors 16 --bench-steps 1500"
+    assert demo_command(config) == words
+    assert demo_command(Demo()) == "motorprior demo --fleet pupper_v2 --seed 0"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +16,12 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log
-from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import description, is_finished, remove, working
+from motorprior.pipeline.progress import SILENT, Progress, Task
+from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
+
+if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.presets import Preset
+    from motorprior.identification.windows import TrainingData
 
 PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
 
@@ -53,9 +57,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     require_seed(config.seed)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.presets import identification_preset
-    from motorprior.identification.reference import reference_metrics
     from motorprior.identification.standardise import MOTORS_TO_TRUST
-    from motorprior.identification.train import CHUNK, identify
     from motorprior.identification.windows import training_data
 
     preset = identification_preset(config.preset)
@@ -72,23 +74,34 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
             f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
         )
     with working(config.out, wanted) as clock:
-        with progress.start(f"identify {config.preset}: {preset.steps} Adam steps", preset.steps) as task:
-
-            def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
-                clock.note()
-                task.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
-
-            found = identify(data, preset, config.seed, report, _Checkpoint(config.out / CHECKPOINT, wanted))
-        metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-        metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
-        metrics |= reference_metrics(found.network, data, preset, found.mean, log)
-        prior = MotorPrior(
-            found.network, found.mean, found.log_var, config.preset, origin.robot, origin.motor,
-            origin.provenance | {"recipe": asdict(preset), "seed": config.seed}, metrics,
-        )  # fmt: skip
+        title = f"identify {config.preset}: {preset.steps} Adam steps"
+        with progress.start(title, preset.steps) as task:
+            kept = _Checkpoint(config.out / CHECKPOINT, wanted, clock)
+            prior = _trained(config, preset, data, log, origin, kept, task)
         prior.save(config.out / PRIOR)
         MotorPrior.load(config.out / PRIOR)  # what nobody could load is no success
         remove(config.out, CHECKPOINT)
+
+
+def _trained(
+    config: Identify, preset: Preset, data: TrainingData, log: MotorLog, origin: _Origin, kept: _Checkpoint, task: Task
+) -> MotorPrior:
+    """The prior, with the figures that it is judged by later."""
+    from motorprior.identification.reference import reference_metrics
+    from motorprior.identification.train import CHUNK, identify
+
+    def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
+        kept.clock.note()
+        task.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
+
+    found = identify(data, preset, config.seed, report, kept)
+    metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+    metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
+    metrics |= reference_metrics(found.network, data, preset, found.mean, log)
+    return MotorPrior(
+        found.network, found.mean, found.log_var, config.preset, origin.robot, origin.motor,
+        origin.provenance | {"recipe": asdict(preset), "seed": config.seed}, metrics,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -120,6 +133,7 @@ class _Checkpoint:
 
     path: Path
     stage: dict[str, Any]
+    clock: Stopwatch
 
     def load(self) -> dict[str, np.ndarray] | None:
         try:

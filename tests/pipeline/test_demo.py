@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import read_json, write_json
-from motorprior.cli.demo import demo_command
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline import demo as demo_module
 from motorprior.pipeline.demo import Demo, run_demo
@@ -194,12 +193,3 @@ def test_damaged_figures_of_the_run_are_named(moved: Demo):
         (moved.out / "figures.json").write_text(text)
         with pytest.raises(ConfigError, match="run the same demo again"):
             build_report(moved.out)
-
-
-def test_the_command_names_every_option_that_is_not_the_default(demo: Run):
-    words = demo_command(replace(demo.config, logs=Path("somewhere")))
-    assert words == (
-        "motorprior demo --fleet pupper_v2 --logs FOLDER --seed 0 --motors 16 --bench-steps 1500 "
-        "--adam-steps 30 --iterations 2 --seeds 1"
-    )
-    assert demo_command(Demo()) == "motorprior demo --fleet pupper_v2 --seed 0"
