@@ -1,7 +1,8 @@
 """The geared motor's step, traced by LLVM, JAX and numpy, is one motor and obeys its equation of motion.
 
 The equation is solved apart from the step's algebra: the rotor's velocity is its root by bisection. Where a gear
-touches or a rotor sticks, a decision within rounding could fall either way in float32; the seeds are such that none does.
+touches or a rotor sticks, a decision within rounding could fall either way in float32; the seeds are such that none
+does.
 """
 
 from dataclasses import replace
