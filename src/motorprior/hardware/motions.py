@@ -10,10 +10,9 @@ import numpy as np
 from motorprior.backend import BackendState
 from motorprior.hardware.axes import backend_state
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.locomotion.body import action_size, body_of, observation_size
-from motorprior.locomotion.control_step import command_step
+from motorprior.locomotion.body import action_size
+from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import INTENSITY, Policy, act
-from motorprior.locomotion.task import observe
 from motorprior.robots.robot import Robot
 
 Motion = Callable[[Measurement], np.ndarray | None]
@@ -55,45 +54,36 @@ def played(targets: np.ndarray) -> Motion:
 
 
 class Walker:
-    """A policy in the loop, with the very functions of the simulation, in the order of `WalkEnv`.
+    """A policy as a motion, on the `GaitController` of `WalkEnv`.
 
     Attributes:
-        observation: (observations,) the last input of the policy.
         throttle: 0..1, share of the intensity that the policy asks for. 1 is the policy as it was trained; it was not
             trained for another.
+
+    Args:
+        robot: a legged one.
+        policy: trained for it.
     """
 
     def __init__(self, robot: Robot, policy: Policy):
-        joints = robot.num_joints
-        self._robot, self._body, self._policy = robot, body_of(robot), policy
+        self._robot, self._policy = robot, policy
+        self._controller = GaitController(robot, policy.control_dt)
+        self._action, self._intensity = np.zeros(action_size(robot.num_joints)), robot.num_joints + INTENSITY
         self.throttle = 1.0
-        self.observation, self._action = np.zeros(observation_size(joints)), np.zeros(action_size(joints))
-        self._command, self._target = np.zeros(action_size(joints)), np.zeros(joints)
-        self.reset()
 
-    def reset(self) -> None:
-        """Begin an episode: phase and filter at 0."""
-        self._phase, self._filter_state = 0.0, np.zeros(len(self._action))
+    @property
+    def observation(self) -> np.ndarray:
+        """(observations,) the last input of the policy."""
+        return self._controller.observation
 
     def step(self, state: BackendState) -> np.ndarray:
-        """The (joints,) targets [rad] for a state: observe, act, command; afterwards the phase is the next one."""
-        policy = self._policy
-        observe(
-            state.base_quat,
-            state.base_ang_vel,
-            state.measured_joint_pos,
-            self._phase,
-            self._body.nominal_pose,
-            self.observation,
-        )
-        act(policy.weights, policy.observation_mean, policy.observation_std, self.observation, self._action)
+        """The (joints,) targets [rad] for a state: observe, act, command."""
+        policy, action = self._policy, self._action
+        observation = self._controller.observe(state)
+        act(policy.weights, policy.observation_mean, policy.observation_std, observation, action)
         if self.throttle < 1.0:  # intensity = (action + 1) / 2, so this scales it
-            intensity = self._robot.num_joints + INTENSITY
-            self._action[intensity] = self.throttle * (self._action[intensity] + 1.0) - 1.0
-        self._phase = command_step(
-            self._body, self._action, self._filter_state, self._phase, policy.control_dt, self._command, self._target
-        )
-        return self._target.copy()
+            action[self._intensity] = self.throttle * (action[self._intensity] + 1.0) - 1.0
+        return self._controller.command(action)
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """`step` as a `Motion`."""
@@ -112,6 +102,6 @@ class Walker:
         return target
 
     def warm_up(self, measurement: Measurement) -> None:
-        """Compile, or load what was compiled, before time counts; then forget it."""
+        """Compile, or load what was compiled, before time counts; then begin again."""
         self(measurement)
-        self.reset()
+        self._controller.reset()

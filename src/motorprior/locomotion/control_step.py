@@ -1,6 +1,7 @@
 """One control step around the physics, compiled: what comes before it and what comes after it.
 
-The Gymnasium env and the compiled rollout call these two and nothing else, so they agree bit for bit:
+The Gymnasium env (by its `GaitController`) and the compiled rollout call these two and nothing else, so they agree bit
+for bit:
 
     reset: phase = 0, filter_state = 0, observe
     step:  new_phase = command_step(action, filter_state, phase, ...)     targets are those of the OLD phase

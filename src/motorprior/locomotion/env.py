@@ -11,10 +11,11 @@ from gymnasium.spaces import Box
 
 from motorprior.bounds import is_number, require_count, require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.body import action_size, body_of, observation_size
-from motorprior.locomotion.control_step import command_step, evaluate_step
+from motorprior.locomotion.body import action_size
+from motorprior.locomotion.control_step import evaluate_step
+from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
-from motorprior.locomotion.task import TaskWeights, observe
+from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -59,20 +60,14 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         control_dt = robot.control_dt if control_dt is None else control_dt
         if not (is_number(control_dt) and control_dt > 0.0):
             raise ConfigError(f"control_dt {control_dt!r} s is not a number above 0", remedy="give the control period")
-        furthest, actions = observation_bounds(robot.num_joints), action_size(robot.num_joints)
+        furthest, self._action_shape = observation_bounds(robot.num_joints), (action_size(robot.num_joints),)
         self.observation_space = Box(-furthest, furthest, dtype=np.float64)
-        self.action_space = Box(-1.0, 1.0, (actions,), np.float64)
-        self._body, self._backend = body_of(robot), backend
+        self.action_space = Box(-1.0, 1.0, self._action_shape, np.float64)
+        self._controller, self._backend = GaitController(robot, float(control_dt)), backend
         self._weights = (weights or TaskWeights()).array()
         self._episode_steps = episode_steps
-        self._control_dt = float(control_dt)
         self._draw_sensors = draw_sensors
         self._sensors = perfect_sensors()
-        self._filter_state = np.zeros(actions)
-        self._command = np.zeros(actions)
-        self._target = np.zeros(robot.num_joints)
-        self._observation = np.zeros(observation_size(robot.num_joints))
-        self._phase = 0.0
         self._previous_x = 0.0
         self._steps = 0
         self._running = False
@@ -97,16 +92,14 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         state = self._backend.reset(drawn)
         if state.fault != 0:
             raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
-        self._phase, self._steps, self._running = 0.0, 0, True
-        self._filter_state[:] = 0.0
-        self._target[:] = self._body.nominal_pose
+        self._steps, self._running = 0, True
+        self._controller.reset()
         self._previous_x = float(state.base_pos[0])
         if self._draw_sensors is not None:
             self._sensors = self._draw_sensors(drawn, self._episode_steps)
-        measured, pose = state.measured_joint_pos, self._body.nominal_pose
-        observe(state.base_quat, state.base_ang_vel, measured, self._phase, pose, self._observation)
-        sense(self._sensors, 0, self._observation)
-        return self._observation.copy(), self._info(state)
+        observation = self._controller.observe(state)
+        sense(self._sensors, 0, observation)
+        return observation.copy(), self._info(state)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one control step.
@@ -121,18 +114,16 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        raw = require_finite("action", action, self._filter_state.shape)
-        self._phase = command_step(
-            self._body, raw, self._filter_state, self._phase, self._control_dt, self._command, self._target
-        )
-        state = self._backend.step(self._target.copy())
+        raw = require_finite("action", action, self._action_shape)
+        state = self._backend.step(self._controller.command(raw))
         earned, terminated = self._evaluate(state)
         self._steps += 1
+        observation = self._controller.observation
         if state.fault == 0:
-            sense(self._sensors, self._steps, self._observation)
+            sense(self._sensors, self._steps, observation)
         truncated = not terminated and self._steps >= self._episode_steps
         self._running = not (terminated or truncated)
-        return self._observation.copy(), earned, terminated, truncated, self._info(state)
+        return observation.copy(), earned, terminated, truncated, self._info(state)
 
     def close(self) -> None:
         """Close the backend."""
@@ -140,8 +131,9 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _evaluate(self, state: BackendState) -> tuple[float, bool]:
         """Reward [m] and end of the episode; fills the observation and remembers where the base is."""
+        controller = self._controller
         earned, terminated = evaluate_step(
-            self._body,
+            controller.body,
             state.base_pos,
             state.base_quat,
             state.base_lin_vel,
@@ -150,10 +142,10 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             float(state.torque_squared_sum),
             int(state.fault),
             self._previous_x,
-            self._phase,
-            self._control_dt,
+            controller.phase,
+            controller.control_dt,
             self._weights,
-            self._observation,
+            controller.observation,
         )
         self._previous_x = float(state.base_pos[0])
         return float(earned), bool(terminated)
@@ -162,8 +154,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """What a recorder or a study wants to know about the step."""
         return {
             "fault": int(state.fault),
-            "phase": float(self._phase),
-            "position_target": self._target.copy(),
+            "phase": float(self._controller.phase),
+            "position_target": self._controller.target,
             "measured_joint_pos": np.array(state.measured_joint_pos),
             "base_pos": np.array(state.base_pos),
             "base_quat": np.array(state.base_quat),
