@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
-from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.excitation import excitation_named, held
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
@@ -111,7 +111,7 @@ def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, 
     Same seed, same bytes. Segments of ``preset.segment_steps`` samples start from rest.
 
     Raises:
-        ConfigError: fewer than 2 steps.
+        ConfigError: fewer than 2 steps, or a motor whose gear is too stiff for its load.
     """
     if steps < 2:
         raise ConfigError(f"{steps} steps is below 2", remedy="record at least 2 steps")
@@ -123,8 +123,27 @@ def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, 
         round_, slot = divmod(segment, len(preset.kinds))
         hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
         part = trial(rng, kind, last - first, count, preset, hold)
-        parts.append((part, run(actuator, part)))
+        response = run(actuator, part)
+        _require_finite(response, part, motors)
+        parts.append((part, response))
     return _as_log(parts, preset, fleet, seed)
+
+
+def _require_finite(response: Response, part: Trial, motors: MotorParameters) -> None:
+    """Refuse a recording in which a motor broke down.
+
+    Raises:
+        ConfigError: names the motor, its gear and its load.
+    """
+    broken = np.flatnonzero(~np.isfinite(response.joint_pos).all(axis=0))
+    if broken.size:
+        motor = int(broken[0])
+        raise ConfigError(
+            f"motor {motor} breaks down on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
+            f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff",
+            remedy="give the fleet a softer gear, or the robot's file a larger load_inertia = [least, most]",
+            argument="fleet",
+        )
 
 
 def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorLog:

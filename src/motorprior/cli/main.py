@@ -26,6 +26,7 @@ from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # 
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
+from motorprior.cli.simulate import SimulateCommand, simulate  # noqa: E402
 from motorprior.cli.speed import Speed, run_speed  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
@@ -47,6 +48,7 @@ Command = (
     | Annotated[ValidateCommand, tyro.conf.subcommand("validate")]
     | Annotated[Diff, tyro.conf.subcommand("diff")]
     | Annotated[AdaptCommand, tyro.conf.subcommand("adapt")]
+    | Annotated[SimulateCommand, tyro.conf.subcommand("simulate")]
     | Annotated[ReplayCommand, tyro.conf.subcommand("replay")]
     | Annotated[WalkCommand, tyro.conf.subcommand("walk")]
     | Annotated[TransferCommand, tyro.conf.subcommand("transfer")]
@@ -66,6 +68,7 @@ RUN = {
     ValidateCommand: validate,
     Diff: run_diff,
     AdaptCommand: adapt,
+    SimulateCommand: simulate,
     ReplayCommand: replay,
     WalkCommand: walk,
     TransferCommand: transfer,

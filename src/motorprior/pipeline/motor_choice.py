@@ -99,7 +99,7 @@ def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
         motors.require(robot.name, robot.physics_dt)
         return (lambda rng: motors.sample(rng, count)), robot.physics_dt
     if isinstance(motors, Fleet):
-        return (lambda rng: PhysicalActuator(motors.sample(rng, count))), LONGEST_STEP
+        return (lambda rng: PhysicalActuator(motors.sample(rng, count))), min(LONGEST_STEP, robot.twin_physics_dt)
     if callable(motors):
         draw: Any = motors
         return draw, robot.physics_dt
@@ -109,7 +109,8 @@ def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
             remedy="see EnvOptions",
             argument="motors",
         )
-    return (lambda rng: motors), LONGEST_STEP if isinstance(motors, PhysicalActuator) else robot.physics_dt
+    longest = min(LONGEST_STEP, robot.twin_physics_dt)
+    return (lambda rng: motors), longest if isinstance(motors, PhysicalActuator) else robot.physics_dt
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class MotorChoice:
 
     def physics_dt(self, robot: Robot) -> float:
         """The step [s] these motors are simulated at: the robot's, or the longest that physical motors allow."""
-        return LONGEST_STEP if self.actuator == "fleet" else robot.physics_dt
+        return min(LONGEST_STEP, robot.twin_physics_dt) if self.actuator == "fleet" else robot.physics_dt
 
     def condition(self) -> str:
         """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""

@@ -36,7 +36,7 @@ def measure_speed(
     actuators: dict[str, tuple[Actuator, float]] = {
         "ideal_pd": (nominal_pd(fleet, robot.num_joints), robot.physics_dt),
         "rollout": (learned, robot.physics_dt),
-        "physical": (PhysicalActuator(fleet.center(robot.num_joints)), LONGEST_STEP),
+        "physical": (PhysicalActuator(fleet.center(robot.num_joints)), min(LONGEST_STEP, robot.twin_physics_dt)),
     }
     with progress.start("speed: episodes side by side", REPEATS) as task, ExitStack() as stack:
         paths = compiled_paths(robot, actuators) | (interpreted_paths(robot, learned) if interpreted else {})

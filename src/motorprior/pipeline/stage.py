@@ -25,7 +25,7 @@ from motorprior.robots.robot import Robot
 
 MARKER, UNFINISHED = "stage.json", "unfinished.json"
 """The second holds the seconds of a stage that was interrupted."""
-_STAGES = ("bench", "identify", "adapt", "validate", "replay", "walk", "transfer")
+_STAGES = ("bench", "identify", "adapt", "validate", "simulate", "replay", "walk", "transfer")
 _NEEDS = {"validate": ("adapt",)}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (

@@ -16,7 +16,7 @@
     foot = "FR"                      # a geom
     phase = 0.0                      # in the cycle of a trot
 
-Everything else has a default: `joints` (all hinges of the model), `foot_friction`, `physics_dt`, `control_dt`,
+Everything else has a default: `joints` (all hinges of the model), `load_inertia` ([least, most] in kg·m²), `foot_friction`, `physics_dt`, `control_dt`,
 `twin_physics_dt`, `reference_torque`, and a table `[gait]` with the fields of `Gait`.
 """
 
@@ -36,7 +36,17 @@ from motorprior.robots.user_model import UserModel
 
 _NEEDED = {"name", "motor", "model", "base", "nominal_pose", "kp", "kd", "torque_limit"}
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
-_OPTIONAL = {"encoder", "actuators", "joints", "legs", "gait", "foot_friction", "reference_torque", *_CLOCKS}
+_OPTIONAL = {
+    "load_inertia",
+    "encoder",
+    "actuators",
+    "joints",
+    "legs",
+    "gait",
+    "foot_friction",
+    "reference_torque",
+    *_CLOCKS,
+}
 _LEG = {"joints", "foot", "phase"}
 _USUAL_LOAD = 0.8
 """Of the torque limit: the reference torque where none is given."""
@@ -126,7 +136,9 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         nominal=numbers["nominal_pose"],
         legs=made,
         gait=_gait(table.get("gait", {}), f"{where}[gait]"),
-        load_inertia=model.load_inertia(pose, len(made), height),
+        load_inertia=_loads(table["load_inertia"], where)
+        if "load_inertia" in table
+        else model.load_inertia(pose, len(made), height),
         files=(path, file),
         standing_height=height,
         lowest=_LOWEST * height,
@@ -152,6 +164,15 @@ def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], 
     thigh, shank, radius = model.leg_lengths(joints, table["foot"], pose)
     places = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
     return Leg(name, places, table["foot"], phase, thigh, shank, radius)
+
+
+def _loads(value: Any, where: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ArtifactError("load_inertia is not a pair", where=where, remedy="write [least, most] in kg·m²")
+    least, most = (_number("load_inertia", each, where, least=1e-9) for each in value)
+    if least > most:
+        raise ArtifactError(f"load_inertia {least:g} exceeds {most:g}", where=where, remedy="swap them")
+    return least, most
 
 
 def _gait(table: Any, where: str) -> Gait:

@@ -59,7 +59,9 @@ def replay_log(log: MotorLog, robot: Robot, actuator: Actuator, prepared: MotorL
 
     Angles count as ±2π at most: where motors make the simulation break down, the error is large but finite.
     """
-    physics_dt = LONGEST_STEP if isinstance(actuator, PhysicalActuator) else robot.physics_dt
+    physics_dt = (
+        min(LONGEST_STEP, robot.twin_physics_dt) if isinstance(actuator, PhysicalActuator) else robot.physics_dt
+    )
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD))
     grid = resample(log, COMMAND_PERIOD)
     rest = robot.nominal_pose if robot.base == "free" else grid.position_target[0]

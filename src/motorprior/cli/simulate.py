@@ -1,0 +1,24 @@
+"""``motorprior simulate``: a simulated robot plays an excitation, as a motor log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import tyro
+
+from motorprior.cli.console import TERMINAL
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.simulate import Simulate, run_simulate
+
+
+@dataclass(frozen=True)
+class SimulateCommand(Simulate):
+    """Play an excitation on a simulated robot, fixed or hung in the air, and record a motor log."""
+
+    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
+
+
+def simulate(config: SimulateCommand) -> None:
+    """See `run_simulate`."""
+    run_simulate(config, TERMINAL)

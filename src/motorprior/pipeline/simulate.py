@@ -1,0 +1,114 @@
+"""A simulated robot plays an excitation on motors of one's choice; what it did is a motor log with known loads."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.bench.excitation import excitation_named
+from motorprior.bounds import require_number, require_seed
+from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.parquet_io import write_log
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.stage import description, is_finished, working
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.hung_load import with_loads
+from motorprior.simulation.replay import replay
+from motorprior.simulation.world import World, WorldConfig
+
+LOG = "log.parquet"
+LONGEST, LARGEST = 3600.0, 3.0
+"""Of a recording [s], and of an amplitude [rad]."""
+EXCITATION_STREAM = 0x51E7
+"""Separates the targets from the motors, which the same seed draws."""
+
+
+@dataclass(frozen=True)
+class Simulate:
+    """Play an excitation on a simulated robot, fixed or hung in the air, and record a motor log."""
+
+    out: Path
+    """Folder for log.parquet."""
+    motors: MotorChoice = field(default_factory=MotorChoice)
+    """The robot's motors."""
+    excitation: str = "sine"
+    """Signal of every joint about the nominal pose: sine, held_steps, gait, creep or chirp."""
+    seconds: float = 10.0
+    """Duration [s]."""
+    amplitude: float = 0.4
+    """Largest distance of a target from the nominal pose [rad]; the joints' limits bound it too."""
+    seed: int = 0
+    """Draws the motors and the excitation."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+
+
+def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
+    """Simulate, unless the folder holds this very log already.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
+        SimulationFault: the motors' gains are too high for the physics step.
+    """
+    require_number("seconds", config.seconds, 0.1, LONGEST)
+    require_number("amplitude", config.amplitude, 0.0, LARGEST)
+    require_seed(config.seed)
+    robot = load_robot(config.robot)
+    draw = config.motors.drawer(robot)
+    targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
+    wanted = description("simulate", asdict(config), [*config.motors.inputs(robot), *robot.files])
+    if is_finished(config.out, wanted):
+        return
+    title = f"simulate {robot.name}: {config.excitation}, {config.seconds:g} s"
+    with working(config.out, wanted), progress.start(title, 1) as task:
+        motors = draw(np.random.default_rng(config.seed))
+        log = simulated_log(robot, motors, targets, config.motors.physics_dt(robot))
+        write_log(config.out / LOG, with_loads(log, robot))
+        task.advance()
+
+
+def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:
+    """(control steps, joints) targets [rad]: every joint has a signal of its own about the nominal pose.
+
+    Raises:
+        ConfigError: no excitation is called ``kind``.
+    """
+    signal, rng = excitation_named(kind).target, np.random.default_rng([seed, EXCITATION_STREAM])
+    steps = max(2, round(seconds / robot.control_dt))
+    away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
+    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))
+    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
+
+
+def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float) -> MotorLog:
+    """What the motors of a fixed or hung robot do under ``targets``, a row per physics step of the robot.
+
+    Angles are the joints' own, velocities their differences.
+
+    Raises:
+        SimulationFault: the simulation broke down.
+    """
+    world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=robot.base == "free"))
+    played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)
+    rows = slice(every - 1, None, every)
+    held = round(robot.control_dt / robot.physics_dt)
+    joint_pos = np.concatenate([targets[:1], played.joint_pos[rows][:-1]])
+    log = MotorLog(
+        time=robot.physics_dt * np.arange(len(joint_pos)),
+        position_target=np.repeat(targets, held, axis=0),
+        joint_pos=joint_pos,
+        joint_vel=np.gradient(joint_pos, robot.physics_dt, axis=0),
+        joint_torque=None,
+        joint_names=robot.joint_names,
+        robot=robot.name,
+        motor=robot.motor,
+        source=f"simulated {robot.name}",
+        encoder="joint",
+    )
+    return checked(log, where=log.source)
