@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def _require_no_virtual_robot(words: list[str]) -> None:
-    """Refuse what is a command elsewhere, but not on a computer without a simulator.
+    """Refuse options that need a simulator, which this computer lacks.
 
     Raises:
         ConfigError: a virtual robot was asked for.

@@ -27,7 +27,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
-_BELIEVED = 0.3
+_RECOGNISED = 0.3
 """Time to listen until telemetry proves that the device is a robot [s]."""
 
 
@@ -46,7 +46,7 @@ def the_port(port: str | None) -> str:
         raise ConfigError(
             "no serial port that a robot could be on", remedy="plug it in and switch it on, or give its name"
         )
-    raise ConfigError(f"several ports: {', '.join(found)}", remedy="say which one is port", argument="port")
+    raise ConfigError(f"several ports: {', '.join(found)}", remedy="give one of them as port", argument="port")
 
 
 def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, say: Say) -> dict[str, float]:
@@ -139,7 +139,7 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Diag
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
-            examine(link, _BELIEVED)  # an unknown device at the port gets no bytes
+            examine(link, _RECOGNISED)  # an unknown device at the port gets no bytes
             link.relax()
         return examine(link, seconds)
 

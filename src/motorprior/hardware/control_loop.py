@@ -44,7 +44,7 @@ class Timing:
     broken_off: float | None = None
 
     def add(self, sent: float, late: float, measurement: Measurement) -> None:
-        """One more step."""
+        """Count one more step."""
         self.sent.append(sent)
         self.late.append(late)
         self.age.append(sent - measurement.sampled)
@@ -106,7 +106,7 @@ class ControlLoop:
         after_step: Callable[[Measurement], None] = lambda _: None,
         timing: Timing | None = None,
     ) -> Measurement | None:
-        """Play ``motion`` until it ends or ``stop`` says so; returns the last measurement.
+        """Play ``motion`` until it ends or ``stop`` returns True; returns the last measurement.
 
         Args:
             motion: gives the targets.
@@ -137,7 +137,7 @@ class ControlLoop:
         return measurement
 
     def _next_deadline(self, measurement: Measurement) -> None:
-        """One period on, a little nearer to a fresh measurement; deadlines that have passed are skipped."""
+        """Move the deadline one period on, a little nearer to a fresh measurement; skip those that have passed."""
         wanted = self._deadline - measurement.arrival - _AFTER_TELEMETRY
         wanted -= self._period * round(wanted / self._period)
         self._deadline += self._period - min(_LARGEST_SHIFT, max(-_LARGEST_SHIFT, wanted))

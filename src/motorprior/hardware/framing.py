@@ -89,7 +89,7 @@ class FrameReader(Generic[Message]):
         """Starts of frames that were none: damaged frames, and chance."""
 
     def feed(self, data: bytes) -> list[Message | str]:
-        """Everything that ``data`` completes, in order."""
+        """Messages and lines that ``data`` completes, in order."""
         self._buffer += data
         out: list[Message | str] = []
         while self._advance(out):

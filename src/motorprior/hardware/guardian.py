@@ -59,7 +59,7 @@ class Guardian:
         return self._process.pid
 
     def beat(self) -> None:
-        """Say that the host is alive.
+        """Send beats: the host is alive.
 
         Raises:
             RobotFault: the watchdog has taken over the port, is dead, or has not read a beat for a second.
@@ -75,13 +75,13 @@ class Guardian:
             raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
 
     def release(self) -> None:
-        """Say goodbye; the robot must be idle by now."""
+        """End the watchdog process; the robot must be idle by now."""
         with contextlib.suppress(OSError):
             os.write(self._beats, b"q")
         self.abandon()
 
     def abandon(self) -> None:
-        """Close the pipe without a word: as after the death of the host, the watchdog sends idle for a second."""
+        """Close the pipe and no more: as after the death of the host, the watchdog sends idle for a second."""
         os.close(self._beats)
         try:
             self._process.wait(timeout=2.0)

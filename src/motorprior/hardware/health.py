@@ -1,4 +1,4 @@
-"""Faults of a robot, found in believed telemetry and the targets that were sent. One small class per kind.
+"""Faults of a robot, found in accepted telemetry and the targets that were sent. One small class per kind.
 
 Each check is called once per measurement and raises `RobotFault` when its bound (`robots.wire.SafetyLimits`) is broken
 for the stated time. Angles are those of the library, not of the wire.
@@ -18,7 +18,7 @@ from motorprior.robots.wire import SafetyLimits
 
 
 class _Lasting:
-    """Whether something has been so for ``duration`` [s]: a single damaged frame may say anything."""
+    """Whether a condition has held for ``duration`` [s]: a single damaged frame proves nothing."""
 
     def __init__(self, duration: float):
         self._duration, self._since = duration, math.inf
@@ -41,10 +41,10 @@ class Tilt:
 
 
 class FrozenImu:
-    """An IMU that was alive says the same numbers again and again, or zeros: a fall would not be seen.
+    """An IMU that was alive repeats its values, or sends zeros: a fall would not be seen.
 
-    An IMU that never was alive is the business of `is_imu_alive`. To have been alive takes ``imu_time``: one damaged
-    frame of a firmware that reads no IMU is not life.
+    `is_imu_alive` finds an IMU that never was alive. To have been alive takes ``imu_time``: one damaged
+    frame of a firmware that reads no IMU does not count.
     """
 
     def __init__(self, limits: SafetyLimits):

@@ -1,4 +1,4 @@
-"""What a process can do to be on time: priority where it may have it, and no pause for garbage."""
+"""Scheduling of a process with deadlines: real-time priority where it is permitted, and no garbage collection."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def real_time_priority() -> Iterator[None]:
 
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """Everything alive now is set aside, and cycles wait until afterwards."""
+    """Collect no garbage while this is open; what exists before is frozen."""
     was_enabled = gc.isenabled()
     gc.collect()
     gc.freeze()

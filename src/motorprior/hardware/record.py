@@ -1,4 +1,4 @@
-"""Excite the motors of a robot that hangs or stands, and record what they do."""
+"""Excite the motors of a robot that hangs or stands, and record their motion."""
 
 from __future__ import annotations
 

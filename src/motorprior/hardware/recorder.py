@@ -1,4 +1,4 @@
-"""A recording that outlives its writer: one CSV line per believed frame, written at once and never rewritten."""
+"""A recording that outlives its writer: one CSV line per accepted frame, written at once and never rewritten."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot at the end of a serial port: listens, judges, and lets commands out through the gate only."""
+"""The host's link to a robot at a serial port: receives, checks, and sends commands through the gate only."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RobotLink:
     Attributes:
         robot: at the other end.
         limits: of the safety layer.
-        stream: believed telemetry and its counters, in the library's signs.
+        stream: accepted telemetry and its counters, in the library's signs.
         text: the last lines that the robot printed.
         sent: commands with a target since it was armed.
         position_clips: see `SafetyGate`; of the last time that it was armed, known once it is idle.
@@ -49,7 +49,7 @@ class RobotLink:
         robot: with a wire.
         port: open; closed with the link.
         limits: see attributes; the robot's own if not given.
-        recorder: gets every believed measurement made under a target; closed with the link.
+        recorder: gets every accepted measurement made under a target; closed with the link.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class RobotLink:
                 return
 
     def check(self) -> Measurement:
-        """The latest measurement of a robot that is well.
+        """The latest measurement, of a robot without a fault.
 
         Raises:
             RobotFault: the first thing that is wrong; see docs/hardware.md.
@@ -156,7 +156,7 @@ class RobotLink:
         """Hold (joints,) position targets [rad]; returns when the command left [s].
 
         Raises:
-            RobotFault: the gate or the watchdog says no, or the port is gone.
+            RobotFault: the gate refuses it, the watchdog has tripped, or the port is gone.
         """
         gate = self.gate
         if self._guardian is not None:
@@ -178,9 +178,9 @@ class RobotLink:
             self._guardian = None
 
     def idle(self) -> None:
-        """Take the current from all motors, whatever state this host is in. Says it several times: frames get lost.
+        """Take the current from all motors, in every state of the host. Idle is sent several times: frames get lost.
 
-        Where the port does not take it, the watchdog goes on saying it for a second.
+        Where the port does not take it, the watchdog goes on sending it for a second.
         """
         if self._gate is not None:
             self.position_clips, self.slew_clips = self._gate.position_clips, self._gate.slew_clips

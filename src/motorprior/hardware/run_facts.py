@@ -1,4 +1,4 @@
-"""What a run leaves beside its recording: run.json and figures.json, whatever ends it."""
+"""Files beside the recording of a run: run.json and figures.json, whatever ends it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FACTS, FIGURES = "run.json", "figures.json"
 
 
 class RunFacts:
-    """Everything that a reader of a recording may ask later.
+    """Settings, gains, limits and outcome of a run, for a reader of its recording.
 
     run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "pilot",
     the name of a signal, or the kind of a fault and its message. Infinite limits, those not applied, are null.

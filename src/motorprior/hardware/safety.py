@@ -1,7 +1,8 @@
-"""The gate: the one way from a position target to the robot.
+"""The safety gate: the only way from a position target to the robot.
 
-What is merely too far is brought into its bounds and counted; what cannot be meant ends the motion. After a fault the
-gate is shut: it lets nothing pass but idle, and, where the fault leaves time for it, the way down to a crouch.
+A target that is too far or too fast is brought into its bounds and counted; an impossible one ends the motion. After
+a fault the gate is shut: it lets nothing pass but idle, and, where the fault leaves time for it, the way down to a
+crouch.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class SafetyGate:
         return None if self._target is None else self._target.copy()
 
     def take_hold(self, joint_pos: np.ndarray, now: float) -> None:
-        """Begin where the joints are, so that the first target cannot be a jump.
+        """Begin with the joints where they are, so that the first target cannot be a jump.
 
         Raises:
             RobotFault: an earlier fault shut the gate.

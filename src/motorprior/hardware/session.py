@@ -1,4 +1,4 @@
-"""From a port to a moving robot and safely back: what deployment and recording have in common.
+"""From a port to a moving robot and safely back: the sequence of deployment and recording.
 
     open, first look, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 
@@ -38,13 +38,13 @@ _HOLD = 0.5
 _STILL = 0.1
 """A joint that moves further than this [rad] in the first look is moved by something else: homing, or a hand."""
 _NOT_TO_BE_TRUSTED = ("program error", "impossible command", "frozen IMU")
-"""Faults after which the motion that was playing, or what it sees, is no good for coming to rest."""
+"""Faults after which the motion that was playing, or its input, cannot be trusted to come to rest."""
 _QUICK = 0.1
-"""What was seen so long ago [s] is still so: a script confirmed, and nothing had to be compiled."""
+"""A first look is repeated if confirmation and compilation took longer than this [s]."""
 
 
 class StopRequest:
-    """Set by Ctrl-C, Ctrl-Z, a polite kill, or a lost terminal; the second one is an order to drop everything."""
+    """Set by Ctrl-C, Ctrl-Z, SIGTERM, or a lost terminal; the second one drops the robot at once."""
 
     def __init__(self) -> None:
         self.reason: str | None = None
@@ -220,7 +220,7 @@ def run_armed(
 
 
 def fault_of(error: Exception) -> RobotFault:
-    """What a program's error is for the robot; one that cannot be recorded can still come to rest."""
+    """The robot fault that a program's error amounts to; after one the robot can still come to rest."""
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
 
@@ -232,10 +232,10 @@ def _to_nominal(link: RobotLink) -> Motion:
 
 
 class _WayDown:
-    """Come to rest, crouch. A fault on the way goes on with what is left of it: who sits down does not walk again.
+    """Come to rest, crouch. After a fault on the way the rest of it follows: a robot that sits down walks no more.
 
     Attributes:
-        wind_down: a motion that comes to rest; None where nothing moves, not any more, or cannot be trusted.
+        wind_down: a motion that comes to rest; None where nothing moves any more, or the motion cannot be trusted.
     """
 
     def __init__(self, link: RobotLink):

@@ -1,4 +1,4 @@
-"""What a person can choose about a robot's run, for every command line; and whether this computer can do it at all."""
+"""Settings of a robot's run, for every command line, and the libraries that it needs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Excitation = Literal["sine", "chirp", "steps", "multisine", "gait"]
 
 
 def require_robot_extra() -> None:
-    """Refuse to go on without the two libraries that talk to a robot.
+    """Refuse to go on without the two libraries of the serial port and its messages.
 
     Raises:
         ConfigError: pyserial or msgpack is not installed.
@@ -53,7 +53,7 @@ class DeploySettings:
 
 @dataclass(frozen=True)
 class RecordSettings:
-    """What to play.
+    """How to excite and record.
 
     Attributes:
         out: folder for run.csv, ready for `motorprior logs import`, run.json and figures.json; runs/record/<date> if

@@ -1,6 +1,6 @@
-"""Which frames to believe, and how old they are.
+"""Acceptance of frames, and their age.
 
-Without a checksum a damaged frame can look right, so a frame is believed only if the robot could have moved there
+Without a checksum a damaged frame can look right, so a frame is accepted only if the robot could have moved there
 since the last one. The robot's clock is tied to the host's by the quickest frames:
 
     host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), not after its arrival
@@ -29,7 +29,7 @@ _RESTART = 2.0  # [s] of a clock that runs from 0 again
 
 @dataclass(frozen=True)
 class Measurement:
-    """A frame that is believed.
+    """An accepted frame.
 
     Attributes:
         telemetry: the frame.
@@ -65,7 +65,7 @@ class ClockTie:
 
 
 class TelemetryStream:
-    """Sorts frames into believed, repeated and impossible ones, and counts them."""
+    """Sorts frames into accepted, repeated and impossible ones, and counts them."""
 
     def __init__(self, limits: SafetyLimits):
         self._limits, self._tie = limits, ClockTie()
@@ -73,7 +73,7 @@ class TelemetryStream:
         self.accepted = self.repeated = self.impossible = self.impossible_in_a_row = 0
 
     def take(self, telemetry: Telemetry, arrival: float) -> Measurement | None:
-        """The measurement, or None for a frame that is not believed."""
+        """The measurement, or None for a frame that is not accepted."""
         last = self.latest
         if last is not None and _is_old(telemetry, last.telemetry):
             self.repeated += 1

@@ -7,7 +7,7 @@ library only, leaves the terminal's session and ignores its signals, so that wha
 
     python -I -S watchdog.py PORT_FD BEAT_FD REPORT_FD TIMEOUT IDLE_FRAME_HEX
 
-Beats: any bytes; "q" ends it without a word. Reports: "r" ready, "t" tripped.
+Beats: any bytes; "q" ends it, and it sends nothing. Reports: "r" ready, "t" tripped.
 """
 
 import contextlib
@@ -27,12 +27,12 @@ _LINGER = 1.0
 
 
 def main(arguments: list[str]) -> None:
-    """Guard until the host says goodbye or is gone."""
+    """Guard until the host releases this process or is gone."""
     port, beats, report = map(int, arguments[:3])
     timeout, idle = float(arguments[3]), bytes.fromhex(arguments[4])
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
         signal.signal(ignored, signal.SIG_IGN)
-    with contextlib.suppress(OSError, AttributeError):  # not everybody may, not every system can
+    with contextlib.suppress(OSError, AttributeError):  # needs a right, and a system that has it
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     os.set_blocking(port, False)
     os.write(report, b"r")
@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> None:
 
 
 def guard(beats: int, timeout: float) -> bool:
-    """Wait for trouble: True if the host died or hangs, False if it said goodbye."""
+    """Wait until the host ends its beats: True if it died or hangs, False if it released this process."""
     first = True  # the host may take its time before its first command
     while True:
         ready, _, _ = select.select([beats], [], [], None if first else timeout)

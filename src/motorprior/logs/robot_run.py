@@ -102,7 +102,7 @@ def read_robot_run(
 
 
 def _require_clean(table: np.ndarray, columns: tuple[str, ...], path: Path) -> None:
-    """What splines and segments rely on, with the row of the file."""
+    """Refuse numbers that are not finite and times that do not increase, with the row of the file."""
     remedy = "delete the row, or copy the file again from the robot"
     if not np.isfinite(table).all():
         row, column = np.argwhere(~np.isfinite(table))[0]

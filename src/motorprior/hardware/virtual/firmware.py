@@ -133,7 +133,7 @@ class Firmware:
 
     @property
     def gains(self) -> tuple[float, float, float]:
-        """What is in force: kp [A/rad], kd [A·s/rad], max_current [A]."""
+        """Gains and current limit in force: kp [A/rad], kd [A·s/rad], max_current [A]."""
         return self._gains
 
     def receive(self, data: bytes) -> None:
@@ -143,7 +143,7 @@ class Firmware:
                 self._obey(message)
 
     def advance(self, milliseconds: int) -> bytes:
-        """Let time pass; what is sent meanwhile."""
+        """Let time pass; returns the bytes sent meanwhile."""
         out, end, period = bytearray(), self.now + milliseconds, self._config.telemetry_period
         while self.now < end:
             out += "".join(f"{line}\r\n" for line in self._text).encode()
@@ -162,7 +162,7 @@ class Firmware:
         return bytes(out)
 
     def pieces(self, milliseconds: int) -> Iterator[bytes]:
-        """Let time pass; what is sent meanwhile, one piece per telemetry period, so that noise hits each by itself."""
+        """Let time pass; yields the bytes sent meanwhile, one piece per telemetry period: noise hits each by itself."""
         end, period = self.now + milliseconds, self._config.telemetry_period
         while self.now < end:
             yield self.advance(min(end - self.now, period - self.now % period))

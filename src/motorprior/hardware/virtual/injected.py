@@ -27,12 +27,12 @@ LAG = 0.5
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that breaks.
+    """A fault of one part.
 
     Attributes:
         kind: frozen or jumping (encoder), stalled or dead (motor), hot_current (9.5 A), hot_motor (95 °C), surge (a
-            current at which the firmware gives up), tilted (the IMU says 1 rad), numb (the IMU repeats itself), blind
-            (the IMU says 0), flat (17 V), mute (no telemetry), lagging (telemetry comes later and later), deaf (it
+            current at which the firmware gives up), tilted (the IMU reads 1 rad), numb (the IMU repeats itself), blind
+            (the IMU reads 0), flat (17 V), mute (no telemetry), lagging (telemetry comes later and later), deaf (it
             reads no bytes any more), restart (its clock begins at 0 again), unplugged.
         at: time since the robot started [s].
         joint: index, where the kind has one.
@@ -76,7 +76,7 @@ class FaultySensors:
         self._faults, self._frozen = faults, dict[int, float]()
 
     def __call__(self, sensors: Sensors, now: float) -> Sensors:
-        """What is read at ``now`` [s] instead of the truth."""
+        """Measurements at ``now`` [s], the faults included."""
         pos, vel, current = sensors.pos.copy(), sensors.vel.copy(), sensors.current.copy()
         attitude, rates = sensors.attitude.copy(), sensors.rates
         temperature, battery = sensors.temperature, sensors.battery
@@ -127,7 +127,7 @@ class NoisyLine:
         self._waiting: list[tuple[float, bytes]] = []
 
     def put(self, piece: bytes, now: float) -> None:
-        """A piece goes onto the line at ``now`` [s]."""
+        """Put a piece onto the line at ``now`` [s]."""
         if not piece or self.rng.random() < self.drop:
             return
         if self.rng.random() < self.corrupt:
@@ -136,7 +136,7 @@ class NoisyLine:
         self._waiting += [(now + self.delay, piece)] * (2 if self.rng.random() < self.duplicate else 1)
 
     def take(self, now: float) -> bytes:
-        """What comes out by ``now`` [s]."""
+        """Pieces that come out by ``now`` [s], joined."""
         ready = [piece for at, piece in self._waiting if at <= now]
         self._waiting = [(at, piece) for at, piece in self._waiting if at > now]
         return b"".join(ready)
@@ -157,7 +157,7 @@ class CommandCutter:
         self._rest = b""
 
     def cut(self, data: bytes) -> list[bytes]:
-        """What ``data`` completes, in order; joined, every byte that came but those of a part of a frame."""
+        """Pieces that ``data`` completes, in order; joined, every byte that came but those of a part of a frame."""
         self._rest += data
         pieces = []
         while (size := self._next_size()) > 0:

@@ -23,7 +23,7 @@ _READ_SIZE = 4096
 
 
 class VirtualRobot:
-    """One virtual robot. `run` is its life; it may be a thread's or a process's.
+    """One virtual robot. `run` moves it in real time, in a thread or a process of its own.
 
     Attributes:
         port: path of the pseudo-terminal to open.
@@ -79,7 +79,7 @@ class VirtualRobot:
         self._stop.set()
 
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
-        """Live until `stop`, or until ``ended`` says so."""
+        """Move until `stop` is called or ``ended`` returns True."""
         try:
             with real_time_priority():
                 self.started = self._switched_on = time.monotonic()
@@ -112,7 +112,7 @@ class VirtualRobot:
             self._write(out)
 
     def _restart(self) -> None:
-        """Switched off and on: another firmware, its clock at 0."""
+        """Switch off and on: another firmware, its clock at 0."""
         self._faults[:] = [fault for fault in self._faults if fault.kind != "restart"]
         self.firmware, self._switched_on = self._switch_on(), time.monotonic()
 
