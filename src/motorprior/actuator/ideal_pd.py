@@ -2,7 +2,7 @@
 
     motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
 
-kd acts on the absolute velocity, as in the Pupper's firmware. The engine gets damping = kd, which it
+kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd, which it
 integrates implicitly, and torque = motor torque + kd·joint_vel, so that their sum is the law above: an
 explicit kd of this size on a light joint chatters, and the baseline would be a straw man.
 """

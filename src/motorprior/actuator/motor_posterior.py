@@ -1,4 +1,4 @@
-"""What is known of particular motors: the posterior of z, as a file. One motor, or the twelve of a robot."""
+"""What is known of particular motors: the posterior of z, as a file. One motor, or all of a robot."""
 
 from __future__ import annotations
 

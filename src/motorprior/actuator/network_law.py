@@ -1,7 +1,7 @@
 """The learned network, compiled: a history of errors and velocities, and the torque it gives, renewed every period.
 
 The network runs on sixteen motors side by side (`lanes`). A plain loop over neurons takes 1.1 to 1.7 µs for a robot's
-twelve motors with the default prior, a tenth of a physics step or more; the lanes take 0.2 µs.
+a dozen motors with the default prior, a tenth of a physics step or more; the lanes take 0.2 µs.
 """
 
 from __future__ import annotations

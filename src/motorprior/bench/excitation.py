@@ -84,11 +84,14 @@ def chirp(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return 0.5 / np.maximum(1.0, frequency) * np.sin(2 * np.pi * np.cumsum(frequency) * dt)
 
 
+_SINES = 12
+
+
 def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """Twelve sines from 0.2 to 8 Hz at once, random phases, equal speeds above 1 Hz: rms 0.25 rad."""
-    frequency = np.geomspace(0.2, 8.0, 12) * rng.uniform(0.95, 1.05, 12)
+    """A sum of sines from 0.2 to 8 Hz, random phases, equal speeds above 1 Hz: rms 0.25 rad."""
+    frequency = np.geomspace(0.2, 8.0, _SINES) * rng.uniform(0.95, 1.05, _SINES)
     amplitude = 1.0 / np.maximum(1.0, frequency)
-    phase = rng.uniform(0, 2 * np.pi, 12)
+    phase = rng.uniform(0, 2 * np.pi, _SINES)
     total = amplitude @ np.sin(2 * np.pi * frequency[:, None] * np.arange(steps) * dt + phase[:, None])
     return 0.25 * total / np.sqrt(0.5 * np.sum(amplitude**2))
 
@@ -119,7 +122,7 @@ def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.
 def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine blows.
 
-    Blows last 4-60 ms and reach up to 3 N·m, as footfalls of a trotting Pupper do.
+    Blows last 4-60 ms and reach up to 3 N·m, as footfalls of a trotting robot of 2 kg do.
     """
     torque = np.full(steps, rng.uniform(-0.5, 0.5))
     time, now = np.arange(steps) * dt, rng.uniform(0.0, 0.2)

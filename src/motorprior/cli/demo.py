@@ -38,7 +38,7 @@ def _show(config: Demo, found: DemoResult) -> None:
         show_replay(found.figures)
     else:
         print(
-            "No real logs were given. Those of a Pupper v2 are in jietan/puppersim, puppersim/data/system_id "
+            "No real logs were given. Those of the shipped robot are in jietan/puppersim, puppersim/data/system_id "
             "(Apache-2.0): --logs FOLDER"
         )
     show_transfer(found.figures)

@@ -1,4 +1,4 @@
-"""``motorprior replay``: real Pupper logs against simulated motors."""
+"""``motorprior replay``: real logs of a robot against simulated motors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motorprior.report.tables import replay_models, replay_rows
 
 @dataclass(frozen=True)
 class ReplayCommand(Replay):
-    """Replay the commands of real Pupper v2 logs on simulated motors and compare the joint angles."""
+    """Replay the commands of real logs on simulated motors and compare the joint angles."""
 
     logs: tyro.conf.Positional[Path]
 
@@ -27,4 +27,4 @@ def replay(config: ReplayCommand) -> None:
 def show_replay(figures: dict[str, float]) -> None:
     """The table on the terminal."""
     models = replay_models(figures)[1]
-    table("Real Pupper logs: joint RMSE [mrad], start included", ["log", "joint", *models], replay_rows(figures))
+    table("Real logs: joint RMSE [mrad], start included", ["log", "joint", *models], replay_rows(figures))

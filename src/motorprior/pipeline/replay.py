@@ -1,4 +1,4 @@
-"""Real Pupper logs against simulated motors."""
+"""Real logs of a robot against simulated motors."""
 
 from __future__ import annotations
 

@@ -16,8 +16,9 @@
     foot = "FR"                      # a geom
     phase = 0.0                      # in the cycle of a trot
 
-Everything else has a default: `joints` (all hinges of the model), `load_inertia` ([least, most] in kg·m²), `foot_friction`, `physics_dt`, `control_dt`,
-`twin_physics_dt`, `reference_torque`, and a table `[gait]` with the fields of `Gait`.
+Everything else has a default: `joints` (all hinges of the model), `load_inertia` ([least, most] in kg·m²),
+`foot_friction`, `physics_dt`, `control_dt`, `twin_physics_dt`, `reference_torque`, and a table `[gait]` with the fields
+of `Gait`.
 """
 
 from __future__ import annotations
