@@ -193,5 +193,36 @@ def test_files_are_short():
     assert {str(file.relative_to(SOURCE)): n for file, n in lengths.items() if n > 500} == {}
 
 
+ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
+TWELVES = {
+    "bench/excitation.py": "sines of a multisine",
+    "identification/distribution.py": "the variance of a rank sum",
+    "transfer/robot_fidelity.py": "draws of motors",
+}
+"""Where the number 12 is not the joints of some robot."""
+
+
+def robots_named(source: Path) -> list[str]:
+    """Lines outside robots/ that name a robot, or have a 12 that may be the number of its joints."""
+    found = []
+    for file in sorted(source.rglob("*.py")):
+        place, text = file.relative_to(source).as_posix(), file.read_text("utf-8")
+        if place.startswith("robots/"):
+            continue
+        found += [f"{place}:{n}" for n, line in enumerate(text.splitlines(), 1) if ROBOT_NAMES.search(line)]
+        if place not in TWELVES:
+            numbers = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)]
+            found += [f"{place}:{node.lineno}" for node in numbers if type(node.value) is int and node.value == 12]
+    return found
+
+
+def test_nothing_outside_robots_names_a_robot_or_counts_its_joints(tmp_path: Path):
+    assert robots_named(SOURCE) == []
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "one.py").write_text('NAME = "pupper_v2"\njoints = 12\n')
+    (tmp_path / "two.py").write_text('"""Of the Pupper."""\nx = range(12)\n"""A Go2."""\n# puppersim\ny = 0.12\n')
+    assert robots_named(tmp_path) == ["two.py:1", "two.py:3", "two.py:2"]
+
+
 def test_names_say_what_is_inside():
     assert [str(f.relative_to(SOURCE)) for f in SOURCE.rglob("*") if f.stem in EMPTY_NAMES] == []

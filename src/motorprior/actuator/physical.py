@@ -12,7 +12,7 @@ All quantities at the output shaft. Per substep h (<= 0.25 ms), with the joint m
     rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
 
 Dry friction is applied as an impulse that can stop the rotor but never reverse it (exact stiction). The joint
-gets the mean of τ_gear over the substeps. Structure after identified hobby servos and
+gets the mean of τ_gear over the substeps. Structure after the identified motors of a small legged robot and
 puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 """
 
