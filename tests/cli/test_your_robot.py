@@ -12,7 +12,7 @@ import pytest
 from motorprior.cli.main import RUN, parse
 from motorprior.locomotion.policy import Policy
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "your-robot.md").read_text("utf-8")
 SMALL = {
     "walk": "--iterations 2 --episode-steps 40 --search.num-directions 4 --search.num-top-directions 2 --workers 1",
