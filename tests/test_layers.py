@@ -18,6 +18,8 @@ WORDS = {
     "rotations",
     "signals",
     "artifacts",
+    "results",
+    "schema",
     "bounds",
     "backend",
 }  # "": __init__.py

@@ -19,6 +19,9 @@ import numpy as np
 from motorprior.exceptions import ArtifactError
 from motorprior.safetensors_file import parse_json, parse_safetensors
 
+LONGEST_LIST = 300
+"""Characters of the keys in a message."""
+
 
 @contextlib.contextmanager
 def atomic_path(final: Path) -> Iterator[Path]:
@@ -81,17 +84,28 @@ def read_json(path: Path) -> Any:
         raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it anew") from error
 
 
-def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path) -> None:
-    """Refuse any key too many or too few.
+def require_keys(
+    given: Iterable[str],
+    wanted: Iterable[str],
+    where: str | Path | None,
+    remedy: str = "use a file written by this version of motorprior",
+    name: str = "",
+) -> None:
+    """Refuse any key too many or too few in the table ``name`` of the file ``where``.
 
     Raises:
         ArtifactError: names the unknown and the missing keys.
     """
     given, wanted = set(given), set(wanted)
     if given != wanted:
-        parts = [f"unknown keys {sorted(given - wanted)}"] if given - wanted else []
-        parts += [f"missing keys {sorted(wanted - given)}"] if wanted - given else []
-        raise ArtifactError(" and ".join(parts), where=where, remedy="use a file written by this version of motorprior")
+        parts = [f"unknown keys {_listed(given - wanted)}"] if given - wanted else []
+        parts += [f"missing keys {_listed(wanted - given)}"] if wanted - given else []
+        raise ArtifactError((f"{name}: " if name else "") + " and ".join(parts), where=where, remedy=remedy)
+
+
+def _listed(keys: set[str]) -> str:
+    text = str(sorted(keys))
+    return text if len(text) <= LONGEST_LIST else f"{text[:LONGEST_LIST]}..."
 
 
 def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
@@ -119,9 +133,8 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if text is None:
         raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     for name, value in tensors.items():
-        if not np.all(np.isfinite(value)):
-            bad = np.argwhere(~np.isfinite(value))[0].tolist()
-            raise ArtifactError(f"tensor {name}{bad} is not finite", where=path, remedy="train it anew")
+        if (place := first_not_finite(value)) is not None:
+            raise ArtifactError(f"tensor {name}{place} is not finite", where=path, remedy="train it anew")
     try:
         header = parse_json(text)
     except (ValueError, RecursionError) as error:
@@ -129,3 +142,9 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if not isinstance(header, dict):
         raise ArtifactError("its header is not a table", where=path, remedy="write it anew")
     return tensors, header
+
+
+def first_not_finite(value: np.ndarray) -> list[int] | None:
+    """Indices of the first value of an array that is NaN or infinite; None if there is none."""
+    finite = np.isfinite(value)
+    return None if finite.all() else np.argwhere(~finite)[0].tolist()
