@@ -13,7 +13,6 @@ WORDS = {
     "",
     "compiled",
     "kernel_cache",
-    "safetensors_file",
     "exceptions",
     "rotations",
     "signals",

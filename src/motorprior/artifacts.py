@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.safetensors_file import parse_json, parse_safetensors
 
+_DTYPES = frozenset(["F64", "F32", "F16", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8", "BOOL"])
+"""Of the arrays in an artefact; the format has others, some of which numpy lacks."""
 LONGEST_LIST = 300
 """Characters of the keys in a message."""
 
@@ -68,6 +70,22 @@ def write_json(path: Path, value: Any) -> None:
 def json_text(value: Any) -> str:
     """``value`` as `write_json` writes it."""
     return json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def parse_json(text: str) -> Any:
+    """JSON in which every number is finite, as the standard has it: Python alone reads NaN, Infinity and 1e999.
+
+    Raises:
+        ValueError: not JSON, or a number that is not finite.
+    """
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is not a finite number")
+    return value
 
 
 def read_json(path: Path) -> Any:
@@ -124,12 +142,21 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     Raises:
         ArtifactError: missing, truncated, without a header, or with a value, there or in a tensor, that is not finite.
     """
+    from safetensors import SafetensorError, safe_open
+
     if not Path(path).is_file():
         raise ArtifactError("no such file", where=path, remedy="check the path")
     try:
-        text, tensors = parse_safetensors(Path(path).read_bytes())
-    except (ValueError, OSError) as error:
-        raise ArtifactError(f"not a complete safetensors file ({error})", where=path, remedy="write it anew") from error
+        with safe_open(path, "numpy") as file:
+            names = file.keys()
+            types = {name: file.get_slice(name).get_dtype() for name in names}
+            if unknown := sorted(set(types.values()) - _DTYPES):
+                raise ArtifactError(f"a tensor is of type {unknown[0]}", where=path, remedy="write it anew")
+            text = (file.metadata() or {}).get("motorprior")
+            tensors = {name: file.get_tensor(name) for name in types}
+    except (SafetensorError, OSError) as error:
+        problem = f"not a complete safetensors file ({str(error)[:LONGEST_LIST]})"
+        raise ArtifactError(problem, where=path, remedy="write it anew") from error
     if text is None:
         raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     for name, value in tensors.items():
