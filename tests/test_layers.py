@@ -13,11 +13,12 @@ WORDS = {
     "",
     "compiled",
     "kernel_cache",
-    "safetensors_file",
     "exceptions",
     "rotations",
     "signals",
     "artifacts",
+    "results",
+    "schema",
     "bounds",
     "backend",
 }  # "": __init__.py
@@ -226,3 +227,24 @@ def test_nothing_outside_robots_names_a_robot_or_counts_its_joints(tmp_path: Pat
 
 def test_names_say_what_is_inside():
     assert [str(f.relative_to(SOURCE)) for f in SOURCE.rglob("*") if f.stem in EMPTY_NAMES] == []
+
+
+def parsed_names(file: Path) -> list[int]:
+    """Lines on which a text is taken apart at a slash, or compared with the start of one that ends in a slash."""
+    lines = []
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+            continue
+        texts = [part.value for arg in node.args for part in ast.walk(arg) if isinstance(part, ast.Constant)]
+        texts = [text for text in texts if isinstance(text, str)]
+        apart = node.func.attr in ("split", "rsplit", "partition", "rpartition") and "/" in texts
+        starts = node.func.attr in ("startswith", "removeprefix", "endswith", "removesuffix")
+        if apart or (starts and any(text.startswith("/") or text.endswith("/") for text in texts)):
+            lines.append(node.lineno)
+    return lines
+
+
+def test_names_of_figures_are_never_parsed_back():
+    """What stands in a name stands in a column of `Results`; columns of log files are another matter."""
+    files = [file for file in sorted(SOURCE.rglob("*.py")) if file.parent.name != "logs"]
+    assert [f"{file.relative_to(SOURCE)}:{line}" for file in files for line in parsed_names(file)] == []

@@ -1,4 +1,4 @@
-"""The command ``motorprior``, or what of it a robot's own computer can run with numpy, pyserial and msgpack."""
+"""The command ``motorprior``, or what of it a robot's own computer can run: see the extra ``robot``."""
 
 from __future__ import annotations
 

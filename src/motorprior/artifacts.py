@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,7 +18,11 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.safetensors_file import parse_json, parse_safetensors
+
+_DTYPES = frozenset(["F64", "F32", "F16", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8", "BOOL"])
+"""Of the arrays in an artefact; the format has others, some of which numpy lacks."""
+LONGEST_LIST = 300
+"""Characters of the keys in a message."""
 
 
 @contextlib.contextmanager
@@ -67,6 +72,22 @@ def json_text(value: Any) -> str:
     return json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
 
+def parse_json(text: str) -> Any:
+    """JSON in which every number is finite, as the standard has it: Python alone reads NaN, Infinity and 1e999.
+
+    Raises:
+        ValueError: not JSON, or a number that is not finite.
+    """
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is not a finite number")
+    return value
+
+
 def read_json(path: Path) -> Any:
     """Read JSON.
 
@@ -81,17 +102,28 @@ def read_json(path: Path) -> Any:
         raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it anew") from error
 
 
-def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path) -> None:
-    """Refuse any key too many or too few.
+def require_keys(
+    given: Iterable[str],
+    wanted: Iterable[str],
+    where: str | Path | None,
+    remedy: str = "use a file written by this version of motorprior",
+    name: str = "",
+) -> None:
+    """Refuse any key too many or too few in the table ``name`` of the file ``where``.
 
     Raises:
         ArtifactError: names the unknown and the missing keys.
     """
     given, wanted = set(given), set(wanted)
     if given != wanted:
-        parts = [f"unknown keys {sorted(given - wanted)}"] if given - wanted else []
-        parts += [f"missing keys {sorted(wanted - given)}"] if wanted - given else []
-        raise ArtifactError(" and ".join(parts), where=where, remedy="use a file written by this version of motorprior")
+        parts = [f"unknown keys {_listed(given - wanted)}"] if given - wanted else []
+        parts += [f"missing keys {_listed(wanted - given)}"] if wanted - given else []
+        raise ArtifactError((f"{name}: " if name else "") + " and ".join(parts), where=where, remedy=remedy)
+
+
+def _listed(keys: set[str]) -> str:
+    text = str(sorted(keys))
+    return text if len(text) <= LONGEST_LIST else f"{text[:LONGEST_LIST]}..."
 
 
 def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
@@ -110,18 +142,26 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     Raises:
         ArtifactError: missing, truncated, without a header, or with a value, there or in a tensor, that is not finite.
     """
+    from safetensors import SafetensorError, safe_open
+
     if not Path(path).is_file():
         raise ArtifactError("no such file", where=path, remedy="check the path")
     try:
-        text, tensors = parse_safetensors(Path(path).read_bytes())
-    except (ValueError, OSError) as error:
-        raise ArtifactError(f"not a complete safetensors file ({error})", where=path, remedy="write it anew") from error
+        with safe_open(path, "numpy") as file:
+            names = file.keys()
+            types = {name: file.get_slice(name).get_dtype() for name in names}
+            if unknown := sorted(set(types.values()) - _DTYPES):
+                raise ArtifactError(f"a tensor is of type {unknown[0]}", where=path, remedy="write it anew")
+            text = (file.metadata() or {}).get("motorprior")
+            tensors = {name: file.get_tensor(name) for name in types}
+    except (SafetensorError, OSError) as error:
+        problem = f"not a complete safetensors file ({str(error)[:LONGEST_LIST]})"
+        raise ArtifactError(problem, where=path, remedy="write it anew") from error
     if text is None:
         raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     for name, value in tensors.items():
-        if not np.all(np.isfinite(value)):
-            bad = np.argwhere(~np.isfinite(value))[0].tolist()
-            raise ArtifactError(f"tensor {name}{bad} is not finite", where=path, remedy="train it anew")
+        if (place := first_not_finite(value)) is not None:
+            raise ArtifactError(f"tensor {name}{place} is not finite", where=path, remedy="train it anew")
     try:
         header = parse_json(text)
     except (ValueError, RecursionError) as error:
@@ -129,3 +169,9 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if not isinstance(header, dict):
         raise ArtifactError("its header is not a table", where=path, remedy="write it anew")
     return tensors, header
+
+
+def first_not_finite(value: np.ndarray) -> list[int] | None:
+    """Indices of the first value of an array that is NaN or infinite; None if there is none."""
+    finite = np.isfinite(value)
+    return None if finite.all() else np.argwhere(~finite)[0].tolist()

@@ -59,8 +59,9 @@ def test_a_round_trip_is_exact(tmp_path: Path):
         ({}, {"schema_version": 2}, "schema"),
         ({}, {"extra": 1}, "extra"),
         ({"covariance": np.zeros((2, 2, 2))}, {}, "positive definite"),
-        ({"covariance": np.eye(2)}, {}, "fit"),
-        ({}, {"joint_names": ["one"]}, "fit"),
+        ({"covariance": np.eye(2)}, {}, r"covariance is float64\(2, 2\), wanted float64\(2, 2, 2\)"),
+        ({}, {"joint_names": ["one"]}, r"mean is float64\(2, 2\), wanted float64\(1, 2\)"),
+        ({}, {"surprise": [0.5]}, "not as many"),
     ],
 )
 def test_a_loader_refuses_what_does_not_fit(tmp_path: Path, tensors: dict, header: dict, word: str):

@@ -42,7 +42,7 @@ def test_a_constant_beyond_its_bounds_is_refused_by_name_and_value(name: str):
     for value in (inward * least, 0.999 * most):
         check_central_motor(center_of(SERVO | {name: value}), PATH)
     for value in (outward * least, 1.001 * most):
-        words = f"mine.safetensors: motor_center: {name} = {value:.3g} is not from"
+        words = f"mine.safetensors: motor_center: {name} = {value:.6g} is not a finite number from"
         with pytest.raises(ArtifactError, match=re.escape(words)) as error:
             check_central_motor(center_of(SERVO | {name: value}), PATH)
         assert error.value.remedy

@@ -103,20 +103,26 @@ def test_same_generator_same_motors_and_the_center_is_the_median():
     [
         (KP + 'distribution = "constant"\ncenter = 8.0\nspraed = 1.0', "unknown keys .'spraed'"),
         (KP + 'distribution = "lognormal"\ncenter = 8.0\nspread = 1.0', "missing keys .'center_uncertainty'"),
-        (KP + 'distribution = "gaussian"\ncenter = 8.0', "'gaussian' is unknown"),
-        (KP + 'distribution = ["normal"]\ncenter = 8.0', "is unknown"),
-        (KP + "center = 8.0", "None is unknown"),
+        (
+            KP + 'distribution = "gaussian"\ncenter = 8.0',
+            "distribution = 'gaussian' is not constant or uniform or normal or lognormal",
+        ),
+        (KP + 'distribution = ["normal"]\ncenter = 8.0', "is not constant or"),
+        (KP + "center = 8.0", "distribution = None is not constant or"),
         (KP + 'distribution = "constant"\ncenter = nan', "center = nan is not a finite"),
         (KP + 'distribution = "constant"\ncenter = "8"', "center = '8' is not a finite"),
         (KP + 'distribution = "constant"\ncenter = true', "center = True is not a finite"),
-        (KP + 'distribution = "constant"\ncenter = 0.0', "must be above 0"),
-        (KP + 'distribution = "constant"\ncenter = -8.0', "must be above 0"),
+        (
+            KP + 'distribution = "constant"\ncenter = 0.0',
+            "center = 0 is not a finite number above 0 to 1e.09 N·m/rad",
+        ),
+        (KP + 'distribution = "constant"\ncenter = -8.0', "center = -8 is not a finite number above 0"),
         (KP + 'distribution = "uniform"\nlow = 9.0\nhigh = 8.0', "low 9.0 exceeds high 8.0"),
         (
             KP + 'distribution = "lognormal"\ncenter = 8.0\nspread = -1.0\ncenter_uncertainty = 0.0',
-            "spread = -1.0 must not be below 0",
+            "spread = -1 is not a finite number from 0 to 3 of the center",
         ),
-        ('source = "x"\nunit = "A/rad"\ndistribution = "constant"\ncenter = 50.0', "unit 'A/rad'"),
+        ('source = "x"\nunit = "A/rad"\ndistribution = "constant"\ncenter = 50.0', "unit = 'A/rad' is not 'N·m/rad'"),
         ('unit = "N·m/rad"\ndistribution = "constant"\ncenter = 8.0', "missing keys .'source'"),
     ],
 )

@@ -110,7 +110,7 @@ def test_a_command_line_that_says_nothing_exits_with_2(motorprior: Command, line
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("center = ", "center = -", ("must", "0")),
+        ("center = ", "center = -", ("not a finite number", "above 0")),
         ("center = ", "center = nan # ", ("not a finite number",)),
         ('unit = "', 'unit = "k', ("unit",)),
         ("[kp]", "[kp_of_another]", ("kp_of_another", "missing keys ['kp']")),
@@ -276,7 +276,7 @@ BROKEN_PRIORS = {
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
     "newer schema": (
         resave(schema_version=SCHEMA_VERSION + 1),
-        (f"version {SCHEMA_VERSION + 1}", f"reads {SCHEMA_VERSION}"),
+        (f"schema_version = {SCHEMA_VERSION + 1} is not {SCHEMA_VERSION}",),
     ),
     "a policy": (resave(kind="policy"), ("'policy'", "identify")),
     "other units": (resave(units={"position": "deg"}), ("deg", "rad")),
@@ -420,7 +420,7 @@ BROKEN_POLICIES = {
     "truncated": (truncate, ("not a complete safetensors file",)),
     "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
-    "newer schema": (resave(schema_version=2), ("version 2",)),
+    "newer schema": (resave(schema_version=2), ("schema_version = 2 is not 1",)),
     "of nobody": (resave(provenance={}), ("motors",)),
 }
 

@@ -157,9 +157,9 @@ def test_episodes_that_were_no_physics_are_counted_by_name(motorprior: Command, 
 def test_speed_tells_of_every_round():
     told: list[str] = []
     paths = {name: TimedPath(10, lambda name=name: told.append(name) or 0.1) for name in "ab"}
-    figures = measure(paths, 5, lambda: told.append("round"))
+    found = measure(paths, 5, lambda: told.append("round"))
     assert told == ["a", "a", "b", "b", "round"] * 5
-    assert figures == {f"control_steps_per_s/{name}": pytest.approx(100.0) for name in "ab"}
+    assert found.to_figures() == {f"control_steps_per_s/{name}": pytest.approx(100.0) for name in "ab"}
 
 
 def test_speed_gives_threads_and_clients_back(motorprior: Command, prior: Path, monkeypatch):

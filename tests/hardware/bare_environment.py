@@ -1,4 +1,4 @@
-"""Run a module as on the robot's own computer: nothing can be imported but the standard library and three packages.
+"""Run a module as on the robot's own computer: nothing can be imported but the standard library and four packages.
 
 python bare_environment.py MODULE ARGS... or python bare_environment.py -c CODE
 
@@ -11,7 +11,7 @@ import importlib.abc
 import runpy
 import sys
 
-INSTALLED = {"numpy", "serial", "msgpack", "motorprior"}
+INSTALLED = {"numpy", "safetensors", "serial", "msgpack", "motorprior"}
 
 
 class OnlyInstalled(importlib.abc.MetaPathFinder):

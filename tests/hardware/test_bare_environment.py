@@ -1,4 +1,4 @@
-"""The robot's own computer has numpy, pyserial and msgpack; that is enough to examine, record and walk."""
+"""The robot's own computer has numpy, safetensors, pyserial and msgpack; that is enough to examine, record and walk."""
 
 import re
 import subprocess
@@ -26,7 +26,7 @@ def in_bare_environment(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
-@pytest.mark.parametrize("name", ["numba", "jax", "mujoco", "safetensors", "tyro", "rich", "scipy", "pyarrow"])
+@pytest.mark.parametrize("name", ["numba", "jax", "mujoco", "tyro", "rich", "scipy", "pyarrow"])
 def test_the_bare_environment_is_bare(name: str):
     assert f"No module named '{name}'" in in_bare_environment(name).stderr
 
@@ -65,7 +65,7 @@ def test_a_virtual_robot_needs_the_simulator_and_it_says_so():
 @pytest.mark.parametrize("module", ["motorprior.__main__", "motorprior.hardware"])
 @pytest.mark.parametrize("words", ["deploy a.safetensors", "record", "doctor"])
 def test_without_the_extra_every_command_says_what_to_install(module: str, words: str):
-    """In the full installation, and in one of numpy alone."""
+    """In the full installation, and in one without the extra."""
     hide = "import runpy, sys; sys.modules.update(dict.fromkeys(['msgpack', 'serial'])); sys.argv = sys.argv[1:]; "
     run = f"{hide}runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     command = [sys.executable, "-c", run, "motorprior", *words.split(), "--port", "/dev/null"]

@@ -100,8 +100,10 @@ def test_bands_hold_about_what_they_promise(log: MotorLog, prior: Identified, po
     metrics = reference_metrics(prior.network, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
     found = coverage(prior.network, metrics, posterior, fleets(NEW, 2), 0)
     # Wide rather than narrow after a training of seconds: the pools of residuals hold its worst motors, too.
-    assert 0.35 < found["coverage50"] < 0.8 and 0.75 < found["coverage90"] < 0.99
+    half, most = (found.value(quantity=name, part=None) for name in ("coverage50", "coverage90"))
+    assert 0.35 < half < 0.8 and 0.75 < most < 0.99
     # twice the residuals promise too much
     doubled = {key: 2 * value if key.startswith("residual") else value for key, value in metrics.items()}
     wide = coverage(prior.network, doubled, posterior, fleets(NEW, 2), 0)
-    assert wide["coverage50"] > found["coverage50"] + 0.1 and wide["coverage90"] > found["coverage90"]
+    assert wide.value(quantity="coverage50", part=None) > half + 0.1
+    assert wide.value(quantity="coverage90", part=None) > most

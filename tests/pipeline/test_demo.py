@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.artifacts import read_json, write_json
+from motorprior.artifacts import read_json
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline import demo as demo_module
 from motorprior.pipeline.demo import Demo, run_demo
 from motorprior.pipeline.report import build_report, seconds_by_kind
+from motorprior.results import Results
 
 LOG = "env_real_1_joint_log.csv.gz"
 MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
@@ -136,7 +137,7 @@ def test_a_moved_run_folder_is_still_finished_and_keeps_its_seconds(moved: Demo)
     assert {stage: modified(moved.out / stage) for stage in STAGES} == before
     assert seconds_by_kind(moved.out) == took and min(took.values()) > 0.0
     assert found.seconds.items() >= took.items() and found.seconds["everything else"] > 0.0
-    assert found.figures["seconds"] == pytest.approx(sum(found.seconds.values()))
+    assert found.results.value(quantity="seconds") == pytest.approx(sum(found.seconds.values()))
 
 
 def test_stages_of_other_settings_are_not_shown(moved: Demo, monkeypatch: pytest.MonkeyPatch):
@@ -162,20 +163,19 @@ def damage_curve(run: Path) -> Path:
 
 
 def damage_figures(run: Path) -> Path:
-    (run / "transfer" / "figures.json").write_text("[1]")
+    (run / "transfer" / "results.json").write_text("[1]")
     return run / "transfer"
 
 
 def truncate_figures(run: Path) -> Path:
-    (run / "validate" / "figures.json").write_text('{"bench_')
+    (run / "validate" / "results.json").write_text('{"rows": [')
     return run / "validate"
 
 
 def forget_a_figure(run: Path) -> Path:
-    path = run / "transfer" / "figures.json"
-    figures = read_json(path)
-    del figures["own_speed/rollout"]
-    write_json(path, figures)
+    path = run / "transfer" / "results.json"
+    rows = Results.load(path).rows
+    Results.of(row for row in rows if (row.quantity, row.motors, row.model) != ("speed", "own", "rollout")).save(path)
     return run / "transfer"
 
 
@@ -189,7 +189,7 @@ def test_a_damaged_file_of_a_stage_is_named_with_a_way_out(moved: Demo, damage):
 
 
 def test_damaged_figures_of_the_run_are_named(moved: Demo):
-    for text in ("{", "[]", '{"seconds": "x"}', "{}"):
-        (moved.out / "figures.json").write_text(text)
+    for text in ("{", "[]", '{"schema_version": 1, "rows": [{"value": "x"}]}', "{}"):
+        (moved.out / "results.json").write_text(text)
         with pytest.raises(ConfigError, match="run the same demo again"):
             build_report(moved.out)

@@ -69,7 +69,8 @@ def test_a_recipe_with_a_wrong_entry_is_refused(prior_with: Callable[[Any], Moto
     assert error.value.where == PATH and error.value.remedy == "identify it anew"
     of_the_network = "not its network's" in error.value.problem
     of_the_window = name in ("window", "warm_up") and "are 100001 rows, beyond 100000" in error.value.problem
-    assert f"recipe: {name} = {str(value)[:40]} is not " in error.value.problem or of_the_network or of_the_window
+    shown = f"{value:.6g}" if isinstance(value, float) else repr(value)[:40]
+    assert f"recipe: {name} = {shown} is not " in error.value.problem or of_the_network or of_the_window
 
 
 @pytest.mark.parametrize(("name", "value"), [("window", 99_880), ("warm_up", 99_936), ("kl_weight", 0), ("batch", 1)])
@@ -83,7 +84,7 @@ def test_a_recipe_at_its_bounds_is_read(prior_with: Callable[[Any], MotorPrior],
         (None, "no recipe"),
         ([], "no recipe"),
         ("rollout", "no recipe"),
-        ({}, "objective, period, taps"),
+        ({}, "recipe: missing keys .'has_armature', 'objective', 'period', 'taps'"),
         (as_json(RECIPE) | {"colour": "red"}, "colour"),
         (as_json(RECIPE) | {"objective": "torque"}, "not its network's"),  # the preset rollout trains in closed loop
     ],

@@ -9,6 +9,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.exceptions import ArtifactError
+from motorprior.schema import number, require
 
 NOTHING = math.exp(-30.0)
 """A training drives what a motor does not have, such as friction, towards 0; so small it may be."""
@@ -25,7 +26,7 @@ LARGEST_SLOPE = 10.0
 """Of the logarithm of a motor's constant over a latent of N(0, 1)."""
 LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
 """A loss is of order 1; the square of any metric can be computed with."""
-_ANEW = "identify it anew"
+_ANEW, _LONGEST_NAME = "identify it anew", 80
 
 
 def check_central_motor(center: np.ndarray, path: Path) -> None:
@@ -41,11 +42,7 @@ def check_central_motor(center: np.ndarray, path: Path) -> None:
     values: dict[str, float] = {}
     for name, raw in zip(PARAMETERS, center.tolist(), strict=True):
         value = values[name] = ZERO_SCALE * raw if name == "encoder_zero" else math.exp(raw)
-        least, most = CENTRAL_MOTOR[name]
-        if not least <= value <= most:
-            raise ArtifactError(
-                f"motor_center: {name} = {value:.3g} is not from {least:.3g} to {most:.3g}", where=path, remedy=_ANEW
-            )
+        require(name, value, number(*CENTRAL_MOTOR[name]), path, _ANEW, "motor_center")
     rate = values["gear_damping"] / values["armature"]
     if rate > FASTEST_GEAR:
         problem = f"motor_center: gear_damping/armature = {rate:.3g} 1/s is above {FASTEST_GEAR:g} 1/s"
@@ -59,15 +56,5 @@ def check_metrics(metrics: dict[str, object], path: Path) -> None:
         ArtifactError: names the metric, its value and its bound.
     """
     for name, value in metrics.items():
-        if not isinstance(value, int | float) or isinstance(value, bool) or not _is_finite(value):
-            raise ArtifactError(f"metric {name} = {str(value)[:40]} is not a number", where=path, remedy=_ANEW)
         most = LARGEST_LOSS if name.startswith("loss_") else LARGEST_METRIC
-        if abs(value) > most:
-            raise ArtifactError(f"metric {name} = {value:.3g} is beyond {most:g}", where=path, remedy=_ANEW)
-
-
-def _is_finite(value: int | float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer of hundreds of digits
-        return False
+        require(name[:_LONGEST_NAME], value, number(-most, most), path, _ANEW, "metrics")

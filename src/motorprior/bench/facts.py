@@ -11,17 +11,28 @@ import numpy as np
 from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import read_json, require_keys
 from motorprior.bench.fleet import Fleet, fleet_of
-from motorprior.bounds import require_count, require_seed
+from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_log
+from motorprior.schema import TEXT, Schema, integer
 
 MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
 """Of one bench; so many samples take about 3 GB while they are recorded."""
 LOG, FACTS = "log.parquet", "bench.json"
 MOTORS_STREAM = 11
 """Tag of the random stream that draws a bench's motors."""
-_FACTS = ("fleet", "motor", "robot", "parameters", "preset", "motors", "steps", "seed")
+_AGAIN = "record the bench anew"
+_FACTS = Schema(
+    {
+        "preset": TEXT,
+        "motors": integer(1, MOST_MOTORS),
+        "steps": integer(2, MOST_STEPS),
+        "seed": integer(0, LARGEST_SEED),
+    },
+    _AGAIN,
+)
+"""Beside those of the fleet."""
 
 
 @dataclass(frozen=True)
@@ -85,21 +96,16 @@ def facts_from_json(data: Any, where: str) -> BenchFacts:
         ArtifactError: unknown or missing keys, or facts that no motors can be drawn from.
     """
     if not isinstance(data, dict):
-        raise ArtifactError("the facts of its bench are not there", where=where, remedy="record the bench anew")
-    require_keys(data, _FACTS, where)
+        raise ArtifactError("the facts of its bench are not there", where=where, remedy=_AGAIN)
+    require_keys(data, (*_FACTS.fields, "fleet", "motor", "robot", "parameters"), where, _AGAIN)
     try:
         fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters")
-        for name in ("motors", "steps", "seed"):
-            if type(data[name]) is not int:
-                raise ConfigError(f"{name} is {str(data[name])[:40]!r}, not an integer")
+        _FACTS.check({key: data[key] for key in _FACTS.fields}, "facts")
         require_bench_size(data["motors"], data["steps"])
-        require_seed(data["seed"])
-        if not isinstance(data["preset"], str):
-            raise ConfigError(f"preset is {str(data['preset'])[:40]!r}, not a text")
     except (ArtifactError, ConfigError) as error:
         problem = f"{error.where}: {error.problem}" if error.where else error.problem
         raise ArtifactError(
-            f"the motors of its bench cannot be drawn again ({problem})", where=where, remedy="record the bench anew"
+            f"the motors of its bench cannot be drawn again ({problem})", where=where, remedy=_AGAIN
         ) from error
     return BenchFacts(fleet, data["preset"], data["motors"], data["steps"], data["seed"])
 
@@ -116,6 +122,6 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
     if found != wanted:
         raise LogError(
             f"{found[0]} motors x {found[1]} rows, {FACTS} says {wanted[0]} x {wanted[1]}", where=folder / LOG,
-            remedy="record the bench anew",
+            remedy=_AGAIN,
         )  # fmt: skip
     return log, facts

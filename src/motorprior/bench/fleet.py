@@ -5,16 +5,16 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
-from motorprior.artifacts import require_keys
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
+from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
 
 _TEXT_KEYS = ("name", "motor", "robot")
 UNITS = {
@@ -46,11 +46,12 @@ _LARGEST_OF = {"delay": 1.0, "velocity_filter": 1.0}
 _LARGEST_LOG_SPREAD = 3.0
 """A lognormal parameter varies by a factor of exp(3) = 20."""
 _KEYS = {
-    "constant": ({"center"}, set()),
-    "uniform": ({"low", "high"}, set()),
-    "normal": ({"center", "spread", "center_uncertainty"}, {"minimum"}),
-    "lognormal": ({"center", "spread", "center_uncertainty"}, set()),
+    "constant": ("center",),
+    "uniform": ("low", "high"),
+    "normal": ("center", "spread", "center_uncertainty", "minimum"),
+    "lognormal": ("center", "spread", "center_uncertainty"),
 }
+_COMPARE = "compare with a shipped fleet"
 
 
 @dataclass(frozen=True)
@@ -122,10 +123,17 @@ def load_fleet(name_or_path: str) -> Fleet:
     except OSError as error:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:  # also a number of more digits than Python reads
-        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy="compare with a shipped fleet") from error
-    require_keys(data, (*_TEXT_KEYS, *UNITS), path)
-    texts = {key: str(data[key]) for key in _TEXT_KEYS}
-    return Fleet(**texts, parameters={name: _distribution(data[name], name, path) for name in UNITS})
+        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=_COMPARE) from error
+    Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | dict.fromkeys(UNITS, TABLE), _COMPARE).check(data, path)
+    texts = {key: data[key] for key in _TEXT_KEYS}
+    said = {name: {"unit": exactly(unit), "source": TEXT} for name, unit in UNITS.items()}
+    return Fleet(
+        **texts,
+        parameters={
+            name: _distribution(data[name], "distribution", said[name], name, f"{path}[{name}]", _COMPARE)
+            for name in UNITS
+        },
+    )
 
 
 def fleet_path(name_or_path: str) -> Path:
@@ -149,72 +157,44 @@ def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping
     Raises:
         ArtifactError: unknown or missing parameters or keys, or a value out of range.
     """
-    for key, text in (("name", name), ("motor", motor), ("robot", robot)):
-        if not isinstance(text, str):
-            raise ArtifactError(f"{key} {text!r} is not a text", where=where, remedy="record the bench anew")
-    if not isinstance(parameters, Mapping):
-        raise ArtifactError("its parameters are not a table", where=where, remedy="record the bench anew")
-    require_keys(parameters, UNITS, where)
-    made = {}
-    for parameter in UNITS:
-        table, place = parameters[parameter], f"{where}[{parameter}]"
-        kind = _known_kind(table, "kind", place)
-        made[parameter] = _checked(kind, {key: table[key] for key in table if key != "kind"}, parameter, place)
+    remedy = "record the bench anew"
+    texts = {"name": name, "motor": motor, "robot": robot}
+    Schema(dict.fromkeys(_TEXT_KEYS, TEXT), remedy).check(texts, where)
+    Schema(dict.fromkeys(UNITS, TABLE), remedy, name="parameters").check(parameters, where)
+    made = {
+        parameter: _distribution(parameters[parameter], "kind", {}, parameter, f"{where}[{parameter}]", remedy)
+        for parameter in UNITS
+    }
     return Fleet(name, motor, robot, made)
 
 
-def _distribution(table: dict, name: str, path: Path) -> Distribution:
-    where = f"{path}[{name}]"
-    kind = _known_kind(table, "distribution", where)
-    required, optional = _KEYS[kind]
-    numbers = {key: value for key, value in table.items() if key not in ("unit", "source", "distribution")}
-    require_keys(table, {"unit", "source", "distribution", *required, *(optional & numbers.keys())}, where)
-    if table["unit"] != UNITS[name]:
-        raise ArtifactError(f"unit {table['unit']!r}", where=where, remedy=f"give it in {UNITS[name]!r}")
-    return _checked(kind, numbers, name, where)
+def _number_fields(kind: str, name: str) -> dict[str, Field]:
+    """What the numbers of parameter ``name`` may be, if it is distributed so."""
+    most, unit, positive = _LARGEST_OF.get(name, _LARGEST), UNITS[name], name in _STRICTLY_POSITIVE
+    least = -most if name == "encoder_zero" else 0.0
+    center = number(least, most, above=0.0 if positive else -inf, unit=unit)
+    share = kind == "lognormal"  # of the center, as the spread of its logarithm is
+    spread = number(0.0, _LARGEST_LOG_SPREAD, unit="of the center") if share else number(0.0, most, unit=unit)
+    shape = {"spread": spread, "center_uncertainty": spread, "minimum": number(least, most, unit=unit)}
+    return {key: shape.get(key, center) for key in _KEYS[kind]}
 
 
-def _known_kind(table: object, key: str, where: str) -> str:
-    kind = table.get(key) if isinstance(table, dict) else None
-    if not isinstance(kind, str) or kind not in _KEYS:
-        raise ArtifactError(f"distribution {kind!r} is unknown", where=where, remedy=f"use one of {', '.join(_KEYS)}")
-    return kind
-
-
-def _checked(kind: str, numbers: dict[str, Any], name: str, where: str) -> Distribution:
-    """The distribution of parameter ``name``, if its numbers are those of its kind and in range."""
-    required, optional = _KEYS[kind]
-    require_keys(numbers, required | (optional & numbers.keys()), where)
-    for key, value in numbers.items():
-        _check_number(key, value, name, where)
-        if kind == "lognormal" and key != "center" and value > _LARGEST_LOG_SPREAD:
-            raise ArtifactError(
-                f"{key} = {value} of a logarithm is above {_LARGEST_LOG_SPREAD:g}", where=where,
-                remedy="give it as a share of the center, for example 0.1",
-            )  # fmt: skip
-    if kind == "normal" and name in _STRICTLY_POSITIVE and not numbers.get("minimum", 0.0) > 0:
+def _distribution(
+    table: Mapping[str, Any], kind_key: str, others: Mapping[str, Field], name: str, where: str, remedy: str
+) -> Distribution:
+    """The distribution of parameter ``name``, if its table holds what its kind needs, in range, and the ``others``."""
+    kind = table.get(kind_key)
+    require(kind_key, kind, one_of(*_KEYS), where, remedy)
+    numbers = _number_fields(str(kind), name)
+    schema = Schema({kind_key: TEXT, **others, **numbers}, remedy, optional=frozenset({"minimum"}))
+    schema.check(table, where)
+    values = {key: float(table[key]) for key in numbers if key in table}
+    if kind == "normal" and name in _STRICTLY_POSITIVE and not values.get("minimum", 0.0) > 0:
         raise ArtifactError(
             "a normal distribution can draw values that are not above 0",
             where=where,
             remedy="give a minimum above 0, or use lognormal",
         )
-    if kind == "uniform" and numbers["low"] > numbers["high"]:
-        raise ArtifactError(f"low {numbers['low']} exceeds high {numbers['high']}", where=where, remedy="swap them")
-    return Distribution(kind, {key: float(value) for key, value in numbers.items()})
-
-
-def _check_number(key: str, value: object, name: str, where: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ArtifactError(f"{key} = {value!r} is not a finite number", where=where, remedy="give a number")
-    if isinstance(value, float) and not isfinite(value):
-        raise ArtifactError(f"{key} = {value!r} is not a finite number", where=where, remedy="give a number")
-    most = _LARGEST_OF.get(name, _LARGEST)
-    if abs(value) > most:
-        raise ArtifactError(
-            f"{key} = {str(value)[:20]} is above {most:g} {UNITS[name]}", where=where, remedy=f"give {most:g} or less"
-        )
-    central = key in ("center", "low", "high")
-    if name in _STRICTLY_POSITIVE and central and value <= 0:
-        raise ArtifactError(f"{key} = {value} must be above 0", where=where, remedy="give a positive value")
-    if name != "encoder_zero" and value < 0:
-        raise ArtifactError(f"{key} = {value} must not be below 0", where=where, remedy="give 0 or more")
+    if kind == "uniform" and values["low"] > values["high"]:
+        raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
+    return Distribution(str(kind), values)

@@ -33,16 +33,17 @@ def demo_command(config: Demo) -> str:
 
 
 def _show(config: Demo, found: DemoResult) -> None:
-    show_fidelity(found.figures)
+    show_fidelity(found.results)
     if config.logs is not None:
-        show_replay(found.figures)
+        show_replay(found.results)
     else:
         print(
             "No real logs were given. Those of the shipped robot are in jietan/puppersim, puppersim/data/system_id "
             "(Apache-2.0): --logs FOLDER"
         )
-    show_transfer(found.figures)
+    show_transfer(found.results)
     rows = [[name, f"{seconds:.1f}"] for name, seconds in found.seconds.items()]
     table("Where the time went", ["stage", "seconds"], rows)
-    print(f"{100 * found.figures['mj_step_share/rollout']:.1f} % of an episode's time is inside mj_step.")
-    print(f"Report: {found.page}   Figures: {config.out / FIGURES}   {found.figures['seconds']:.0f} s")
+    share, seconds = found.results.value(quantity="mj_step_share"), found.results.value(quantity="seconds")
+    print(f"{100 * share:.1f} % of an episode's time is inside mj_step.")
+    print(f"Report: {found.page}   Figures: {config.out / FIGURES}   {seconds:.0f} s")

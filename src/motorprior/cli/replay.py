@@ -10,6 +10,7 @@ import tyro
 from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.replay import Replay, run_replay
 from motorprior.report.tables import replay_models, replay_rows
+from motorprior.results import Results
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ def replay(config: ReplayCommand) -> None:
     show_replay(run_replay(config, TERMINAL))
 
 
-def show_replay(figures: dict[str, float]) -> None:
+def show_replay(results: Results) -> None:
     """The table on the terminal."""
-    models = replay_models(figures)[1]
-    table("Real logs: joint RMSE [mrad], start included", ["log", "joint", *models], replay_rows(figures))
+    models = replay_models(results)
+    table("Real logs: joint RMSE [mrad], start included", ["log", "joint", *models], replay_rows(results))

@@ -36,10 +36,10 @@ def run_speed(config: Speed) -> None:
     """
     with ExitStack() as stack:
         file = None if config.json is None else stack.enter_context(atomic_path(config.json))
-        figures = measure_speed(
+        results = measure_speed(
             config.prior, load_robot(config.robot), config.fleet, interpreted=True, progress=TERMINAL
         )
         if file is not None:
-            file.write_text(json_text(figures), encoding="utf-8")
-    rows = [[name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}"] for name, value in figures.items()]
+            file.write_text(json_text(results.to_figures()), encoding="utf-8")
+    rows = [[name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}"] for name, value in results.to_figures().items()]
     table(f"Speed per core, medians of {REPEATS} interleaved runs", ["path", "value"], rows)

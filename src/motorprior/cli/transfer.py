@@ -10,6 +10,7 @@ import tyro
 from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
+from motorprior.results import Results
 from motorprior.transfer.study import DRAWS
 
 
@@ -25,6 +26,6 @@ def transfer(config: TransferCommand) -> None:
     show_transfer(run_transfer(config, TERMINAL))
 
 
-def show_transfer(figures: dict[str, float]) -> None:
+def show_transfer(results: Results) -> None:
     """The transfer table on the terminal."""
-    table(f"Transfer, {DRAWS} motor draws x 5 s, means over seeds", TRANSFER_COLUMNS, transfer_rows(figures))
+    table(f"Transfer, {DRAWS} motor draws x 5 s, means over seeds", TRANSFER_COLUMNS, transfer_rows(results))

@@ -10,10 +10,11 @@ import tyro
 from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.validate import Validate, run_validate
 from motorprior.report.tables import fidelity_rows
+from motorprior.results import Results
 from motorprior.transfer.metrics import COLUMNS
 
 _DISTRIBUTION = (
-    "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample",
+    "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",
     "energy_distance",
 )  # fmt: skip
 
@@ -30,17 +31,20 @@ def validate(config: ValidateCommand) -> None:
     show_fidelity(run_validate(config, TERMINAL))
 
 
-def show_fidelity(figures: dict[str, float]) -> None:
+def show_fidelity(results: Results) -> None:
     """Medians on the terminal; held-out motors and the distribution, where measured."""
     title = "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor"
-    _show_table(title, figures, "")
-    if "two_sample_auc" not in figures:
+    _show_table(title, results, "train")
+    if not results.where(motors="held_out"):
         return
-    _show_table("The same on held-out motors, known from 10 s of log each", figures, "/held_out")
-    rows = [[name, f"{value:.3f}"] for name, value in figures.items() if name.startswith(_DISTRIBUTION)]
-    table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
+    _show_table("The same on held-out motors, known from 10 s of log each", results, "held_out")
+    figures = results.where(quantity=_DISTRIBUTION).to_figures()
+    if figures:
+        rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
+        table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
 
 
-def _show_table(title: str, figures: dict[str, float], ending: str) -> None:
-    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in COLUMNS]
-    table(title, ["model", *titles], fidelity_rows(figures, ending=ending))
+def _show_table(title: str, results: Results, motors: str) -> None:
+    columns = tuple(column for column in COLUMNS if results.where(quantity=column, motors=motors))
+    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
+    table(title, ["model", *titles], fidelity_rows(results, columns, motors))

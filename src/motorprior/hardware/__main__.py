@@ -1,4 +1,4 @@
-"""``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, pyserial and msgpack.
+"""``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, safetensors, pyserial and msgpack.
 
 The same commands and settings as elsewhere, without what those need on top for a simulated robot and a nice terminal.
 Also as ``python -m motorprior.hardware``.

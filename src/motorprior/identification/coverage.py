@@ -11,6 +11,7 @@ from motorprior.bench.record import BenchPreset
 from motorprior.identification.adapt import Posterior
 from motorprior.identification.reference import draw_residuals
 from motorprior.identification.validate import HELD_OUT, held_out_trials
+from motorprior.results import Result, Results
 
 DRAWS = 40
 REPEATS = 2
@@ -50,24 +51,24 @@ def coverage(
     motors: MotorParameters,
     seed: int,
     preset: BenchPreset = HELD_OUT,
-) -> dict[str, float]:
+) -> Results:
     """Share of the physical motors' held-out trajectories inside the central 50 and 90 % bands.
 
     Returns:
         ``coverage50`` and ``coverage90`` over all motors, times and excitations, and per excitation.
     """
     rng, truth = np.random.default_rng([seed, COVERAGE_STREAM]), PhysicalActuator(motors)
-    found: dict[str, float] = {}
+    shares: dict[str, np.ndarray] = {}
     for kind in preset.kinds:
-        shares = np.zeros(len(LEVELS))
+        shares[kind] = np.zeros(len(LEVELS))
         for case in held_out_trials(kind, len(motors), seed, preset)[:REPEATS]:
             answer = run(truth, case).joint_pos
             draws = predictive_draws(network, metrics, posterior, case, rng)
             bands = [band(draws, level) for level in LEVELS]
-            shares += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]
-        found |= {f"coverage{level}/{kind}": float(share) for level, share in zip(LEVELS, shares, strict=True)}
-    whole = {
-        f"coverage{level}": float(np.mean([found[f"coverage{level}/{kind}"] for kind in preset.kinds]))
-        for level in LEVELS
-    }
-    return whole | found
+            shares[kind] += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]
+    everything = {None: [float(np.mean(column)) for column in zip(*shares.values(), strict=True)], **shares}
+    return Results.of(
+        Result(f"coverage{level}", "1", float(values[index]), motors="held_out", part=kind)
+        for kind, values in everything.items()
+        for index, level in enumerate(LEVELS)
+    )

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import read_tensors, require_keys, write_tensors
+from motorprior.artifacts import require_keys, write_tensors
 from motorprior.compiled import njit
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import MODULATION, action_size, observation_size
 from motorprior.robots.robot import Robot
+from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number
 
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
@@ -28,9 +29,20 @@ INTENSITY_LOW, INTENSITY_HIGH = 0.0, 1.0
 HEIGHT_LOW, HEIGHT_HIGH = -0.5, 1.0  # [rad] of knee extension
 RATIO_HIGH = 5.0  # time in swing over time in stance; the lowest is 1/5
 
-SCHEMA_VERSION = 1
-_TENSORS = ("weights", "observation_mean", "observation_std", "kp", "kd")
-_HEADER_KEYS = ("kind", "schema_version", "control_dt", "robot", "joint_names", "provenance")
+_REMEDY = "use a policy written by this version of motorprior"
+_HEADER = Header(
+    "policy",
+    1,
+    {"control_dt": number(above=0.0), "robot": TEXT, "joint_names": many(TEXT, least=1), "provenance": TABLE},
+    _REMEDY,
+)
+_TENSORS = {
+    "weights": Tensor(("actions", "inputs")),
+    "observation_mean": Tensor(("observations",)),
+    "observation_std": Tensor(("observations",), above=0.0),
+    "kp": Tensor(("joints",)),
+    "kd": Tensor(("joints",)),
+}
 
 
 @njit(cache=True)
@@ -130,9 +142,18 @@ class Policy:
         Raises:
             ArtifactError: a wrong shape or a value that is not finite.
         """
-        problem = _meaning_problem(self) or _shape_problem(self)
-        if problem:
-            raise ArtifactError(problem, where=where, remedy="use a policy written by this version of motorprior")
+        _HEADER.check(self._header(), where)
+        joints = len(self.joint_names)
+        observations = observation_size(joints)
+        sizes = {"joints": joints, "actions": action_size(joints)}
+        sizes |= {"observations": observations, "inputs": observations + 1}
+        check_tensors({name: getattr(self, name) for name in _TENSORS}, _TENSORS, where, _REMEDY, sizes)
+
+    def _header(self) -> dict[str, Any]:
+        return _HEADER.write(
+            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names),
+            provenance=dict(self.provenance),
+        )  # fmt: skip
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
         """Refuse a policy that ``robot`` cannot run.
@@ -163,16 +184,7 @@ class Policy:
     def save(self, path: Path) -> None:
         """Write the policy as one file, atomically."""
         self.check(path)
-        header = {
-            "kind": "policy",
-            "schema_version": SCHEMA_VERSION,
-            "control_dt": float(self.control_dt),
-            "robot": self.robot,
-            "joint_names": list(self.joint_names),
-            "provenance": dict(self.provenance),
-        }
-        tensors = {name: np.asarray(getattr(self, name)) for name in _TENSORS}
-        write_tensors(path, tensors, header)
+        write_tensors(path, {name: np.asarray(getattr(self, name)) for name in _TENSORS}, self._header())
 
     @classmethod
     def load(cls, path: Path) -> Policy:
@@ -181,57 +193,11 @@ class Policy:
         Raises:
             ArtifactError: not a policy of this version, or damaged.
         """
-        tensors, header = read_tensors(path)
-        kind, version = header.get("kind"), header.get("schema_version")
-        if (kind, version) != ("policy", SCHEMA_VERSION):
-            raise ArtifactError(
-                f"holds {kind!r} of version {version!r}, wanted 'policy' of version {SCHEMA_VERSION}",
-                where=path,
-                remedy="use a policy written by this version of motorprior",
-            )
-        require_keys(header, _HEADER_KEYS, path)
-        require_keys(tensors, _TENSORS, path)
-        names = header["joint_names"]
+        tensors, header = _HEADER.read(path)
+        require_keys(tensors, _TENSORS, path, _REMEDY)
         policy = cls(
-            **tensors,
-            control_dt=header["control_dt"],
-            robot=header["robot"],
-            joint_names=tuple(names) if isinstance(names, list) else (names,),
-            provenance=header["provenance"],
-        )
+            **tensors, control_dt=float(header["control_dt"]), robot=header["robot"],
+            joint_names=tuple(header["joint_names"]), provenance=header["provenance"],
+        )  # fmt: skip
         policy.check(path)
         return policy
-
-
-def _shape_problem(policy: Policy) -> str | None:
-    """Name the first array of the wrong shape or with a value that is not finite."""
-    joints = len(policy.joint_names)
-    observations = observation_size(joints)
-    shapes = {
-        "weights": (action_size(joints), observations + 1), "observation_mean": (observations,),
-        "observation_std": (observations,), "kp": (joints,), "kd": (joints,),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        value = np.asarray(getattr(policy, name))
-        if value.dtype != np.float64:
-            return f"{name} is {value.dtype}, wanted float64"
-        if value.shape != shape:
-            return f"{name} has shape {value.shape}, wanted {shape}"
-        if not np.all(np.isfinite(value)):
-            return f"{name}{np.argwhere(~np.isfinite(value))[0].tolist()} is not finite"
-    if not np.all(policy.observation_std > 0.0):
-        return f"observation_std reaches {np.min(policy.observation_std)}, must be > 0"
-    return None
-
-
-def _meaning_problem(policy: Policy) -> str | None:
-    """Name the first value besides the tensors that makes no sense."""
-    if not isinstance(policy.robot, str):
-        return f"robot {str(policy.robot)[:40]!r}, must be a name"
-    if not policy.joint_names or not all(isinstance(name, str) for name in policy.joint_names):
-        return f"joint_names {str(list(policy.joint_names))[:80]}, must be names"
-    if not (isinstance(policy.control_dt, float) and math.isfinite(policy.control_dt) and policy.control_dt > 0):
-        return f"control_dt {policy.control_dt!r} s, must be a number > 0"
-    if not isinstance(policy.provenance, Mapping):
-        return f"provenance {policy.provenance!r}, must be a mapping"
-    return None

@@ -18,12 +18,13 @@ from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.replay import Replay, read_logs, run_replay
-from motorprior.pipeline.report import FIGURES, PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
+from motorprior.pipeline.report import PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
 from motorprior.pipeline.speed import measure_speed
-from motorprior.pipeline.stage import MARKER, begin, digest
+from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, write_results
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
 from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
@@ -31,7 +32,7 @@ from motorprior.search.ars import ArsConfig
 SEEDS_APART = 1000
 """Policies of different demo seeds share no search seed."""
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
-Result = TypeVar("Result")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -67,12 +68,12 @@ class DemoResult:
     """What a demo found.
 
     Attributes:
-        figures: every figure, by name; also in figures.json.
+        results: every measurement; also in results.json and, by name, in figures.json.
         page: the report.
         seconds: kind of stage -> seconds of its stages, interrupted runs included; and of everything else in this run.
     """
 
-    figures: dict[str, float]
+    results: Results
     page: Path
     seconds: dict[str, float]
 
@@ -94,26 +95,26 @@ def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = 
     begin(config.out)
     settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
     _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
-    (config.out / FIGURES).unlink(missing_ok=True)  # or the page would show those of other settings
+    for name in (RESULTS, FIGURES):  # or the page would show those of other settings
+        (config.out / name).unlink(missing_ok=True)
     stages = _Stages(config.out)
-    figures: dict[str, float] = {}
     _learn(config, stages, progress)
-    figures |= stages.run("validate", lambda: _validate(config, progress))
+    results = stages.run("validate", lambda: _validate(config, progress))
     _page_so_far(config.out)
     if config.logs is not None:
-        figures |= stages.run("replay", lambda: _replay(config, config.logs, progress))
+        results += stages.run("replay", lambda: _replay(config, config.logs, progress))
     prior = config.out / "priors" / "rollout" / PRIOR
-    figures |= measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
+    results += measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
     for walk in _walks(config):
         title = f"walk on {walk.out.name}"
         stages.run(f"walk/{walk.out.name}", lambda walk=walk, title=title: run_walk(walk, progress, title))
-    figures |= stages.run("transfer", lambda: _transfer(config, progress))
-    write_json(config.out / FIGURES, figures)  # the page shows some
+    results += stages.run("transfer", lambda: _transfer(config, progress))
+    write_results(config.out, results)  # the page shows some
     page = build_report(config.out)
     seconds = seconds_by_kind(config.out) | {"everything else": time.monotonic() - started - stages.took}
-    figures["seconds"] = sum(seconds.values())
-    write_json(config.out / FIGURES, figures)
-    return DemoResult(figures, page, seconds)
+    results += Results((Result("seconds", "s", sum(seconds.values())),))
+    write_results(config.out, results)
+    return DemoResult(results, page, seconds)
 
 
 def _require_settings(config: Demo) -> None:
@@ -149,7 +150,7 @@ class _Stages:
         """Seconds of this process in stages."""
         write_json(run / STAGES, self._found)
 
-    def run(self, folder: str, work: Callable[[], Result]) -> Result:
+    def run(self, folder: str, work: Callable[[], Made]) -> Made:
         """Run the stage of a folder, or find it finished."""
         started = time.monotonic()
         result = work()
@@ -191,14 +192,14 @@ def _write_if_changed(path: Path, value: Any) -> None:
     write_json(path, value)
 
 
-def _validate(config: Demo, progress: Progress) -> dict[str, float]:
+def _validate(config: Demo, progress: Progress) -> Results:
     priors = tuple(config.out / "priors" / preset / PRIOR for preset in PRESETS)
     return run_validate(
         Validate(priors, config.out / "validate", config.seed, held_out=False, robot=config.robot), progress
     )
 
 
-def _replay(config: Demo, logs: Path | None, progress: Progress) -> dict[str, float]:
+def _replay(config: Demo, logs: Path | None, progress: Progress) -> Results:
     assert logs is not None
     prior = config.out / "priors" / "rollout" / PRIOR
     return run_replay(
@@ -230,6 +231,6 @@ def _walks(config: Demo) -> list[Walk]:
     ]
 
 
-def _transfer(config: Demo, progress: Progress) -> dict[str, float]:
+def _transfer(config: Demo, progress: Progress) -> Results:
     walks = tuple(sorted(walk.out for walk in _walks(config)))
     return run_transfer(Transfer(walks, config.out / "transfer", config.fleet, robot=config.robot), progress)

@@ -18,6 +18,7 @@ from motorprior.identification.adapt import Posterior
 from motorprior.identification.validate import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
+from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
 HELD_OUT_MOTORS, PRIOR_DRAWS = 29, 31
@@ -67,7 +68,7 @@ def adapted_models(
     return models
 
 
-def adaptation_figures(
+def adaptation(
     robot: Robot,
     prior: MotorPrior,
     path: Path,
@@ -76,7 +77,7 @@ def adaptation_figures(
     known: Posterior,
     seed: int,
     progress: Callable[[], None],
-) -> dict[str, float]:
+) -> Results:
     """How close held-out motors come to the training motors' error, and what the bands promise.
 
     Args:
@@ -90,16 +91,16 @@ def adaptation_figures(
         progress: called after every length.
 
     Returns:
-        ``adapt_rmse_ratio/S``: median closed-loop RMSE on gait + impacts after S seconds of log, over the training
-        motors' own; ``adapt_false_alarms/S``: share of held-out motors called unlike the fleet, FALSE_ALARMS being
-        stated, and ``adapt_unlikely/S``, share of those below UNLIKELY, which so few motors tell better; and, for the
-        longest S up to ADAPTED_SECONDS, ``coverage50`` and ``coverage90``.
+        For each length ``adapt_rmse_ratio``: median closed-loop RMSE on gait + impacts over the training motors' own;
+        ``adapt_false_alarms``: share of held-out motors called unlike the fleet, FALSE_ALARMS being stated, and
+        ``adapt_unlikely``, share of those below UNLIKELY, which so few motors tell better; and, for the longest up to
+        ADAPTED_SECONDS, the `coverage`.
     """
     from motorprior.identification.coverage import coverage
 
     preset = HELD_OUT.for_robot(robot)
     train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
-    motors, figures = held_out_motors(facts), {}
+    motors, results = held_out_motors(facts), Results()
     covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
         log = held_out_log(robot, prior, motors, facts, length)
@@ -107,28 +108,39 @@ def adaptation_figures(
         chance = judge(prior, path, log, _WHERE, found).chance
         model: ModelOfMotors = lambda index, z=found.mean: LatentActuator(prior.network, z[index])  # noqa: E731
         error = bench_errors(motors, {"prior": model}, seed, preset)["impacts"]["prior"]
-        figures[f"adapt_rmse_ratio/{length:g}"] = float(np.median(error) / np.median(train))
-        figures[f"adapt_false_alarms/{length:g}"] = float(np.mean(chance < FALSE_ALARMS))
-        figures[f"adapt_unlikely/{length:g}"] = float(np.mean(chance < UNLIKELY))
+        measured = {
+            "adapt_rmse_ratio": np.median(error) / np.median(train),
+            "adapt_false_alarms": np.mean(chance < FALSE_ALARMS),
+            "adapt_unlikely": np.mean(chance < UNLIKELY),
+        }
+        results += Results.of(
+            Result(quantity, "1", float(value), motors="held_out", seconds=length)
+            for quantity, value in measured.items()
+        )
         if length == covered:
-            figures |= coverage(prior.network, prior.metrics, found, motors, seed, preset)
+            results += coverage(prior.network, prior.metrics, found, motors, seed, preset)
         progress()
-    return figures
+    return results
 
 
-def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) -> dict[str, float]:
+def distribution(prior: MotorPrior, facts: BenchFacts, picture: Path) -> Results:
     """POPULATION draws of the prior against as many held-out physical motors, by their behaviour on a bench.
 
     COMPARISONS times, with other draws and other motors: an AUC of 256 against 256 scatters by some hundredths. Writes
     the quantiles of every feature of the first as a PNG.
 
     Returns:
-        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect), medians, the former also
-        ``two_sample_auc/low`` and ``/high``, the extremes; of the first comparison ``energy_p_value`` and per feature F
-        ``behaviour_auc/F`` (0.5 is perfect, above it the prior's values are larger); and ``aggregate_posterior_kl``,
-        of the training motors' posteriors to N(0, I) [nat].
+        ``two_sample_auc`` (0.5 is perfect), ``energy_distance`` (0 is perfect), medians, of the former also the lowest
+        and the highest; of the first comparison ``energy_p_value`` and per feature ``behaviour_auc`` (0.5 is perfect,
+        above it the prior's values are larger); and ``aggregate_posterior_kl``, of the training motors' posteriors to
+        N(0, I) [nat].
     """
-    from motorprior.identification import distribution
+    from motorprior.identification.distribution import (
+        energy_distance,
+        feature_auc,
+        permutation_p_value,
+        two_sample_auc,
+    )
     from motorprior.report.plots_distribution import feature_quantiles
     from motorprior.report.plots_style import png_bytes
 
@@ -144,14 +156,17 @@ def distribution_figures(prior: MotorPrior, facts: BenchFacts, picture: Path) ->
     with atomic_path(picture) as temporary:
         temporary.write_bytes(png_bytes(shown))
     one, other = drawn.values, physical.values
-    areas = [distribution.two_sample_auc(a.values, b.values, facts.seed) for a, b in pairs]
-    figures = {
-        "two_sample_auc": float(np.median(areas)),
-        "two_sample_auc/low": float(min(areas)),
-        "two_sample_auc/high": float(max(areas)),
-        "energy_distance": float(np.median([distribution.energy_distance(a.values, b.values) for a, b in pairs])),
-        "energy_p_value": float(distribution.permutation_p_value(one, other, facts.seed)),
-        "aggregate_posterior_kl": prior.metrics.get("aggregate_posterior_kl", 0.0),
-    }
-    separate = distribution.feature_auc(one, other)
-    return figures | {f"behaviour_auc/{name}": float(value) for name, value in zip(drawn.names, separate, strict=True)}
+    areas = [two_sample_auc(a.values, b.values, facts.seed) for a, b in pairs]
+    distance = np.median([energy_distance(a.values, b.values) for a, b in pairs])
+    kl = prior.metrics.get("aggregate_posterior_kl", 0.0)
+    rows = [
+        Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
+        Result("two_sample_auc", "1", float(min(areas)), statistic="low"),
+        Result("two_sample_auc", "1", float(max(areas)), statistic="high"),
+        Result("energy_distance", "1", float(distance), statistic="median"),
+        Result("energy_p_value", "1", float(permutation_p_value(one, other, facts.seed))),
+        Result("aggregate_posterior_kl", "nat", kl),
+    ]
+    separate = zip(drawn.names, feature_auc(one, other), strict=True)
+    rows += [Result("behaviour_auc", "1", float(value), part=name) for name, value in separate]
+    return Results.of(rows)

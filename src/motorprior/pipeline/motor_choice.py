@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict, dataclass, replace
-from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,12 +13,12 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
-from motorprior.artifacts import require_keys
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.pipeline.stage import digest, fleet_files
 from motorprior.robots.robot import Robot
+from motorprior.schema import TEXT, Schema, maybe, number, one_of
 from motorprior.simulation.mujoco_backend import DrawMotors
 
 _LARGEST = 1e9
@@ -254,8 +253,16 @@ def _in_the_robots_order(posterior: MotorPosterior, robot: Robot, path: Path) ->
 
 _FILE_KEYS = tuple(f"{name}{ending}" for name in ("prior", "posterior") for ending in ("", "_beside", "_sha256"))
 """The absolute path; the path from the policy's folder, which is tried first, so that both can be moved; the digest."""
-_NUMBERS = {"kp": True, "kd": True, "torque_limit": True, "armature": False, "delay": False}
-"""Numbers of a choice, and whether they may be left out."""
+_CHOICE = Schema(
+    {
+        "actuator": one_of("prior", "pd", "fleet"),
+        **dict.fromkeys(("fleet", *_FILE_KEYS), maybe(TEXT)),
+        **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-_LARGEST, _LARGEST))),
+        **dict.fromkeys(("armature", "delay"), number(-_LARGEST, _LARGEST)),
+    },
+    "train it anew",
+    name="its motors",
+)
 
 
 def choice_from_json(data: Any, policy: Path) -> MotorChoice:
@@ -271,28 +278,12 @@ def choice_from_json(data: Any, policy: Path) -> MotorChoice:
     """
     if not isinstance(data, dict):
         raise ArtifactError("it does not say which motors it walked on", where=policy, remedy="train it anew")
-    fields = set(MotorChoice.__dataclass_fields__)
-    require_keys(data, {*fields, *_FILE_KEYS}, policy)
-    for name in sorted(data):
-        if not _has_type(name, data[name]):
-            problem = f"{name} = {str(data[name])[:40]} of its motors makes no sense"
-            raise ArtifactError(problem, where=policy, remedy="train it anew")
+    _CHOICE.check(data, policy)
+    fields = MotorChoice.__dataclass_fields__
     values: dict[str, Any] = {name: data[name] for name in fields}
     for name in ("prior", "posterior"):
         values[name] = None if data[name] is None else _find(name, data, policy)
     return MotorChoice(**values)
-
-
-def _has_type(name: str, value: Any) -> bool:
-    if name in _NUMBERS:
-        if value is None:
-            return _NUMBERS[name]
-        return type(value) in (int, float) and abs(value) < _LARGEST and isfinite(value)
-    if name in _FILE_KEYS:
-        return value is None or isinstance(value, str)
-    if name == "fleet":
-        return value is None or isinstance(value, str)
-    return value in ("prior", "pd", "fleet")
 
 
 def _find(name: str, data: dict[str, Any], policy: Path) -> Path:

@@ -9,18 +9,31 @@ from typing import Any
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
+from motorprior.schema import TRUTH, Schema, integer, many, number, one_of
 
 LONGEST_WINDOW = 100_000
 """Rows, history included."""
-_RANGES = {
-    "period": (1e-6, 1.0), "num_latents": (0, 1000), "num_neurons": (1, 10_000), "kl_weight": (0.0, 1e6),
-    "warm_up": (0, LONGEST_WINDOW), "window": (1, LONGEST_WINDOW), "batch": (1, 10**6),
-    "steps": (1, 10**9), "learning_rate": (1e-12, 1e3),
-}  # fmt: skip
-"""(least, most) of the numbers of a Preset."""
-_KINDS = {"bool": "true or false", "int": "an integer", "float": "a number", "str": "a text"}
-_OBJECTIVES = ("torque", "rollout")
 _ANEW = "identify it anew"
+RECIPE = Schema(
+    {
+        "objective": one_of("torque", "rollout"),
+        "period": number(1e-6, 1.0),
+        "taps": many(integer(0, LONGEST_WINDOW), least=1),
+        **dict.fromkeys(("has_armature", "grey_box", "noisy", "own_latents", "per_motor", "standardise"), TRUTH),
+        "num_latents": integer(0, 1000),
+        "num_neurons": integer(1, 10_000),
+        "kl_weight": number(0.0, 1e6),
+        "warm_up": integer(0, LONGEST_WINDOW),
+        "window": integer(1, LONGEST_WINDOW),
+        "batch": integer(1, 10**6),
+        "steps": integer(1, 10**9),
+        "learning_rate": number(1e-12, 1e3),
+    },
+    _ANEW,
+    optional=frozenset(field.name for field in fields(Preset) if field.default is not MISSING),
+    name="recipe",
+)
+"""The entries of a Preset."""
 
 
 def recipe_of(prior: MotorPrior, where: Path) -> Preset:
@@ -33,30 +46,10 @@ def recipe_of(prior: MotorPrior, where: Path) -> Preset:
     recipe: Any = prior.provenance.get("recipe")
     if not isinstance(recipe, dict):
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_ANEW)
-    known = {field.name: str(field.type) for field in fields(Preset)}
-    needed = {field.name for field in fields(Preset) if field.default is MISSING}
-    if odd := sorted((recipe.keys() - known.keys()) | (needed - recipe.keys())):
-        problem = f"the recipe in its provenance lacks, or should not have, {', '.join(odd)[:80]}"
-        raise ArtifactError(problem, where=where, remedy=_ANEW)
-    for name, value in recipe.items():
-        if wrong := _wrong(name, known[name], value):
-            raise ArtifactError(f"recipe: {name} = {str(value)[:40]} is not {wrong}", where=where, remedy=_ANEW)
+    RECIPE.check(recipe, where)
     preset = Preset(**{**recipe, "taps": tuple(recipe["taps"])})
     _require_fit(preset, prior, where)
     return preset
-
-
-def _wrong(name: str, kind: str, value: Any) -> str:
-    """What ``value`` should be and is not; nothing if it is."""
-    if kind not in _KINDS:
-        right = isinstance(value, list) and all(type(tap) is int for tap in value)
-        return "" if right else "a list of integers"
-    if not (type(value).__name__ == kind or (kind == "float" and type(value) is int)):
-        return _KINDS[kind]
-    if name == "objective":
-        return "" if value in _OBJECTIVES else " or ".join(_OBJECTIVES)
-    least, most = _RANGES.get(name, (value, value))
-    return "" if least <= value <= most else f"from {least:g} to {most:g}"
 
 
 def _require_fit(preset: Preset, prior: MotorPrior, where: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.artifacts import write_json, write_tensors
+from motorprior.artifacts import write_tensors
 from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
@@ -19,13 +19,14 @@ from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.raw_logs import read_any
-from motorprior.pipeline.stage import description, fleet_files, is_finished, read_figures, working
+from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
+from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.real_replay import LogReplay, prepare, replay_log
 
-FIGURES, TRACES = "figures.json", "traces.safetensors"
+TRACES = "traces.safetensors"
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,8 @@ class Replay:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def run_replay(config: Replay, progress: Progress = SILENT) -> dict[str, float]:
-    """Check and replay, or read what this very replay found; returns the figures.
+def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
+    """Check and replay, or read what this very replay found.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
@@ -68,7 +69,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> dict[str, float]:
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             _replay_all(config, robot, logs, prepared, prior, progress)
-    return read_figures(config.out / FIGURES)
+    return read_results(config.out)
 
 
 def read_logs(path: Path, robot: Robot) -> tuple[dict[str, MotorLog], dict[str, MotorLog]]:
@@ -100,14 +101,14 @@ def _replay_all(
     prior: MotorPrior,
     progress: Progress,
 ) -> None:
-    figures: dict[str, float] = {}
+    measured = Results()
     traces: dict[str, np.ndarray] = {}
     with progress.start(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as task:
         for name, log in logs.items():
             results = _replay_models(config, robot, log, prepared[name], prior, task)
-            figures |= _log_figures(name, prepared[name], results)
+            measured += _errors(name, prepared[name], results)
             traces |= _log_traces(name, robot, prepared[name], results)
-    write_json(config.out / FIGURES, figures)
+    write_results(config.out, measured)
     write_tensors(
         config.out / TRACES,
         traces,
@@ -134,20 +135,21 @@ def _replay_models(
     return results
 
 
-def _log_figures(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, float]:
-    """Mean joint RMSE [rad] over excited joints, and per joint; draws by median, 5 % and 95 %."""
-    figures: dict[str, float] = {}
+def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Results:
+    """Mean joint RMSE over excited joints, and per joint; draws by median, 5 % and 95 %."""
+    rows: list[Result] = []
     for model, runs in results.items():
         per_joint = np.array([run.rmse for run in runs])
         mean = np.nanmean(per_joint, axis=1)
-        figures[f"real_rmse/{name}/{model}"] = float(np.median(mean))
+        statistics = {"median": np.median(mean)}
         if len(runs) > 1:
-            figures[f"real_rmse_p05/{name}/{model}"] = float(np.quantile(mean, 0.05))
-            figures[f"real_rmse_p95/{name}/{model}"] = float(np.quantile(mean, 0.95))
+            statistics |= {"p05": np.quantile(mean, 0.05), "p95": np.quantile(mean, 0.95)}
+        for statistic, value in statistics.items():
+            rows.append(Result("real_rmse", "rad", float(value), model, statistic=statistic, log=name))
         for joint in excited_joints(log):
-            key = f"real_joint_rmse/{name}/{log.joint_names[joint]}/{model}"
-            figures[key] = float(np.median(per_joint[:, joint]))
-    return figures
+            value, part = float(np.median(per_joint[:, joint])), log.joint_names[joint]
+            rows.append(Result("real_joint_rmse", "rad", value, model, statistic="median", log=name, part=part))
+    return Results.of(rows)
 
 
 def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.pipeline.stage import MARKER, digest, read_figures, seconds_of
+from motorprior.pipeline.stage import MARKER, RESULTS, digest, read_results, seconds_of
 from motorprior.robots.load import load_robot
 
-PAGE, SETTINGS, STAGES, FIGURES, CURVE = "report.html", "demo.json", "stages.json", "figures.json", "curve.json"
+PAGE, SETTINGS, STAGES, CURVE = "report.html", "demo.json", "stages.json", "curve.json"
 Made = TypeVar("Made")
 
 
@@ -27,7 +27,7 @@ def build_report(run: Path) -> Path:
     from motorprior.report.page import Report, Section, write_report
 
     def walk(run: Path) -> list[Section]:
-        return sections.walk([run / folder for folder in belonging if folder.startswith("walk/")])
+        return sections.walk([run / folder for folder in belonging if _kind(folder) == "walk"])
 
     if not (run / SETTINGS).is_file():
         raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the folder that `motorprior demo` wrote")
@@ -43,7 +43,7 @@ def build_report(run: Path) -> Path:
     belonging = belonging_stages(run)
     ready = [name for name, (folders, _) in stages.items() if set(folders) <= set(belonging)]
     pending = [name for name in stages if name not in ready and (name != "replay" or settings["logs"] is not None)]
-    highlights = _highlights(run) if not pending and (run / FIGURES).is_file() else ()
+    highlights = _highlights(run) if not pending and (run / RESULTS).is_file() else ()
     found: list[Section] = []
     for name in ready:
         found += _chapters(run, *stages[name])
@@ -68,7 +68,7 @@ def build_report(run: Path) -> Path:
 def _highlights(run: Path) -> tuple[tuple[str, str], ...]:
     from motorprior.report import sections
 
-    return _from_files(lambda: sections.highlights(read_figures(run / FIGURES)), run / FIGURES)
+    return _from_files(lambda: sections.highlights(read_results(run)), run / RESULTS)
 
 
 def _chapters(run: Path, folders: tuple[str, ...], make: Callable[[Path], Made]) -> Made:
@@ -77,10 +77,9 @@ def _chapters(run: Path, folders: tuple[str, ...], make: Callable[[Path], Made])
     Raises:
         ConfigError: one of its files is damaged.
     """
-    root = run / folders[0].split("/")[0]
-    for path in (root / FIGURES, *sorted(root.glob(f"*/{CURVE}"))):
-        if path.is_file():
-            _from_files(partial(read_figures if path.name == FIGURES else _check_curve, path), root)
+    root = run / _kind(folders[0])
+    for path in sorted(root.glob(f"*/{CURVE}")):
+        _from_files(partial(_check_curve, path), root)
     return _from_files(lambda: make(run), root)
 
 
@@ -130,6 +129,11 @@ def belonging_stages(run: Path) -> list[str]:
     return [folder for folder, path in markers.items() if path.is_file() and digest(path) == listed[folder]]
 
 
+def _kind(folder: str) -> str:
+    """Of the stage in a folder: its first part."""
+    return Path(folder).parts[0]
+
+
 def seconds_by_kind(run: Path) -> dict[str, float]:
     """Seconds of the stages that belong to a run's settings, summed by the first part of their folders.
 
@@ -138,6 +142,6 @@ def seconds_by_kind(run: Path) -> dict[str, float]:
     """
     seconds: dict[str, float] = {}
     for folder in belonging_stages(run):
-        kind = folder.partition("/")[0]
+        kind = _kind(folder)
         seconds[kind] = seconds.get(kind, 0.0) + seconds_of(run / folder)
     return seconds

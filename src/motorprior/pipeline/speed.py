@@ -11,6 +11,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.simulation.speed import REPEATS, compiled_paths, interpreted_paths, measure
 
@@ -21,8 +22,8 @@ def measure_speed(
     fleet_name: str | None = None,
     interpreted: bool = False,
     progress: Progress = SILENT,
-) -> dict[str, float]:
-    """The figures of `simulation.speed.measure`.
+) -> Results:
+    """What `simulation.speed.measure` finds.
 
     Args:
         prior_path: of the learned motors.

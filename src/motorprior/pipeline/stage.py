@@ -13,7 +13,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,10 @@ from motorprior import __version__
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ArtifactError
+from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
+RESULTS, FIGURES = "results.json", "figures.json"
 MARKER, UNFINISHED = "stage.json", "unfinished.json"
 """The second holds the seconds of a stage that was interrupted."""
 _STAGES = ("bench", "identify", "adapt", "validate", "simulate", "replay", "walk", "transfer")
@@ -95,23 +96,19 @@ def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
     return [fleet_path(robot.default_fleet if fleet is None else fleet)]
 
 
-def read_figures(path: Path) -> dict[str, float]:
-    """The figures of a finished stage.
+def write_results(folder: Path, results: Results) -> None:
+    """Keep what a stage measured: as rows for the library, as figures by name for everybody else."""
+    results.save(folder / RESULTS)
+    write_json(folder / FIGURES, results.to_figures())
+
+
+def read_results(folder: Path) -> Results:
+    """What a finished stage measured.
 
     Raises:
-        ArtifactError: missing, damaged, or with a value that is not a finite number.
+        ArtifactError: missing or damaged.
     """
-    remedy = f"delete the folder {path.parent} and run the same command again"
-    try:
-        figures = read_json(path)
-    except ArtifactError as error:
-        raise ArtifactError(error.problem, where=path, remedy=remedy) from error
-    if not isinstance(figures, dict):
-        raise ArtifactError("not a table of figures", where=path, remedy=remedy)
-    for name, value in figures.items():
-        if type(value) not in (int, float) or (type(value) is float and not isfinite(value)):
-            raise ArtifactError(f"{name} = {str(value)[:40]} is not a finite number", where=path, remedy=remedy)
-    return figures
+    return Results.load(folder / RESULTS)
 
 
 def _plain(value: Any) -> Any:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from motorprior.artifacts import write_json, write_tensors
+from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import choice_from_json, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import description, fleet_files, is_finished, read_figures, working
+from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.pipeline.walk import POLICY
+from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -25,8 +27,8 @@ from motorprior.simulation.terrain import Terrain
 from motorprior.transfer.study import DRAWS, Walking, evaluate
 from motorprior.transfer.twin import DURATION_STEPS, twin_simulator
 
-FIGURES, TRACES = "figures.json", "traces.safetensors"
-_MEASURES = ("speed", "upright", "drift")
+TRACES = "traces.safetensors"
+_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,8 @@ class Transfer:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def run_transfer(config: Transfer, progress: Progress = SILENT) -> dict[str, float]:
-    """Evaluate, or read what this very evaluation found; returns the figures.
+def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
+    """Evaluate, or read what this very evaluation found.
 
     Raises:
         ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
@@ -63,7 +65,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> dict[str, flo
         walkers = [walker_of(path, robot, config.engine) for path in files]
         with working(config.out, wanted):
             _evaluate_all(config, robot, walkers, fleet, progress)
-    return read_figures(config.out / FIGURES)
+    return read_results(config.out)
 
 
 @dataclass(frozen=True)
@@ -115,28 +117,24 @@ def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
 
 
 def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: Fleet, progress: Progress) -> None:
-    rows: dict[str, list[dict[str, Walking]]] = {}
+    results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
     twin = twin_simulator(robot, fleet)
     with progress.start(f"transfer: {len(walkers)} policies x {DRAWS} draws", 2 * DRAWS * len(walkers)) as task:
         for walker in walkers:
             own, own_trace = evaluate(robot, walker.policy, walker.own, task.advance)
             there, twin_trace = evaluate(robot, walker.policy, twin, task.advance)
-            rows.setdefault(walker.condition, []).append({"own": own, "twin": there})
+            for place, walking in (("own", own), ("twin", there)):
+                results += _results(walking, walker.condition, place, seeds[walker.condition])
+            seeds[walker.condition] += 1
             traces.setdefault(f"own/{walker.condition}", own_trace)
             traces.setdefault(f"twin/{walker.condition}", twin_trace)
-    write_json(config.out / FIGURES, _figures(rows))
+    write_results(config.out, results)
     write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
 
 
-def _figures(rows: dict[str, list[dict[str, Walking]]]) -> dict[str, float]:
-    """Means over seeds, and every seed's own figure."""
-    figures: dict[str, float] = {}
-    for condition, seeds in rows.items():
-        for place in ("own", "twin"):
-            for measure in _MEASURES:
-                values = [getattr(seed[place], measure) for seed in seeds]
-                figures[f"{place}_{measure}/{condition}"] = float(np.mean(values))
-                for number, value in enumerate(values):
-                    figures[f"{place}_{measure}/{condition}/seed_{number}"] = float(value)
-    return figures
+def _results(walking: Walking, condition: str, place: str, seed: int) -> Results:
+    return Results.of(
+        Result(quantity, unit, getattr(walking, quantity), condition, place, seed=seed)
+        for quantity, unit in _UNITS.items()
+    )

@@ -28,14 +28,15 @@ from motorprior.identification.validate import (
 from motorprior.pipeline.fidelity_traces import write_traces
 from motorprior.pipeline.motor_choice import load_prior, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.stage import description, is_finished, read_figures, seconds_of, working
+from motorprior.pipeline.stage import description, is_finished, read_results, seconds_of, working, write_results
+from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.metrics import BENCH_METRICS, COLUMNS
 from motorprior.transfer.robot_fidelity import robot_fidelity
 
-FIGURES, TRACES, QUANTILES = "figures.json", "traces.safetensors", "behaviour_quantiles.png"
+TRACES, QUANTILES = "traces.safetensors", "behaviour_quantiles.png"
 SHORTEST_LOG, LONGEST_LOG = 1.0, 600.0
 """Log of a new motor [s]."""
 GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"
@@ -104,8 +105,8 @@ def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict
     return models | {name: prior.training_motors for name, prior in priors.items()}
 
 
-def run_validate(config: Validate, progress: Progress = SILENT) -> dict[str, float]:
-    """Measure, or read what this very measurement found; returns the figures.
+def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
+    """Measure, or read what this very measurement found.
 
     Raises:
         ArtifactError, ConfigError: a prior or a setting that cannot be used.
@@ -124,7 +125,7 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> dict[str, flo
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             _measure(config, robot, priors, facts, progress)
-    return read_figures(config.out / FIGURES)
+    return read_results(config.out)
 
 
 def _measure(
@@ -134,57 +135,51 @@ def _measure(
     tuned = _tune_baselines(config.out, robot, motors, facts, progress)
     models = _models(facts.fleet, priors, tuned)
     with progress.start("validate: bench, standing robot, hung robot", 4) as task:
-        figures = fidelity_figures(robot, motors, models, config.seed, task) | _armature_figures(motors, priors)
+        results = fidelity(robot, motors, models, "train", config.seed, task) + _armature(motors, priors)
         write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
         task.advance()
     if config.held_out:
-        figures |= _held_out_figures(config, robot, priors, facts, tuned, figures, progress)
-    figures |= _residual_figures(priors)
-    figures |= _identify_seconds(dict(zip(priors, config.priors, strict=True)))
-    write_json(config.out / FIGURES, figures)
+        results += _held_out(config, robot, priors, facts, tuned, progress)
+    results += _residuals(priors)
+    results += _identify_seconds(dict(zip(priors, config.priors, strict=True)))
+    write_results(config.out, results)
 
 
-def _identify_seconds(paths: dict[str, Path]) -> dict[str, float]:
-    """How long each identification took [s], where its folder says so; that of rollout also without its name."""
-    figures: dict[str, float] = {}
+def _identify_seconds(paths: dict[str, Path]) -> Results:
+    """How long each identification took, where its folder says so."""
+    rows: list[Result] = []
     for name, path in paths.items():
         with suppress(ArtifactError):
-            figures[f"identify_seconds/{name}"] = seconds_of(path.parent)
-    if "identify_seconds/rollout" in figures:
-        figures["identify_seconds"] = figures["identify_seconds/rollout"]
-    return figures
+            rows.append(Result("identify_seconds", "s", seconds_of(path.parent), model=name))
+    return Results.of(rows)
 
 
-def _held_out_figures(
+def _held_out(
     config: Validate,
     robot: Robot,
     priors: dict[str, MotorPrior],
     facts: BenchFacts,
     tuned: IdealPd,
-    train: dict[str, float],
     progress: Progress,
-) -> dict[str, float]:
-    """The same metrics as METRIC/MODEL/held_out beside METRIC/MODEL/train; adaptation and distribution of rollout."""
+) -> Results:
+    """The same quantities on other motors; adaptation and distribution of rollout."""
     from motorprior.pipeline import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
-    both = (*COLUMNS, *(_mean(name) for name in COLUMNS))
-    figures = {f"{name}/train": value for name, value in train.items() if name.partition("/")[0] in both}
     title = "held-out motors: adapt, bench, standing robot, hung robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
         motors = held_out.held_out_motors(facts)
         known = held_out.adapt_all(robot, priors, paths, motors, facts)
         models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
         task.advance()
-        found = fidelity_figures(robot, motors, models, config.seed, task)
-        figures |= {f"{name}/held_out": value for name, value in found.items() if name.partition("/")[0] in both}
+        results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=COLUMNS)
         if "rollout" in known:
             prior, path = priors["rollout"], paths["rollout"]
-            figures |= held_out.adaptation_figures(
+            results += held_out.adaptation(
                 robot, prior, path, facts, config.adapt_seconds, known["rollout"], config.seed, task.advance
             )
-            figures |= held_out.distribution_figures(prior, facts, config.out / QUANTILES)
-    return figures
+            results += held_out.distribution(prior, facts, config.out / QUANTILES)
+    return results
 
 
 def _tune_baselines(out: Path, robot: Robot, motors: MotorParameters, facts: BenchFacts, progress: Progress) -> IdealPd:
@@ -201,58 +196,58 @@ def _tune_baselines(out: Path, robot: Robot, motors: MotorParameters, facts: Ben
     return tuned
 
 
-def fidelity_figures(
-    robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], seed: int, task: Task
-) -> dict[str, float]:
-    """METRIC/MODEL on the bench and, with legs, in the standing and the hung robot; three advances of ``task``."""
-    figures: dict[str, float] = {}
+def fidelity(
+    robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], motor_set: str, seed: int, task: Task
+) -> Results:
+    """Medians and means of `COLUMNS` and the displacement error of the base; three advances of ``task``."""
+    rows: list[Result] = []
+
+    def add(quantity: str, unit: str, model: str, values: np.ndarray, mean: bool = True) -> None:
+        statistics = {"median": np.median, "mean": np.mean} if mean else {"median": np.median}
+        for statistic, of in statistics.items():
+            rows.append(Result(quantity, unit, _finite(of(values)), model, motor_set, statistic))
+
     errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
-    for metric, kind in BENCH_METRICS.items():
+    for quantity, kind in BENCH_METRICS.items():
         for model, values in errors[kind].items():
-            figures[f"{metric}/{model}"] = float(np.median(values))
-            figures[f"{_mean(metric)}/{model}"] = float(np.mean(values))
+            add(quantity, "rad", model, values)
     task.advance()
     for place, hung in (("standing", False), ("hung", True)) if robot.legs else ():
         found = robot_fidelity(robot, motors, models, hung, seed)
         for model in found.rmse:
-            figures[f"{place}_rmse/{model}"] = float(np.median(found.rmse[model]))
-            figures[f"{_mean(f'{place}_rmse')}/{model}"] = float(np.mean(found.rmse[model]))
-            figures[f"{place}_torque_hf/{model}"] = _finite(np.median(found.torque_hf[model]))
-            figures[f"{_mean(f'{place}_torque_hf')}/{model}"] = _finite(np.mean(found.torque_hf[model]))
+            add(f"{place}_rmse", "rad", model, found.rmse[model])
+            add(f"{place}_torque_hf", "N·m", model, found.torque_hf[model])
             if not hung:
-                figures[f"standing_displacement_error/{model}"] = _finite(np.median(found.displacement_error[model]))
+                add("standing_displacement_error", "m", model, found.displacement_error[model], mean=False)
         task.advance()
-    return figures
+    return Results.of(rows)
 
 
-def _mean(column: str) -> str:
-    """Name of the mean beside a median."""
-    return f"{column}_mean"
-
-
-def _armature_figures(motors: MotorParameters, priors: dict[str, MotorPrior]) -> dict[str, float]:
+def _armature(motors: MotorParameters, priors: dict[str, MotorPrior]) -> Results:
     """How the decoded armature compares with the rotors' own: mean ratio, and correlation over the motors."""
-    figures: dict[str, float] = {}
+    rows: list[Result] = []
     for name, prior in priors.items():
         if prior.network.has_armature or prior.network.motor is not None:
             decoded = prior.network.armature(prior.mean)
-            figures[f"armature_ratio/{name}"] = float(np.mean(decoded / motors.armature))
+            ratio = float(np.mean(decoded / motors.armature))
+            rows.append(Result("armature_ratio", "1", ratio, name, "train"))
             if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
-                figures[f"armature_correlation/{name}"] = float(np.corrcoef(decoded, motors.armature)[0, 1])
-    return figures
+                correlation = float(np.corrcoef(decoded, motors.armature)[0, 1])
+                rows.append(Result("armature_correlation", "1", correlation, name, "train"))
+    return Results.of(rows)
 
 
-def _residual_figures(priors: dict[str, MotorPrior]) -> dict[str, float]:
+def _residuals(priors: dict[str, MotorPrior]) -> Results:
     """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
     from motorprior.identification.passivity import residual_bound, residual_work
 
-    figures: dict[str, float] = {}
+    rows: list[Result] = []
     for name, prior in priors.items():
         if prior.network.motor is not None:
             motors = prior.training_motors(np.arange(len(prior.mean)))
-            figures[f"residual_work/{name}"] = residual_work(motors)
-            figures[f"residual_bound/{name}"] = residual_bound(prior.network)
-    return figures
+            rows.append(Result("residual_work", "1", residual_work(motors), name, "train"))
+            rows.append(Result("residual_bound", "1", residual_bound(prior.network), name, "train"))
+    return Results.of(rows)
 
 
 def _finite(value: Any) -> float:

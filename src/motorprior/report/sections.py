@@ -18,16 +18,19 @@ from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_directions import behaviour_directions, told_best
 from motorprior.report.tables import (
     TRANSFER_COLUMNS,
+    by_model,
     conditions_in,
     fidelity_rows,
     replay_models,
     replay_rows,
     transfer_rows,
 )
+from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.simulation.skeleton import skeleton
-from motorprior.transfer.metrics import COLUMNS, MODELS
+from motorprior.transfer.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
 
+_RESULTS = "results.json"
 _LATENT_PANELS, _SHORTEST_GAIT = 6, 20
 
 
@@ -84,12 +87,12 @@ def identify(run: Path) -> list[Section]:
 
 def validate(run: Path) -> list[Section]:
     """Torque fit, closed loop on the bench, and inside the robot."""
-    figures = read_json(run / "validate" / "figures.json")
+    results = Results.load(run / "validate" / _RESULTS)
     tensors, header = read_tensors(run / "validate" / "traces.safetensors")
     return [
         _torque_section(tensors),
-        _bench_section(tensors, header, figures),
-        _robot_section(tensors, header, figures),
+        _bench_section(tensors, header, results),
+        _robot_section(tensors, header, results),
     ]
 
 
@@ -106,52 +109,50 @@ def _torque_section(tensors: dict[str, np.ndarray]) -> Section:
     return Section("Torque fit: open loop, one step", lead, body, tuple(pictures))
 
 
-def _fidelity_table(figures: dict[str, float], columns: tuple[str, ...], caption: str) -> Table:
+def _fidelity_table(results: Results, columns: tuple[str, ...], caption: str) -> Table:
     titles = tuple(column.replace("_", " ").replace("hf", "> 20 Hz") for column in columns)
-    return Table(("model", *titles), tuple(tuple(row) for row in fidelity_rows(figures, columns)), caption)
+    return Table(("model", *titles), tuple(tuple(row) for row in fidelity_rows(results, columns)), caption)
 
 
-def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figures: dict[str, float]) -> Section:
+def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], results: Results) -> Section:
     time = np.arange(len(tensors["bench/target"])) * header["bench_dt"]
     figure = plots.closed_loop(
         time, tensors["bench/target"], tensors["bench/truth"], _by_model(tensors, "bench/model/"), "gait + impacts"
     )
     shown = picture(figure, "One held-out trial: every model in its own closed loop.", "closed-loop traces")
-    columns = tuple(column for column in COLUMNS if column.startswith("bench"))
-    table = _fidelity_table(figures, columns, "Joint RMSE [rad] over 1 s, median of the motors. physical: the floor.")
+    caption = "Joint RMSE [rad] over 1 s, median of the motors. physical: the floor."
+    table = _fidelity_table(results, tuple(BENCH_METRICS), caption)
+    ratio = results.value(quantity="armature_ratio", model="rollout")
     lead = "One loaded joint, held-out excitation, compared with the physical motor."
     body = (
         "The motors are the training motors, each at the mean of its posterior; what is held out is the excitation.",
-        f"The armature that rollout decodes from z is {figures['armature_ratio/rollout']:.2f} of the rotors' own on "
+        f"The armature that rollout decodes from z is {ratio:.2f} of the rotors' own on "
         "average, though no log says what a rotor is: it is found from motion alone.",
     )
     return Section("Closed loop on the bench", lead, body, (shown,), (table,))
 
 
-def _robot_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figures: dict[str, float]) -> Section:
+def _robot_section(tensors: dict[str, np.ndarray], header: dict[str, Any], results: Results) -> Section:
     positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
     time = np.arange(len(tensors["robot/target"])) * header["robot_dt"]
     traces = plots.robot_traces(
         time, tensors["robot/position/truth"], positions, tensors["robot/torque/truth"], torques, header["joint"],
         "standing trot",
     )  # fmt: skip
-    columns = tuple(column for column in COLUMNS if not column.startswith("bench"))
     caption = (
         "Joint RMSE [rad] and torque above 20 Hz [N·m], medians of 12 draws of motors. The torque should be "
         "like the physical motors' own: more is chatter, less is missing life."
     )
-    table = _fidelity_table(figures, columns, caption)
+    table = _fidelity_table(results, ROBOT_METRICS, caption)
     metrics = {"standing_rmse": "standing [rad]", "hung_rmse": "hung [rad]"}
-    bars = {
-        title: {name: figures[f"{key}/{name}"] for name in MODELS if f"{key}/{name}" in figures}
-        for key, title in metrics.items()
-    }
+    bars = {title: by_model(results, quantity) for quantity, title in metrics.items()}
     pictures = (
         picture(traces, f"{header['joint']} in a trot on the ground.", "traces inside the robot"),
         picture(plots.fidelity_bars(bars), "Inside the robot.", "fidelity inside the robot"),
     )
     lead = "The same models as the motors of a standing and of a hung robot."
-    chatter = figures["standing_torque_hf/paper_wide"] / figures["standing_torque_hf/physical"]
+    torque = by_model(results, "standing_torque_hf")
+    chatter = torque["paper_wide"] / torque["physical"]
     body = (
         "The paper's motors never carried a load on their bench, and here they cannot carry the robot. The control "
         "paper_wide has the paper's loss on the data, the clock and the history of the rollout prior: better than "
@@ -166,7 +167,7 @@ def _robot_section(tensors: dict[str, np.ndarray], header: dict[str, Any], figur
 
 def replay(run: Path) -> list[Section]:
     """Real logs."""
-    figures = read_json(run / "replay" / "figures.json")
+    results = Results.load(run / "replay" / _RESULTS)
     tensors, header = read_tensors(run / "replay" / "traces.safetensors")
     pictures = []
     for log in header["logs"]:
@@ -176,8 +177,8 @@ def replay(run: Path) -> list[Section]:
         time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
         figure = plots.real_replay(time, target, measured, models, band, joint, f"log {log}")
         pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors.", f"replay of {log}"))
-    columns = ("log", "joint", *replay_models(figures)[1])
-    rows = tuple(tuple(row) for row in replay_rows(figures))
+    columns = ("log", "joint", *replay_models(results))
+    rows = tuple(tuple(row) for row in replay_rows(results))
     caption = "Joint RMSE [mrad], start included, nothing subtracted; draws: median (5-95 %)."
     lead = "The commands of the real robot, replayed on a simulated one."
     body = (
@@ -218,11 +219,17 @@ def walk(folders: Sequence[Path]) -> list[Section]:
 
 def transfer(run: Path, robot: Robot) -> list[Section]:
     """The transfer table and the gaits."""
-    figures = read_json(run / "transfer" / "figures.json")
+    results = Results.load(run / "transfer" / _RESULTS)
     tensors, header = read_tensors(run / "transfer" / "traces.safetensors")
-    names = conditions_in(figures)
+    names = conditions_in(results)
     pairs = [
-        {name: (figures[f"{place}_speed/{name}"], figures[f"{place}_upright/{name}"]) for name in names}
+        {
+            name: (
+                results.mean(quantity="speed", motors=place, model=name),
+                results.mean(quantity="upright", motors=place, model=name),
+            )
+            for name in names
+        }
         for place in ("own", "twin")
     ]
     bars = picture(plots.transfer_bars(*pairs), "Own simulation and twin.", "speed and time upright")
@@ -234,7 +241,7 @@ def transfer(run: Path, robot: Robot) -> list[Section]:
             for image in _gait(robot, tensors[f"twin/{name}"], header["control_dt"], name, "on the twin")
         ),
     ]
-    table = Table(TRANSFER_COLUMNS, tuple(tuple(row) for row in transfer_rows(figures)), "24 motor draws of 5 s each.")
+    table = Table(TRANSFER_COLUMNS, tuple(tuple(row) for row in transfer_rows(results)), "24 motor draws of 5 s each.")
     lead = "Every policy where it was trained, and on a twin nobody trained on: unseen physical motors, 1 kHz, noise."
     body = (
         "The twin's draws are the same for every policy. The ideal PD has the gains, and the tuned PD the gains, "
@@ -282,12 +289,19 @@ def times(seconds: Mapping[str, float]) -> Section:
     return Section("Where the time goes", f"{sum(seconds.values()):.0f} s of work.", tables=(table,))
 
 
-def highlights(figures: dict[str, float]) -> tuple[tuple[str, str], ...]:
+def highlights(results: Results) -> tuple[tuple[str, str], ...]:
     """The four numbers to see first; policies are means over seeds."""
-    ratio = figures["bench_impact_rmse/rollout"] / figures["bench_impact_rmse/ideal_pd"]
+    errors = by_model(results, "bench_impact_rmse")
+    rollout, ideal, tuned = (
+        f"{results.mean(quantity='speed', motors='twin', model=name):.2f} m/s"
+        for name in ("rollout", "ideal_pd", "tuned_pd")
+    )
     return (
-        (f"{ratio:.2f} ×", "closed-loop error of the learned motors over the ideal PD's, gait with impacts"),
-        (f"{figures['twin_speed/rollout']:.2f} m/s", "on the twin, trained on the learned prior"),
-        (f"{figures['twin_speed/ideal_pd']:.2f} m/s", "on the twin, trained on an ideal PD with fitted gains"),
-        (f"{figures['twin_speed/tuned_pd']:.2f} m/s", "on the twin, trained on a PD with fitted armature and delay"),
+        (
+            f"{errors['rollout'] / errors['ideal_pd']:.2f} ×",
+            "closed-loop error of the learned motors over the ideal PD's, gait with impacts",
+        ),
+        (rollout, "on the twin, trained on the learned prior"),
+        (ideal, "on the twin, trained on an ideal PD with fitted gains"),
+        (tuned, "on the twin, trained on a PD with fitted armature and delay"),
     )

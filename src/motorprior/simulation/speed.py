@@ -21,6 +21,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size, body_of, observation_size
 from motorprior.locomotion.control_step import command_step
+from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
@@ -172,9 +173,7 @@ def _two_threads(robot: Robot, actuator: Actuator) -> TimedPath:
     return TimedPath(steps, lambda: THREADS * _timed(lambda: list(pool.map(walk, simulators))), pool.shutdown)
 
 
-def measure(
-    paths: dict[str, TimedPath], repeats: int = REPEATS, progress: Callable[[], None] | None = None
-) -> dict[str, float]:
+def measure(paths: dict[str, TimedPath], repeats: int = REPEATS, progress: Callable[[], None] | None = None) -> Results:
     """Time every path ``repeats`` times, in turn, each time in the second of two runs.
 
     The first finds its world in no cache, since the other paths ran meanwhile; in a search the same worlds run on.
@@ -185,7 +184,7 @@ def measure(
         progress: called after every round.
 
     Returns:
-        ``control_steps_per_s/PATH`` per core and the ratios of those that were measured.
+        ``control_steps_per_s`` per core of every path, and the ratios of those that were measured.
 
     Raises:
         ConfigError: another number of repeats.
@@ -200,23 +199,23 @@ def measure(
         if progress is not None:
             progress()
     rates = {name: 1.0 / np.array(values) for name, values in seconds.items()}
-    figures = {f"control_steps_per_s/{name}": float(np.median(values)) for name, values in rates.items()}
-    return figures | _ratios(rates)
+    speeds = (Result("control_steps_per_s", "1/s", float(np.median(values)), name) for name, values in rates.items())
+    return Results.of([*speeds, *_ratios(rates)])
 
 
-def _ratios(rates: dict[str, np.ndarray]) -> dict[str, float]:
+def _ratios(rates: dict[str, np.ndarray]) -> list[Result]:
     """Medians of the ratios within each round."""
     wanted = {
-        "mj_step_share/rollout": ("rollout", "mj_step", 1.0),
-        "above_mj_step_share/rollout": ("rollout", "without_mj_step", 1.0),
-        "learned_over_pd": ("ideal_pd", "rollout", 1.0),
-        "two_threads_over_one": ("two_threads", "rollout", float(THREADS)),
-        "kernel_over_python_numpy": ("rollout", "python_numpy", 1.0),
-        "kernel_over_python_torch": ("rollout", "python_torch", 1.0),
-        "kernel_over_pybullet": ("rollout", "pybullet", 1.0),
+        ("mj_step_share", "rollout"): ("rollout", "mj_step", 1.0),
+        ("above_mj_step_share", "rollout"): ("rollout", "without_mj_step", 1.0),
+        ("learned_over_pd", None): ("ideal_pd", "rollout", 1.0),
+        ("two_threads_over_one", None): ("two_threads", "rollout", float(THREADS)),
+        ("kernel_over_python_numpy", None): ("rollout", "python_numpy", 1.0),
+        ("kernel_over_python_torch", None): ("rollout", "python_torch", 1.0),
+        ("kernel_over_pybullet", None): ("rollout", "pybullet", 1.0),
     }
-    return {
-        name: factor * float(np.median(rates[over] / rates[under]))
-        for name, (over, under, factor) in wanted.items()
+    return [
+        Result(quantity, "1", factor * float(np.median(rates[over] / rates[under])), model)
+        for (quantity, model), (over, under, factor) in wanted.items()
         if over in rates and under in rates
-    }
+    ]

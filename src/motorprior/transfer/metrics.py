@@ -1,4 +1,4 @@
-"""Names of the figures that stages measure, and the order of every table."""
+"""Names of the quantities that stages measure, and the order of every table."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ BENCH_METRICS = {
     "bench_impact_rmse": "impacts",
     "bench_chirp_rmse": "chirp",
 }
-COLUMNS = (*BENCH_METRICS, "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
-"""Medians over motors and trials; the means stand beside them as ``…_mean``."""
+ROBOT_METRICS = ("standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
+COLUMNS = (*BENCH_METRICS, *ROBOT_METRICS)
+"""Joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have the first only."""
 
 MODELS = (
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",

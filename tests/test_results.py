@@ -1,0 +1,110 @@
+"""The table of results: selection, the names of figures, and a file that is read as rows or refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from motorprior.exceptions import ArtifactError
+from motorprior.results import Result, Results
+
+WALKS = Results.of(
+    Result("speed", "m/s", value, model, motors, seed=seed)
+    for model, values in (("rollout", (0.2, 0.4)), ("ideal_pd", (0.1, 0.3)))
+    for motors in ("own", "twin")
+    for seed, value in enumerate(values)
+)
+ERRORS = Results.of(
+    Result("standing_rmse", "rad", value, "rollout", motors, statistic)
+    for motors, statistic, value in (
+        ("train", "median", 0.01), ("train", "mean", 0.02), ("held_out", "median", 0.03), ("held_out", "mean", 0.04),
+    )
+)  # fmt: skip
+OTHERS = Results(
+    (
+        Result("real_rmse", "rad", 0.1, "rollout", statistic="median", log="1_joint"),
+        Result("real_rmse", "rad", 0.05, "rollout", statistic="p05", log="1_joint"),
+        Result("real_joint_rmse", "rad", 0.1, "rollout", statistic="median", log="1_joint", part="FR_hip"),
+        Result("two_sample_auc", "1", 0.6, statistic="median"),
+        Result("two_sample_auc", "1", 0.7, statistic="high"),
+        Result("adapt_rmse_ratio", "1", 1.2, motors="held_out", seconds=2.5),
+        Result("identify_seconds", "s", 3.0, "rollout"),
+    )
+)
+
+
+def test_rows_are_found_by_their_columns():
+    twin = WALKS.where(motors="twin", model="rollout")
+    assert [row.value for row in twin] == [0.2, 0.4] and twin.mean() == pytest.approx(0.3)
+    assert WALKS.distinct("model") == ["rollout", "ideal_pd"]
+    assert WALKS.value(model="ideal_pd", motors="own", seed=1) == 0.3
+    assert len(WALKS.where(model=("rollout", "ideal_pd"))) == 8 and len(OTHERS.where(log=None)) == 4
+    assert {row.motors for row in WALKS.having(motors="train")} == {"train"}
+
+
+@pytest.mark.parametrize("columns", [{"model": "none"}, {"model": "rollout"}])
+def test_a_value_is_of_one_row(columns: dict[str, str]):
+    with pytest.raises(ArtifactError, match=r"results with .*wanted one"):
+        WALKS.value(**columns)
+
+
+def test_names_of_figures_are_made_from_the_columns():
+    assert WALKS.where(model="rollout", motors="twin").to_figures() == {
+        "twin_speed/rollout/seed_0": 0.2,
+        "twin_speed/rollout/seed_1": 0.4,
+        "twin_speed/rollout": pytest.approx(0.3),
+    }
+    assert ERRORS.to_figures() == {
+        "standing_rmse/rollout": 0.01,
+        "standing_rmse/rollout/train": 0.01,
+        "standing_rmse_mean/rollout": 0.02,
+        "standing_rmse_mean/rollout/train": 0.02,
+        "standing_rmse/rollout/held_out": 0.03,
+        "standing_rmse_mean/rollout/held_out": 0.04,
+    }
+    assert set(ERRORS.where(motors="train").to_figures()) == {"standing_rmse/rollout", "standing_rmse_mean/rollout"}
+    assert OTHERS.to_figures() == {
+        "real_rmse/1_joint/rollout": 0.1,
+        "real_rmse_p05/1_joint/rollout": 0.05,
+        "real_joint_rmse/1_joint/FR_hip/rollout": 0.1,
+        "two_sample_auc": 0.6,
+        "two_sample_auc/high": 0.7,
+        "adapt_rmse_ratio/2.5": 1.2,
+        "identify_seconds/rollout": 3.0,
+        "identify_seconds": 3.0,
+    }
+
+
+def test_what_is_saved_is_loaded(tmp_path: Path):
+    table = WALKS + ERRORS + OTHERS
+    table.save(tmp_path / "results.json")
+    assert Results.load(tmp_path / "results.json") == table
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"value": "fast"}, "a row: value = 'fast' is not a finite number"),
+        ({"value": True}, "value = True"),
+        ({"colour": "red"}, "unknown keys .'colour'"),
+        ({"seed": 0.5}, "seed = 0.5 is not an integer"),
+        ({"model": 3}, "model = 3 is not a text"),
+        ({"model": None}, "model = None is not a text"),
+    ],
+)
+def test_a_row_that_is_none_is_refused(tmp_path: Path, change: dict[str, object], words: str):
+    path = tmp_path / "run" / "results.json"
+    WALKS.save(path)
+    data = json.loads(path.read_text())
+    data["rows"][2] |= change
+    path.write_text(json.dumps(data))
+    with pytest.raises(ArtifactError, match=words) as error:
+        Results.load(path)
+    assert error.value.where == path and f"delete the folder {path.parent}" in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"rows": []}', '{"schema_version": 2, "rows": []}', "NaN"])
+def test_what_is_no_table_is_refused(tmp_path: Path, text: str):
+    (tmp_path / "results.json").write_text(text)
+    with pytest.raises(ArtifactError, match="run the same command again"):
+        Results.load(tmp_path / "results.json")

@@ -1,0 +1,144 @@
+"""A declaration refuses what it does not describe, by file, key, value and bound, in a message of bounded length."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ArtifactError
+from motorprior.schema import (
+    TABLE,
+    TEXT,
+    TRUTH,
+    Header,
+    Schema,
+    Tensor,
+    check_tensors,
+    exactly,
+    integer,
+    many,
+    maybe,
+    number,
+    one_of,
+)
+
+PATH, REMEDY = Path("mine.file"), "write it again"
+FIELDS = {
+    "share": number(0.0, 1.0),
+    "gain": number(above=0.0, unit="N·m/rad"),
+    "count": integer(1, 5),
+    "name": TEXT,
+    "on": TRUTH,
+    "more": TABLE,
+    "kind": one_of("this", "that"),
+    "sign": exactly([1, 2]),
+    "delay": maybe(number(0.0, 1.0, unit="s")),
+    "names": many(TEXT, least=1),
+}
+GOOD: dict[str, Any] = {
+    "share": 0.5, "gain": 2, "count": 3, "name": "a", "on": False, "more": {}, "kind": "that", "sign": [1, 2],
+    "delay": None, "names": ["x"],
+}  # fmt: skip
+
+
+def refusal(**changes: Any) -> str:
+    with pytest.raises(ArtifactError) as error:
+        Schema(FIELDS, REMEDY).check(GOOD | changes, PATH)
+    assert error.value.where == PATH and error.value.remedy == REMEDY
+    return error.value.problem
+
+
+def test_what_is_declared_is_accepted():
+    Schema(FIELDS, REMEDY).check(GOOD, PATH)
+    Schema(FIELDS, REMEDY, optional=frozenset({"delay"})).check(
+        {key: value for key, value in GOOD.items() if key != "delay"}, PATH
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("share", 1.5, "share = 1.5 is not a finite number from 0 to 1"),
+        ("share", float("nan"), "share = nan"),
+        ("share", True, "share = True"),
+        ("share", 10**400, "share = 1000"),
+        ("gain", 0.0, "gain = 0 is not a finite number above 0 N·m/rad"),
+        ("gain", float("inf"), "gain = inf"),
+        ("count", 6, "count = 6 is not an integer from 1 to 5"),
+        ("count", 2.0, "count = 2 is not an integer"),
+        ("count", True, "count = True"),
+        ("name", 3, "name = 3 is not a text"),
+        ("on", 1, "on = 1 is not true or false"),
+        ("more", [], r"more = [] is not a table"),
+        ("kind", "other", "kind = 'other' is not this or that"),
+        ("kind", ["this"], "kind = ['this'] is not this or that"),
+        ("sign", [1, 2, 3], "sign = [1, 2, 3] is not [1, 2]"),
+        ("delay", 2.0, "delay = 2 is not a finite number from 0 to 1 s, or null"),
+        ("names", [], "names = [] is not a list of 1 or more, each a text"),
+        ("names", ["x", 1], "names = ['x', 1] is not"),
+    ],
+)
+def test_a_value_beyond_its_declaration_is_named(key: str, value: object, words: str):
+    assert words in refusal(**{key: value})
+
+
+def test_no_message_is_longer_than_a_kilobyte():
+    for problem in (
+        refusal(name=10**4000),
+        refusal(kind="x" * 10**6),
+        refusal(**{f"key{i}" * 50: 0 for i in range(100)}),
+    ):
+        assert len(problem.encode()) < 900
+
+
+def test_keys_are_compared_and_a_table_must_be_one():
+    assert refusal(colour=1) == "unknown keys ['colour']"
+    with pytest.raises(ArtifactError, match="recipe is not a table"):
+        Schema(FIELDS, REMEDY, name="recipe").check([], PATH)
+    with pytest.raises(ArtifactError, match=r"recipe: missing keys \['share'\]"):
+        Schema(FIELDS, REMEDY, name="recipe").check({k: v for k, v in GOOD.items() if k != "share"}, PATH)
+
+
+WANTED = {"mean": Tensor(("motors", "latents"), 10.0), "std": Tensor(("latents",), above=0.0), "bias": Tensor(())}
+ARRAYS = {"mean": np.zeros((5, 3)), "std": np.ones(3), "bias": np.array(0.0)}
+
+
+def test_symbols_stand_for_one_size_and_are_told():
+    assert check_tensors(ARRAYS, WANTED, PATH, REMEDY) == {"motors": 5, "latents": 3}
+    assert check_tensors({**ARRAYS, "mean": np.zeros((0, 3))}, WANTED, PATH, REMEDY)["motors"] == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"std": np.ones(4)}, r"std is float64\(4,\), wanted float64\(3,\)"),
+        ({"mean": np.zeros(5)}, r"mean is float64\(5,\), wanted float64\(5, latents\)"),
+        ({"mean": np.zeros((4, 3))}, r"mean is float64\(4, 3\), wanted float64\(5, 3\)"),
+        ({"bias": np.zeros((), np.float32)}, r"bias is float32\(\), wanted float64\(\)"),
+        ({"mean": np.full((5, 3), -11.0)}, "mean holds 11, beyond 10"),
+        ({"std": np.zeros(3)}, "std holds 0, not above 0"),
+        ({"std": np.array([1.0, np.nan, 1.0])}, r"std\[1\] is not finite"),
+        ({"extra": np.zeros(1)}, "unknown keys .'extra'"),
+    ],
+)
+def test_a_tensor_that_is_not_the_declared_one_is_named(changes: dict[str, np.ndarray], words: str):
+    with pytest.raises(ArtifactError, match=words) as error:
+        check_tensors(ARRAYS | changes, WANTED, PATH, REMEDY, {"motors": 5})
+    assert error.value.where == PATH and error.value.remedy == REMEDY
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kind": "policy"}, "kind = 'policy' is not 'test'"),
+        ({"schema_version": 4}, "schema_version = 4 is not 3"),
+        ({"schema_version": True}, "schema_version = True is not 1"),
+        ({"name": 1}, "name = 1 is not a text"),
+    ],
+)
+def test_a_header_says_what_it_is(change: dict[str, Any], words: str):
+    header = Header("test", 1 if change.get("schema_version") is True else 3, {"name": TEXT}, REMEDY)
+    header.check(header.write(name="x"), PATH)
+    with pytest.raises(ArtifactError, match=words):
+        header.check(header.write(name="x") | change, PATH)
