@@ -1,4 +1,4 @@
-"""What a prior that is trained to the end is worth: it follows its motors, knows the fleet's, and sees strangers."""
+"""What a prior that is trained to the end is worth: it follows its motors, knows the fleet's, and recognises outliers."""
 
 from dataclasses import replace
 

@@ -15,8 +15,8 @@ from motorprior.report.gait_picture import gait_animation, gait_strip
 from motorprior.report.plots_directions import (
     Directions,
     behaviour_directions,
+    best_explained,
     principal_directions,
-    told_best,
 )
 from motorprior.report.plots_style import png_bytes
 from motorprior.robots.pupper_v2 import spec
@@ -112,7 +112,7 @@ def test_a_file_keeps_white_and_a_models_colour():
         assert np.count_nonzero(np.all(pixels == wanted, axis=1)) > 100
 
 
-def test_variants_and_strangers_have_a_colour_and_a_name():
+def test_variants_and_unknown_models_have_a_colour_and_a_name():
     assert plots.model_color("rollout_adapted") == plots.MODEL_COLORS["rollout"]
     assert plots.model_label("rollout_adapted") == "rollout adapted"
     assert plots.model_label("ideal_pd") == "ideal PD"
@@ -160,8 +160,8 @@ def test_constants_are_shown_in_the_order_in_which_the_map_tells_them():
     random = np.random.default_rng(5)
     points, noise = random.normal(size=(40, 2)), random.normal(size=(3, 40))
     values = {"same": np.ones(40), "noise": noise[0], "plain": points @ [1.0, -2.0], "vague": points[:, 0] + noise[1]}
-    assert list(told_best(points, values, 6)) == ["plain", "vague", "noise"]
-    assert list(told_best(points, values, 1)) == ["plain"]
+    assert list(best_explained(points, values, 6)) == ["plain", "vague", "noise"]
+    assert list(best_explained(points, values, 1)) == ["plain"]
 
 
 def test_the_animation_is_small_repeats_exactly_and_runs_in_real_time():

@@ -54,12 +54,12 @@ def careful(say: Say, file: TextIO) -> Say:
     A control loop that waits for a terminal (Ctrl-S, a pager) would be idled by the watchdog.
     """
 
-    def speak(text: str) -> None:
+    def print_line(text: str) -> None:
         with contextlib.suppress(OSError, ValueError):
             if _takes_more(file):
                 say(text)
 
-    return speak
+    return print_line
 
 
 def _takes_more(file: TextIO) -> bool:

@@ -172,10 +172,10 @@ def run_adapt(
 def _require_like_the_fleet(log: MotorLog, judged: Judged, path: Path) -> None:
     bound = FALSE_ALARMS / log.num_joints
     odd = zip(log.joint_names, judged.chance, judged.reason, strict=True)
-    strangers = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]
-    if strangers:
+    unlike = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]
+    if unlike:
         raise LogError(
-            f"motors are unlike any the prior was trained on ({'; '.join(strangers)}): one of its fleet is as odd with "
+            f"motors are unlike any the prior was trained on ({'; '.join(unlike)}): one of its fleet is as odd with "
             f"a chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
             where=path,
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",

@@ -25,7 +25,7 @@ from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor
 from motorprior.search.train import Champion, Iteration, contest, new_search, train
 from motorprior.simulation.engines import Engine, Scene
-from motorprior.simulation.last_words import last_words
+from motorprior.simulation.fatal_errors import saved_on_fatal_error
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
@@ -139,7 +139,10 @@ def _train(
         return f"{what} are kept in {config.out}"
 
     try:
-        with progress.start(f"{name}: {config.iterations} iterations", config.iterations) as task, last_words(rescue):
+        with (
+            progress.start(f"{name}: {config.iterations} iterations", config.iterations) as task,
+            saved_on_fatal_error(rescue),
+        ):
             task.advance(search.iteration)
 
             def report(point: Iteration, best: Champion) -> None:

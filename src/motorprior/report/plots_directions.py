@@ -52,7 +52,7 @@ def principal_directions(slopes: np.ndarray) -> Directions:
     return Directions(axes * np.where(largest < 0.0, -1.0, 1.0), share)
 
 
-def told_best(points: np.ndarray, values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
+def best_explained(points: np.ndarray, values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
     """The ``count`` of the values (M,) that are most nearly linear in points (M, D), by R², best first.
 
     Those that are the same for every motor are left out.

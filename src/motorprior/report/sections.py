@@ -15,7 +15,7 @@ from motorprior.bench.facts import read_bench
 from motorprior.report import plots
 from motorprior.report.gait_picture import gait_animation, gait_strip
 from motorprior.report.page import Picture, Section, Table, picture
-from motorprior.report.plots_directions import behaviour_directions, told_best
+from motorprior.report.plots_directions import behaviour_directions, best_explained
 from motorprior.report.tables import (
     TRANSFER_COLUMNS,
     by_model,
@@ -71,7 +71,9 @@ def identify(run: Path) -> list[Section]:
     motors = read_bench(run / "bench" / "rollout")[1].physical_motors()
     directions = behaviour_directions(prior.network) if prior.network.num_latents > 1 else None
     points = prior.mean if directions is None else prior.mean @ directions.axes
-    known = told_best(points, {field.name: getattr(motors, field.name) for field in fields(motors)}, _LATENT_PANELS)
+    known = best_explained(
+        points, {field.name: getattr(motors, field.name) for field in fields(motors)}, _LATENT_PANELS
+    )
     figure = plots.latent_map(prior.mean, prior.log_var, known, directions)
     body = (
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "

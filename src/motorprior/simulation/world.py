@@ -15,7 +15,7 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
-from motorprior.simulation.last_words import speak_before_dying
+from motorprior.simulation.fatal_errors import install_handler
 from motorprior.simulation.mj_call import mj_step, mj_step_address, stop_timers
 from motorprior.simulation.model import build_model
 from motorprior.simulation.randomization import LONGEST_DELAY, Conditions, nominal_conditions
@@ -135,14 +135,14 @@ class World:
 
     Making one changes the whole process, other models of MuJoCo included: no warning is printed or written to a file
     any more (``mjData.warning`` still counts them), MuJoCo's timers stand still (`mj_call.stop_timers`), and a fatal
-    error in compiled code ends the process with one line (`last_words`).
+    error in compiled code ends the process with one line (`fatal_errors`).
     """
 
     def __init__(self, config: WorldConfig):
         self.config = config
         mujoco.set_mju_user_warning(_keep_quiet)
         stop_timers()
-        speak_before_dying()
+        install_handler()
         self.model = build_model(config.robot, config.physics_dt, config.foot_friction, config.hung)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)

@@ -25,7 +25,7 @@ _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 
 
 @contextmanager
-def last_words(rescue: Callable[[], str]) -> Iterator[None]:
+def saved_on_fatal_error(rescue: Callable[[], str]) -> Iterator[None]:
     """While inside: call ``rescue`` before a fatal error of MuJoCo ends the process.
 
     Args:
@@ -38,14 +38,14 @@ def last_words(rescue: Callable[[], str]) -> Iterator[None]:
         _RESCUES.remove(rescue)
 
 
-def speak_before_dying() -> None:
+def install_handler() -> None:
     """Make this the handler of MuJoCo's fatal errors, in the whole process."""
     pointer = ctypes.c_void_p.in_dll(library(), "mju_user_error")
-    pointer.value = ctypes.cast(_die_with_a_word, ctypes.c_void_p).value
+    pointer.value = ctypes.cast(_end_process, ctypes.c_void_p).value
 
 
 @_HANDLER
-def _die_with_a_word(message: bytes) -> None:
+def _end_process(message: bytes) -> None:
     """It must not return: MuJoCo would go on with a broken state."""
     _DYING.acquire()  # a second thread waits here until the first has ended the process
     kept = "nothing was being kept"

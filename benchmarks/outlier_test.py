@@ -1,6 +1,6 @@
 """Does `motorprior adapt` notice motors that are not of its prior's fleet? The power of its check, at its stated rate.
 
-    python benchmarks/strangers.py runs/prior_mixed/prior.safetensors --json strangers.json
+    python benchmarks/outlier_test.py runs/prior_mixed/prior.safetensors --json outlier_test.json
 
 MOTORS motors of the fleet, the same with one constant changed, each known from some seconds of log:
     noticed/CHANGE/SECONDS     share of motors whose chance is below FALSE_ALARMS
@@ -39,7 +39,7 @@ MOTORS, STREAM = 16, 57
 
 @dataclass(frozen=True)
 class Settings:
-    """Judge strangers."""
+    """Judge motors of other fleets."""
 
     prior: tyro.conf.Positional[Path]
     """Prior of preset rollout that was identified from a bench."""
