@@ -1,4 +1,4 @@
-"""What a prior that is trained to the end is worth: it follows its motors, knows the fleet's, and recognises outliers."""
+"""A prior that is trained to the end follows its motors, knows the fleet's, and recognises outliers."""
 
 from dataclasses import replace
 
