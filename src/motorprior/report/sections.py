@@ -71,9 +71,8 @@ def identify(run: Path) -> list[Section]:
     motors = read_bench(run / "bench" / "rollout")[1].physical_motors()
     directions = behaviour_directions(prior.network) if prior.network.num_latents > 1 else None
     points = prior.mean if directions is None else prior.mean @ directions.axes
-    known = best_explained(
-        points, {field.name: getattr(motors, field.name) for field in fields(motors)}, _LATENT_PANELS
-    )
+    constants = {field.name: getattr(motors, field.name) for field in fields(motors)}
+    known = best_explained(points, constants, _LATENT_PANELS)
     figure = plots.latent_map(prior.mean, prior.log_var, known, directions)
     body = (
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
