@@ -1,5 +1,6 @@
 # make demo    the whole story, small           make demo ARGS="--seed 1" passes options on
-# make test    ruff, types, tests               make test ARGS="-k layers" passes options on to pytest
+# make test    ruff, types, short tests         make test ARGS="-k layers" passes options on to pytest
+# make test-all   the long tests                ARGS as above; the two together are all there is
 # make lock    requirements.lock from pyproject.toml (needs uv); ARGS=--upgrade renews every pin
 # make clean   removes what the others made, but not runs/
 # Needs Python 3.11, 3.12 or 3.13 and nothing else: python3 if it is one of these, or else python3.13, python3.12 or
@@ -12,11 +13,14 @@ UV ?= uv
 ARGS ?=
 BIN := .venv/bin
 
-.PHONY: demo test lock clean
+# Files run in parallel; the third worker has the tests that wait for virtual robots in real time.
+PYTEST := $(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder
+
+.PHONY: demo test test-all lock clean
 .DELETE_ON_ERROR:
 
-test demo: export OMP_NUM_THREADS = 1
-test demo: export OPENBLAS_NUM_THREADS = 1
+test test-all demo: export OMP_NUM_THREADS = 1
+test test-all demo: export OPENBLAS_NUM_THREADS = 1
 
 demo: .venv/.installed
 	$(BIN)/motorprior demo --out runs/demo $(ARGS)
@@ -24,7 +28,10 @@ demo: .venv/.installed
 test: .venv/.installed
 	$(BIN)/ruff check
 	$(BIN)/basedpyright
-	$(BIN)/pytest $(ARGS)
+	$(PYTEST) -m "not slow" $(ARGS)
+
+test-all: .venv/.installed
+	$(PYTEST) -m slow $(ARGS)
 
 # The stamp goes first and comes back last: after an interrupted install the next run starts from nothing.
 .venv/.installed: requirements.lock pyproject.toml

@@ -8,6 +8,14 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NPROC"):
     os.environ[_name] = "1"
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["MPLBACKEND"] = "Agg"
+# Half of all tests' time is XLA's: what one test, worker or child process compiled is there for the others, and for the
+# next run. Entries are keyed by program, flags and versions.
+for _name, _value in {
+    "DIR": os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), ".pytest_cache", "jax"),
+    "MAX_SIZE": str(500 * 2**20),
+}.items():
+    os.environ.setdefault(f"JAX_COMPILATION_CACHE_{_name}", _value)
+os.environ.setdefault("JAX_PERSISTENT_COMPILATION_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
 
 from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -26,6 +34,30 @@ SMALL_SERVO = {
 }  # fmt: skip
 """A small geared servo, in SI units."""
 ROOT = Path(__file__).resolve().parents[1]
+REAL_TIME = ("tests/hardware", "tests/cli/test_robot.py")
+"""Virtual robots that live in real time: one worker has them all, so that they do not wait for each other."""
+LONGEST_FIRST = (
+    "cli/test_adapt.py", "pipeline/test_demo.py", "identification/test_reference.py", "identification/test_adapt.py",
+    "identification/test_trained_prior.py", "identification/test_train.py", "identification/test_recovery.py",
+    "cli/test_progress.py", "identification/test_hung_robot.py", "identification/test_objectives.py",
+    "identification/test_per_motor.py", "cli/test_resume.py",
+)  # fmt: skip
+"""A worker that begins one of these last keeps the others waiting."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Where files run in parallel: which tests stay together, and which begin."""
+    for item in items:
+        path = item.path.relative_to(ROOT).as_posix()
+        item.add_marker(pytest.mark.xdist_group("real time" if path.startswith(REAL_TIME) else path))
+    items.sort(key=_place)
+
+
+def _place(item: pytest.Item) -> int:
+    path = item.path.relative_to(ROOT / "tests").as_posix()
+    if f"tests/{path}".startswith(REAL_TIME):
+        return -1
+    return LONGEST_FIRST.index(path) if path in LONGEST_FIRST else len(LONGEST_FIRST)
 
 
 @pytest.fixture(scope="session")

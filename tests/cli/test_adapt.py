@@ -48,6 +48,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
+@pytest.mark.slow
 def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
     volumes = []
     for seconds in (1.0, 2.4):
@@ -120,6 +121,7 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
     assert figures["adapt_rmse_ratio/1"] > 0.0 and 0.0 <= figures["adapt_false_alarms/1"] <= 1.0
 
 
+@pytest.mark.slow
 def test_the_loop_closes_on_a_virtual_robot(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

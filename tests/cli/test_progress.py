@@ -10,7 +10,7 @@ from motorprior.cli.console import Bar
 from motorprior.identification import train
 
 
-@pytest.mark.parametrize("steps", [1, 4, 10, 11])
+@pytest.mark.parametrize("steps", [10, *(pytest.param(steps, marks=pytest.mark.slow) for steps in (1, 4, 11))])
 def test_the_steps_of_an_identification_add_up(
     motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, bench: Path, steps: int
 ):

@@ -167,6 +167,7 @@ def die(simulator, shared, task):
     return task
 
 
+@pytest.mark.slow
 def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
     doomed = cluster.add_node(num_cpus=1)
     executor = make_executor(make_walker, 2, "ray", cluster.address)

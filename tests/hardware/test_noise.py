@@ -16,7 +16,7 @@ from noise import figures, main, noisy_walk
 from simulated_port import SimulatedPort, on_its_clock
 
 
-@pytest.mark.parametrize("life", [0, 1])
+@pytest.mark.parametrize("life", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_with_three_percent_lost_and_three_damaged_it_walks_on(trot: Path, life: int):
     """A gain or current limit that is repeated while it walks, and damaged, ended such walks within a minute or two."""
     walk = noisy_walk(trot, 0.03, 180.0, life)
@@ -60,6 +60,7 @@ def test_gains_go_over_the_line_with_the_first_targets_only():
     assert sent == 3 * law + 47 * ["pos"]
 
 
+@pytest.mark.slow
 def test_the_benchmark_tells_of_every_share(trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     out = tmp_path / "noise.json"
     words = ["--hours", "0.001", "--armings", "2", "--workers", "1", "--policy", str(trot), "--json", str(out)]

@@ -65,6 +65,7 @@ def log_of(motors: LatentActuator, segments: int) -> TrainingData:
     return replace(data, series=series)
 
 
+@pytest.mark.slow
 def test_the_latents_of_motors_drawn_from_the_prior_are_recovered(prior: Identified):
     truth = np.random.default_rng(8).standard_normal((4, 2))  # not the seed of the descent's starts
     data = log_of(LatentActuator(prior.network, truth), 4)
@@ -74,6 +75,7 @@ def test_the_latents_of_motors_drawn_from_the_prior_are_recovered(prior: Identif
     assert np.sqrt(np.mean((found.mean - truth) ** 2)) < 0.1
 
 
+@pytest.mark.slow
 def test_more_log_leaves_less_doubt_and_no_log_window_would_leave_the_prior(prior: Identified):
     motors = LatentActuator(prior.network, np.random.default_rng(1).standard_normal((3, 2)))
     short, long = (adapt(prior.network, log_of(motors, count), RECIPE, temperature=1.0) for count in (1, 4))

@@ -18,6 +18,7 @@ from motorprior.logs.parquet_io import read_log
 from motorprior.pipeline.twin_body import draw_motors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
+pytestmark = pytest.mark.slow
 RECIPE = identification_preset("rollout")
 FLEET = load_fleet("pupper_v2")
 TEMPERATURE = 0.109

@@ -1,6 +1,7 @@
 """The losses are zero where they must be, and what is written where they are not."""
 
 from dataclasses import replace
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -58,9 +59,14 @@ def recorded(given: Parameters, preset=NETWORK):
     return np.stack(channels, axis=-1).transpose(1, 0, 2)
 
 
+@cache
+def compiled(objective, preset, has_torque: bool, bounded: bool):
+    return jax.jit(objective(preset, SCALES, Measured(has_torque), bounded).loss)
+
+
 def loss(objective, given: Parameters, windows, preset=NETWORK, has_torque=False, bounded=False) -> float:
-    made = objective(preset, SCALES, Measured(has_torque), bounded)
-    return float(made.loss(given, jnp.asarray(windows, jnp.float32), jnp.asarray(Z, jnp.float32)))
+    made = compiled(objective, preset, has_torque, bounded)
+    return float(made(given, jnp.asarray(windows, jnp.float32), jnp.asarray(Z, jnp.float32)))
 
 
 @ROLLOUTS

@@ -57,6 +57,7 @@ def chances():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [2, 5, 10, 30])
 def test_new_motors_of_the_fleet_are_rarely_called_strange_whatever_the_length_of_the_log(chances, seconds):
     own = chances[seconds]

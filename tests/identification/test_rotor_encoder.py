@@ -1,6 +1,7 @@
 """Logs of encoders on the rotors, as a Pupper's: the joint behind the gear's play is hidden."""
 
 from dataclasses import replace
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -66,9 +67,13 @@ def windows(parameters, z) -> jnp.ndarray:
     return jnp.asarray(np.stack(channels, axis=-1).transpose(1, 0, 2), jnp.float32)
 
 
+@cache
+def compiled(measured: Measured):
+    return jax.jit(rollout_objective(PRESET, SCALES, measured, bounded=False).loss)
+
+
 def loss(parameters, windows, z, measured: Measured) -> float:
-    objective = rollout_objective(PRESET, SCALES, measured, bounded=False)
-    return float(objective.loss(parameters, windows, jnp.asarray(z, jnp.float32)))
+    return float(compiled(measured)(parameters, windows, jnp.asarray(z, jnp.float32)))
 
 
 def test_a_perfect_model_replays_what_the_rotors_did(parameters, windows, z):

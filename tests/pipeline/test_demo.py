@@ -130,6 +130,7 @@ def moved(demo: Run, tmp_path: Path) -> Demo:
     return replace(demo.config, out=tmp_path / "elsewhere")
 
 
+@pytest.mark.slow
 def test_a_moved_run_folder_is_still_finished_and_keeps_its_seconds(moved: Demo):
     before = {stage: modified(moved.out / stage) for stage in STAGES}
     took = seconds_by_kind(moved.out)
@@ -151,6 +152,7 @@ def test_stages_of_other_settings_are_not_shown(moved: Demo, monkeypatch: pytest
     assert chapters(page) == ["Real robot logs"] and "Where the time goes" not in page and "None were given" in page
 
 
+@pytest.mark.slow
 def test_a_replay_of_earlier_logs_is_not_shown_without_logs(moved: Demo):
     run_demo(replace(moved, logs=None))
     page = finished(moved).page
