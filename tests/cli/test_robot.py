@@ -1,4 +1,4 @@
-"""deploy, record, doctor and virtual-pupper from the command line: against virtual robots, and with bad input."""
+"""deploy, record, doctor and virtual-robot from the command line: against virtual robots, and with bad input."""
 
 import json
 import subprocess
@@ -98,7 +98,7 @@ def test_an_excitation_becomes_a_log_that_priors_adapt_to_and_are_identified_fro
 
 
 def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
-    done = motorprior("virtual-pupper", "--seconds", 0.3, "--json", tmp_path / "life.json", "--link", tmp_path / "port")
+    done = motorprior("virtual-robot", "--seconds", 0.3, "--json", tmp_path / "life.json", "--link", tmp_path / "port")
     assert done.code == 0 and "now ho" in done.err, done.err  # homing, or holding on a quick machine
     life = json.loads((tmp_path / "life.json").read_text())
     assert life["targets"] == 0 and life["mode"].startswith("ho") and not (tmp_path / "port").is_symlink()
@@ -126,10 +126,10 @@ def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
         ("record --port /dev/null --yes --seconds 0.1", ("--seconds 0.1", "at least 1")),
         ("record --port /dev/null --yes --seed -1", ("--seed -1",)),
         ("doctor --port /dev/null --seconds 0", ("--seconds 0", "at least 1")),
-        ("virtual-pupper --robot.rate 50", ("--rate 50", "100 or 200")),
-        ("virtual-pupper --robot.drop 2", ("--drop 2", "to 1")),
-        ("virtual-pupper --robot.fault melted@3", ("--fault 'melted@3'", "unplugged")),
-        ("virtual-pupper --robot.fleet none", ("no fleet 'none'", "pupper_v2")),
+        ("virtual-robot --robot.rate 50", ("--rate 50", "100 or 200")),
+        ("virtual-robot --robot.drop 2", ("--drop 2", "to 1")),
+        ("virtual-robot --robot.fault melted@3", ("--fault 'melted@3'", "unplugged")),
+        ("virtual-robot --robot.fleet none", ("no fleet 'none'", "pupper_v2")),
         ("logs import {raw} --hung --out x", ("recordings", "leave them out")),
         ("logs import {raw} --period 0 --out x", ("--period 0",)),
         ("logs import none.csv --hung --out x", ("none.csv: cannot read",)),
@@ -160,7 +160,7 @@ def test_a_folder_in_use_is_not_overwritten(motorprior: Callable, policy: Path, 
 def test_a_virtual_robot_does_not_outlive_the_command_that_started_it(tmp_path: Path):
     """However that ends: here it is killed."""
     link = tmp_path / "port"
-    robot = [sys.executable, "-m", "motorprior.cli.main", "virtual-pupper", "--with-parent", "--link", str(link)]
+    robot = [sys.executable, "-m", "motorprior.cli.main", "virtual-robot", "--with-parent", "--link", str(link)]
     parent = subprocess.Popen([sys.executable, "-c", f"import subprocess; subprocess.run({robot})"])
     try:
         _wait(link.is_symlink)
