@@ -36,7 +36,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "posterior"
     first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
     assert first.code == 0 and "motor_011" in first.out
-    found = MotorPosterior.load(out / "posterior.safetensors")
+    found = MotorPosterior.load(out / "posterior.safetensors", MotorPrior.load(prior))
     assert found.mean.shape == (12, identification_preset("rollout").num_latents) and found.seconds == pytest.approx(
         2.4, abs=0.01
     )
@@ -49,12 +49,12 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
 
 
 def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
-    volumes = []
+    volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")
     for seconds in (1.0, 2.4):
         out = tmp_path / f"{seconds}"
         line = ("adapt", folder / "prior" / "prior.safetensors", folder / "new" / "log.parquet", "--seconds", seconds)
         assert motorprior(*line, "--anyway", "--out", out).code == 0
-        volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors").covariance))
+        volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors", prior).covariance))
     assert np.median(volumes[1] / volumes[0]) < 1.0
 
 
@@ -134,6 +134,5 @@ def test_the_loop_closes_on_a_virtual_robot(
     paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
     assert "robot 0 seed 0 adapted" in capsys.readouterr().out
-    assert (
-        MotorPosterior.load(tmp_path / "robot_0" / "posterior_3" / "posterior.safetensors").joint_names == JOINT_NAMES
-    )
+    posterior = tmp_path / "robot_0" / "posterior_3" / "posterior.safetensors"
+    assert MotorPosterior.load(posterior, MotorPrior.load(prior)).joint_names == JOINT_NAMES

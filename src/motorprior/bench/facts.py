@@ -75,7 +75,7 @@ def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> No
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
     """The motors of a bench with this seed. Held-out motors use another stream of random numbers."""
-    return fleet.sample(np.random.default_rng([seed, MOTORS_STREAM]), motors)
+    return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
 
 def facts_from_json(data: Any, where: str) -> BenchFacts:

@@ -13,6 +13,7 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import require_keys
+from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
 
@@ -92,8 +93,18 @@ class Fleet:
     robot: str
     parameters: dict[str, Distribution]
 
-    def sample(self, rng: np.random.Generator, count: int) -> MotorParameters:
-        """Draw ``count`` motors."""
+    def sample(self, count: int, seed: int | np.random.Generator) -> MotorParameters:
+        """Draw the constants of ``count`` motors.
+
+        Args:
+            count: number of motors.
+            seed: of the draw; a generator goes on from where it is.
+
+        Raises:
+            ConfigError: ``count`` is no positive whole number, or ``seed`` no seed.
+        """
+        require_count("count", count)
+        rng = generator_of(seed)
         return _assemble({name: self.parameters[name].sample(rng, count) for name in UNITS})
 
     def center(self, count: int) -> MotorParameters:

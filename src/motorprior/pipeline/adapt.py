@@ -19,7 +19,7 @@ from motorprior.logs.parquet_io import read_log
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
-from motorprior.pipeline.stage import description, digest, is_finished, working
+from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -159,10 +159,10 @@ def run_adapt(
         _require_like_the_fleet(log, judged, config.log)
     with working(config.out, wanted, started):
         posterior = MotorPosterior(
+            prior,
             found.mean,
             found.covariance,
             log.joint_names,
-            digest(config.prior),
             log.duration,
             tuple(float(value) for value in judged.chance),
         )

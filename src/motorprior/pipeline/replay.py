@@ -123,8 +123,8 @@ def _replay_models(
     models: dict[str, list[Actuator]] = {
         "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
         "physical": [PhysicalActuator(fleet.center(robot.num_joints))],
-        "physical_draws": [PhysicalActuator(fleet.sample(rng, robot.num_joints)) for _ in range(config.draws)],
-        prior.preset: [prior.sample(rng, robot.num_joints) for _ in range(config.draws)],
+        "physical_draws": [PhysicalActuator(fleet.sample(robot.num_joints, rng)) for _ in range(config.draws)],
+        prior.preset: [prior.sample(robot.num_joints, rng) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():
