@@ -12,7 +12,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
 from motorprior.identification.presets import identification_preset
-from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
@@ -81,7 +81,7 @@ def test_a_prior_that_misstates_its_training_is_not_adapted(folder: Path, tmp_pa
 
 
 def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, motorprior):
-    log = read_log(folder / "few" / "log.parquet")
+    log = read_parquet(folder / "few" / "log.parquet")
     shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
     write_log(tmp_path / "shaken.parquet", replace(log, joint_pos=shaken))
     line = ("adapt", folder / "prior" / "prior.safetensors", tmp_path / "shaken.parquet", "--out", tmp_path / "out")

@@ -14,7 +14,7 @@ from motorprior.bench.fleet import Fleet, fleet_of
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log
+from motorprior.logs.parquet_io import read_parquet
 
 MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
 """Of one bench; so many samples take about 3 GB while they are recorded."""
@@ -110,7 +110,7 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
     Raises:
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
-    log = read_log(folder / LOG)
+    log = read_parquet(folder / LOG)
     facts = facts_from_json(read_json(folder / FACTS), str(folder / FACTS))
     found, wanted = (log.num_joints, log.num_rows), (facts.motors, facts.steps)
     if found != wanted:

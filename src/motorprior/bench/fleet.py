@@ -121,7 +121,7 @@ def _assemble(values: dict[str, np.ndarray]) -> MotorParameters:
     return MotorParameters(**{field.name: values[field.name] for field in fields(MotorParameters)})
 
 
-def load_fleet(name_or_path: str) -> Fleet:
+def load_fleet(name_or_path: str | Path) -> Fleet:
     """Load a fleet that comes with a shipped robot, by name, or any fleet TOML by path.
 
     Raises:
@@ -139,7 +139,7 @@ def load_fleet(name_or_path: str) -> Fleet:
     return Fleet(**texts, parameters={name: _distribution(data[name], name, path) for name in UNITS})
 
 
-def fleet_path(name_or_path: str) -> Path:
+def fleet_path(name_or_path: str | Path) -> Path:
     """The file of a fleet.
 
     Raises:
@@ -147,7 +147,7 @@ def fleet_path(name_or_path: str) -> Path:
     """
     path, shipped = Path(name_or_path), {name: file for robot in SHIPPED for name, file in robot.fleets}
     if path.suffix != ".toml":
-        path = Path(shipped.get(name_or_path, name_or_path))
+        path = Path(shipped.get(str(name_or_path), name_or_path))
     if path.suffix != ".toml" or not path.is_file():
         known = ", ".join(sorted(shipped))
         raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")

@@ -6,10 +6,11 @@ import os
 from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
@@ -54,21 +55,21 @@ def _require_all_motors(prior: MotorPrior) -> None:
         )
 
 
-def load_robot_fleet(robot: Robot, name_or_path: str | None = None) -> Fleet:
-    """A fleet whose motors are those of this robot; the one that is shipped for it if none is named.
+def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None) -> Fleet:
+    """A fleet, or its name or path, whose motors are those of this robot; the one shipped for it if none is given.
 
     Raises:
         ArtifactError: see `load_fleet`.
         ConfigError: a fleet of another robot, or none is named and none is shipped.
     """
-    chosen = robot.default_fleet if name_or_path is None else name_or_path
-    fleet = load_fleet(chosen)
-    if fleet.robot != robot.name:
+    chosen = robot.default_fleet if fleet is None else fleet
+    found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
+    if found.robot != robot.name:
         raise ConfigError(
-            f"the fleet is of robot {fleet.robot!r}, not {robot.name!r}", where=chosen,
-            remedy=f"use a fleet of {robot.name}",
+            f"the fleet is of robot {found.robot!r}, not {robot.name!r}",
+            where=found.name if isinstance(chosen, Fleet) else chosen, remedy=f"use a fleet of {robot.name}",
         )  # fmt: skip
-    return fleet
+    return found
 
 
 def described_pd(robot: Robot) -> IdealPd:
@@ -84,7 +85,11 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
     return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
 
 
-def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
+MotorSource: TypeAlias = MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
+"""The motors of an episode: what they are drawn from, motors that are the same in every episode, or a function."""
+
+
+def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
     """A function that draws the motors of an episode, and the physics step [s] they are simulated at.
 
     Args:
@@ -106,12 +111,11 @@ def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
     if isinstance(motors, Fleet):
         return (lambda rng: PhysicalActuator(motors.sample(count, rng))), LONGEST_STEP
     if callable(motors):
-        draw: Any = motors
-        return draw, robot.physics_dt
+        return motors, robot.physics_dt
     if getattr(motors, "num_motors", None) != count:
         raise ConfigError(
             f"{str(motors)[:40]!r} is no prior, posterior, fleet or set of {count} motors",
-            remedy="see EnvOptions",
+            remedy="draw one motor per joint, for example with MotorPrior.sample",
             argument="motors",
         )
     return (lambda rng: motors), LONGEST_STEP if isinstance(motors, PhysicalActuator) else robot.physics_dt

@@ -23,7 +23,7 @@ _OBJECTIVES = ("torque", "rollout")
 _ANEW = "identify it anew"
 
 
-def recipe_of(prior: MotorPrior, where: Path) -> Preset:
+def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     """The recipe a prior was trained with.
 
     Raises:
@@ -59,7 +59,7 @@ def _wrong(name: str, kind: str, value: Any) -> str:
     return "" if least <= value <= most else f"from {least:g} to {most:g}"
 
 
-def _require_fit(preset: Preset, prior: MotorPrior, where: Path) -> None:
+def _require_fit(preset: Preset, prior: MotorPrior, where: str | Path) -> None:
     network, named = prior.network, PRESETS.get(prior.preset)
     fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature) == (
         network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature,
