@@ -147,10 +147,10 @@ def measure(point: Point) -> dict[str, float]:
     data = training_data(log, preset, "bench")
     found = identify(data, preset, point.seed)
     temperature = float(window_losses(found.network, data, preset, found.mean).mean())
-    new = fleet.sample(rng, NEW_MOTORS)
+    new = fleet.sample(NEW_MOTORS, rng)
     log = record(new, BENCH, round(NEW_SECONDS / BENCH.period), point.seed + 1_000_000, fleet)
     posterior = adapt(found.network, training_data(log, preset, "log"), preset, temperature)
-    physical = behaviours(PhysicalActuator(fleet.sample(rng, POPULATION))).values
+    physical = behaviours(PhysicalActuator(fleet.sample(POPULATION, rng))).values
     drawn = behaviours(LatentActuator(found.network, rng.standard_normal((POPULATION, point.latents)))).values
     return {
         "train": 1e3 * impact_error(LatentActuator(found.network, found.mean), motors, point.seed),

@@ -183,7 +183,7 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
 def measured_inertias(fleet: str) -> tuple[float, float]:
     """10th and 90th percentile of what the joints of a trotting robot feel, contacts aside: 1 / (M⁻¹)_jj [kg·m²]."""
     world, rng = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)), np.random.default_rng(0)
-    motors = PhysicalActuator(load_fleet(fleet).sample(rng, spec.NUM_JOINTS))
+    motors = PhysicalActuator(load_fleet(fleet).sample(spec.NUM_JOINTS, rng))
     trot = replay(world, motors, trot_targets(PUPPER_V2, rng, STEPS))
     data, inertias = mujoco.MjData(world.model), []
     for joint_pos in trot.joint_pos[::50]:

@@ -44,9 +44,9 @@ Motion = tuple[np.ndarray, np.ndarray]
 def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuator:
     """Twelve motors."""
     if kind == "learned":
-        return prior.sample(rng, spec.NUM_JOINTS)
+        return prior.sample(spec.NUM_JOINTS, rng)
     if kind == "physical":
-        return PhysicalActuator(load_fleet("pupper_v2").sample(rng, spec.NUM_JOINTS))
+        return PhysicalActuator(load_fleet("pupper_v2").sample(spec.NUM_JOINTS, rng))
     rotors = 0.003 if kind == "pd_armature_delay" else 0.0
     return IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=rotors, delay=0.008 if rotors else 0.0)
 

@@ -74,12 +74,12 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
     fleet, rng = load_fleet(fleet_name), np.random.default_rng(1)
 
     def auc(boxes: LatentActuator) -> float:
-        physical = PhysicalActuator(fleet.sample(rng, POPULATION))
+        physical = PhysicalActuator(fleet.sample(POPULATION, rng))
         return two_sample_auc(behaviours(boxes).values, behaviours(physical).values, 0)
 
-    figures = {"two_sample_auc": auc(true_grey_box(fleet.sample(rng, POPULATION)))}
+    figures = {"two_sample_auc": auc(true_grey_box(fleet.sample(POPULATION, rng)))}
     for count in KNOWN:
-        known = [true_grey_box(fleet.sample(rng, count)) for _ in range(SETS)]
+        known = [true_grey_box(fleet.sample(count, rng)) for _ in range(SETS)]
         for sampler in (gaussian, copula):
             areas = [auc(sampler(motors, rng)) for motors in known]
             figures[f"two_sample_auc/{sampler.__name__}/{count}"] = float(np.median(areas))
@@ -93,7 +93,7 @@ def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[floa
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])
-        motors, targets = load_fleet(fleet_name).sample(rng, spec.NUM_JOINTS), trot_targets(PUPPER_V2, rng, STEPS)
+        motors, targets = load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng), trot_targets(PUPPER_V2, rng, STEPS)
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)
         error, chatter, apart = compare(found, truth)

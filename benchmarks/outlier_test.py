@@ -51,7 +51,7 @@ def measure(path: Path) -> dict[str, float]:
     """The figures."""
     priors, facts = load_priors((path,))
     (prior,) = priors.values()
-    own = facts.fleet.sample(np.random.default_rng([HELD_OUT_SEED, facts.seed, STREAM]), MOTORS)
+    own = facts.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, facts.seed, STREAM]))
     figures: dict[str, float] = {}
     for seconds in SECONDS:
         for name, change in CHANGES.items():

@@ -113,7 +113,7 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
 
 
 def test_seeds_are_one_or_one_for_each_robot():
-    env = make_vector_env(3, actuator="pd")
+    env = make_vector_env(num_envs=3, actuator="pd")
     from_one, from_each = env.reset(seed=4)[0], env.reset(seed=[4, 5, 6])[0]
     np.testing.assert_array_equal(from_one, from_each)
     wrong: list[list[int | None]] = [[], [1, 2], [1, 2, 3, 4]]

@@ -1,8 +1,26 @@
 """Compiled kernels never outlive the source they were compiled from."""
 
 import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 
-from motorprior.kernel_cache import choose_folder, source_digest
+import pytest
+
+import motorprior
+from motorprior.kernel_cache import kernel_folder, source_digest
+
+SOURCE = Path(motorprior.__file__).parent
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    """No answer of another test is remembered, and none of these for others."""
+    kernel_folder.cache_clear()
+    yield
+    kernel_folder.cache_clear()
 
 
 def test_any_change_of_any_source_file_gives_another_folder(tmp_path):
@@ -16,37 +34,59 @@ def test_any_change_of_any_source_file_gives_another_folder(tmp_path):
     assert source_digest(tmp_path) != before
 
 
-def test_the_folder_a_user_chose_is_kept(monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "chosen")
-    choose_folder()
-    assert os.environ["NUMBA_CACHE_DIR"] == "chosen"
+def where_kernels_go(home: Path, chosen: str) -> list[str]:
+    """Folders of a kernel of ours, of a function of the user's, and the setting afterwards."""
+    code = """if True:
+        import sys
+        import numba
+        from motorprior.rotations import roll_pitch_yaw as ours
+        sys.path.insert(0, sys.argv[1])
+        import theirs
+        print(ours._cache.cache_path, theirs.f._cache.cache_path, repr(numba.config.CACHE_DIR), sep="\\n")
+    """
+    (home / "theirs.py").write_text("import numba\n\n\n@numba.njit(cache=True)\ndef f():\n    return 1\n")
+    environment = os.environ | {"XDG_CACHE_HOME": str(home / "cache"), "NUMBA_CACHE_DIR": chosen}
+    words = [sys.executable, "-c", code, str(home)]
+    return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def test_only_our_kernels_go_to_our_folder_even_if_numba_was_there_before(tmp_path: Path):
+    ours, theirs, setting = where_kernels_go(tmp_path, "")
+    assert ours.startswith(str(tmp_path / "cache" / "motorprior" / "kernels" / source_digest(SOURCE)))
+    assert not theirs.startswith(str(tmp_path / "cache")) and setting == "''"
+
+
+def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
+    ours, theirs, setting = where_kernels_go(tmp_path, str(tmp_path / "chosen"))
+    assert ours.startswith(str(tmp_path / "chosen")) and theirs.startswith(str(tmp_path / "chosen"))
+    assert setting == repr(str(tmp_path / "chosen"))
+
+
+def test_every_kernel_is_cached_there():
+    imports = re.compile(r"^\s*from numba import .*\bnjit\b|numba\.n?jit\b", re.MULTILINE)
+    assert [file.name for file in SOURCE.rglob("*.py") if imports.search(file.read_text("utf-8"))] == ["compiled.py"]
 
 
 def test_old_folders_are_removed(tmp_path, monkeypatch):
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for age in range(9):
         folder = tmp_path / "motorprior" / "kernels" / f"old{age}"
         folder.mkdir(parents=True)
         os.utime(folder, (1000 + age, 1000 + age))
-    choose_folder()
+    kernel_folder()
     left = sorted(path.name for path in (tmp_path / "motorprior" / "kernels").iterdir())
     assert left[-4:] == ["old5", "old6", "old7", "old8"] and len(left) == 5
 
 
 def test_an_unwritable_home_is_no_error(tmp_path, monkeypatch):
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    choose_folder()
-    assert "NUMBA_CACHE_DIR" not in os.environ
+    assert kernel_folder() == ""
 
 
 def test_a_folder_that_another_process_removes_meanwhile_is_no_error(tmp_path, monkeypatch):
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kernels = tmp_path / "motorprior" / "kernels"
     kernels.mkdir(parents=True)
     (kernels / "gone").symlink_to(tmp_path / "nowhere")  # listed, but stat fails as for a removed folder
-    choose_folder()
-    assert os.environ["NUMBA_CACHE_DIR"].startswith(str(kernels))
+    assert kernel_folder().startswith(str(kernels))

@@ -10,7 +10,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
-    "",
+    "__version__",
     "compiled",
     "kernel_cache",
     "exceptions",
@@ -21,10 +21,21 @@ WORDS = {
     "schema",
     "bounds",
     "backend",
-}  # "": __init__.py
+}
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification"),
-    *("locomotion", "simulation", "search", "transfer", "report", "hardware", "pipeline", "environments", "cli"),
+    *(
+        "locomotion",
+        "simulation",
+        "search",
+        "transfer",
+        "report",
+        "hardware",
+        "pipeline",
+        "environments",
+        "public",
+        "cli",
+    ),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
@@ -59,9 +70,11 @@ def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
 
 
 def layer(name: str, source: Path) -> str:
-    """Layer of `motorprior.<name>…`; a name that is no module (`__version__`) is a word of the package."""
-    if name in WORDS or not ((source / name).is_dir() or (source / f"{name}.py").is_file()):
+    """Layer of `motorprior.<name>…`; "" is __init__.py, which users import, as is a name that is no module."""
+    if name in WORDS:
         return "words"
+    if not name or not ((source / name).is_dir() or (source / f"{name}.py").is_file()):
+        return "public"
     return "cli" if name == "__main__" else name
 
 
@@ -116,6 +129,9 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_home():
         ("search/train.py", "import ray", "ray is at home in search/executor only"),
         ("misc/thing.py", "", "misc has no place in the order"),
         ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
+        ("pipeline/walk.py", "import motorprior as mp", "pipeline imports public"),
+        ("robots/spec.py", "from motorprior import load_fleet", "robots imports public"),
+        ("__init__.py", "from motorprior.pipeline.walk import run_walk", None),
         ("search/executor.py", "import ray\nfrom motorprior.locomotion.policy import act", None),
         ("cli/main.py", "import tyro\nfrom motorprior.pipeline import walk", None),
         ("environments.py", "from motorprior.cli import main", "environments imports cli"),

@@ -1,7 +1,97 @@
-"""motorprior: learn the distribution of a robot's motors from logs, train policies on samples of it."""
+"""Learn the distribution of a robot's motors from logs, and train policies on samples of it.
 
-from motorprior import kernel_cache
+    import motorprior as mp
+    prior = mp.fit_prior(mp.record_bench("pupper_v2"))    # or of your own logs: mp.read_log
+    motors = mp.Motors(prior.sample(12, seed=0), dt=0.002, joint_pos=start)
+    torque, damping = motors.step(position_target, joint_pos, joint_vel)
+
+Every name is imported when it is first used: numba, MuJoCo, JAX and Gymnasium come with the names that need them.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from motorprior.actuator.ideal_pd import IdealPd as IdealPd
+    from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
+    from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
+    from motorprior.actuator.motors import Motors as Motors
+    from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
+    from motorprior.bench.fleet import Fleet as Fleet
+    from motorprior.bench.fleet import load_fleet as load_fleet
+    from motorprior.environments import make_env as make_env
+    from motorprior.environments import make_vector_env as make_vector_env
+    from motorprior.exceptions import ArtifactError as ArtifactError
+    from motorprior.exceptions import ConfigError as ConfigError
+    from motorprior.exceptions import LogError as LogError
+    from motorprior.exceptions import MotorPriorError as MotorPriorError
+    from motorprior.exceptions import SimulationFault as SimulationFault
+    from motorprior.locomotion.policy import Policy as Policy
+    from motorprior.logs.checks import check_log as check_log
+    from motorprior.logs.motor_log import MotorLog as MotorLog
+    from motorprior.logs.parquet_io import write_log as write_log
+    from motorprior.logs.registry import read_log as read_log
+    from motorprior.pipeline.adapt import adapt as adapt
+    from motorprior.pipeline.bench import record_bench as record_bench
+    from motorprior.pipeline.comparison import compare as compare
+    from motorprior.pipeline.identify import fit_prior as fit_prior
+    from motorprior.pipeline.progress import Lines as Lines
+    from motorprior.pipeline.simulate import simulate as simulate
+    from motorprior.pipeline.train_policy import train_policy as train_policy
+    from motorprior.robots.load import load_robot as load_robot
+    from motorprior.robots.robot import Robot as Robot
+    from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
 
 __version__ = "0.1.0"
 
-kernel_cache.choose_folder()  # the one thing that happens at import: numba reads the variable when it is imported
+_MODULES = {
+    "ArtifactError": "exceptions",
+    "ConfigError": "exceptions",
+    "DrivenJoints": "simulation.driven_joints",
+    "Fleet": "bench.fleet",
+    "IdealPd": "actuator.ideal_pd",
+    "Lines": "pipeline.progress",
+    "LogError": "exceptions",
+    "MotorLog": "logs.motor_log",
+    "MotorPosterior": "actuator.motor_posterior",
+    "MotorPrior": "actuator.motor_prior",
+    "MotorPriorError": "exceptions",
+    "Motors": "actuator.motors",
+    "PhysicalActuator": "actuator.physical",
+    "Policy": "locomotion.policy",
+    "Robot": "robots.robot",
+    "SimulationFault": "exceptions",
+    "adapt": "pipeline.adapt",
+    "check_log": "logs.checks",
+    "compare": "pipeline.comparison",
+    "fit_prior": "pipeline.identify",
+    "load_fleet": "bench.fleet",
+    "load_robot": "robots.load",
+    "make_env": "environments",
+    "make_vector_env": "environments",
+    "read_log": "logs.registry",
+    "record_bench": "pipeline.bench",
+    "simulate": "pipeline.simulate",
+    "train_policy": "pipeline.train_policy",
+    "write_log": "logs.parquet_io",
+}
+"""Where each public name lives; the imports above say the same to type checkers."""
+
+__all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
+
+if not TYPE_CHECKING:  # a type checker would believe every name
+
+    def __getattr__(name: str) -> object:
+        """The public name, imported at its first use."""
+        if name not in _MODULES:
+            from difflib import get_close_matches
+
+            close = get_close_matches(name, _MODULES, n=3, cutoff=0.5)
+            hint = f"; did you mean {' or '.join(close)}?" if close else ""
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
+        globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+        return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

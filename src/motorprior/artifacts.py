@@ -126,14 +126,20 @@ def _listed(keys: set[str]) -> str:
     return text if len(text) <= LONGEST_LIST else f"{text[:LONGEST_LIST]}..."
 
 
-def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
-    """Write arrays and a JSON header as one safetensors file, atomically."""
+def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> bytes:
+    """Arrays and a JSON header in the format safetensors; same contents, same bytes."""
     from safetensors.numpy import save
 
     text = json.dumps(header, sort_keys=True, allow_nan=False)
     arrays = {name: np.asarray(value, order="C") for name, value in tensors.items()}
+    return save(arrays, metadata={"motorprior": text})
+
+
+def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
+    """Write arrays and a JSON header as one safetensors file, atomically."""
+    contents = tensors_as_bytes(tensors, header)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(save(arrays, metadata={"motorprior": text}))
+        temporary.write_bytes(contents)
 
 
 def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -59,6 +59,18 @@ def require_seed(seed: Any) -> None:
     require_count("seed", seed, 0, LARGEST_SEED)
 
 
+def generator_of(seed: int | np.random.Generator) -> np.random.Generator:
+    """The generator itself, which goes on from where it is, or a new one with that seed.
+
+    Raises:
+        ConfigError: neither a generator nor a seed; see `require_seed`.
+    """
+    if isinstance(seed, np.random.Generator):
+        return seed
+    require_seed(seed)
+    return np.random.default_rng(seed)
+
+
 def _refuse(name: str, value: Any, kind: str, least: str, most: str | None) -> None:
     bounds = f"a {kind} of at least {least}" if most is None else f"a {kind} from {least} to {most}"
     raise ConfigError(f"{name} {value!r} is not {bounds}", remedy=f"give {bounds}", argument=name)

@@ -22,19 +22,15 @@ from typing import Any, Literal
 
 import gymnasium
 
-from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice, drawn_from
-from motorprior.robots.load import load_robot
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
+from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Scene
-from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
@@ -53,8 +49,8 @@ class EnvOptions:
 
     Attributes:
         robot: a legged one: a name, the path of a .toml file, or what `load_robot` gave.
-        motors: the motors of an episode, instead of all that follows down to ``delay``: a prior, a fleet, fixed motors,
-            or a function that draws them from a generator.
+        motors: the motors of an episode, instead of all that follows down to ``delay``: a prior, a posterior, a fleet,
+            fixed motors, or a function that draws them from a generator.
         engine: "mujoco" or "pybullet".
         actuator: "prior" (samples of a learned prior), "fleet" (physical motors) or "pd".
         prior: file of the prior, for "prior".
@@ -75,7 +71,7 @@ class EnvOptions:
     """
 
     robot: str | Path | Robot = DEFAULT_ROBOT
-    motors: MotorPrior | Fleet | Actuator | DrawMotors | None = None
+    motors: MotorSource | None = None
     engine: str = "mujoco"
     actuator: str = "fleet"
     prior: str | Path | None = None
@@ -131,7 +127,7 @@ class EnvOptions:
         Raises:
             ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
         """
-        robot = self.robot if isinstance(self.robot, Robot) else load_robot(self.robot)
+        robot = as_robot(self.robot)
         walk = WalkConfig(self.episode_steps, self.task, self.randomization)
         if self.motors is not None:
             draw, physics_dt = drawn_from(self.motors, robot)
@@ -151,24 +147,52 @@ class EnvOptions:
         return MotorChoice(actuator=kind, **values)
 
 
-def make_env(**options: Any) -> WalkEnv:
-    """One environment whose every episode draws new motors; see `EnvOptions`.
+def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | None = None, **options: Any) -> WalkEnv:
+    """Make one Gymnasium environment whose every episode draws new motors.
+
+    Args:
+        robot: a legged one: a name, the path of a .toml file, or what `load_robot` gave.
+        motors: a prior, a posterior or a fleet to draw from; motors, the same in every episode; or a function that
+            draws them from a generator. The physical motors of the robot's own fleet if not given.
+        options: see `EnvOptions`.
+
+    Returns:
+        An environment with the observations and actions of the policies of `train_policy`.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
+        TypeError: an option that nobody knows.
     """
-    scene = EnvOptions.of(options).scene()
+    scene = EnvOptions.of({"robot": robot, "motors": motors, **options}).scene()
     walk, sensors = scene.walk, partial(scene.walk.randomization.sensors, scene.robot)
     return WalkEnv(scene.robot, scene.backend(), walk.task, walk.episode_steps, draw_sensors=sensors)
 
 
-def make_vector_env(num_envs: int = 1, threads: int = 1, **options: Any) -> WalkVectorEnv:
-    """``num_envs`` environments of `make_env`'s settings, compiled, on ``threads`` threads.
+def make_vector_env(
+    robot: str | Path | Robot = DEFAULT_ROBOT,
+    motors: MotorSource | None = None,
+    *,
+    num_envs: int = 1,
+    threads: int = 1,
+    **options: Any,
+) -> WalkVectorEnv:
+    """Make many environments in one, whose episodes run compiled.
+
+    Args:
+        robot: see `make_env`.
+        motors: see `make_env`.
+        num_envs: environments.
+        threads: that step them.
+        options: see `EnvOptions`.
+
+    Returns:
+        A Gymnasium vector environment.
 
     Raises:
         ConfigError, ArtifactError: see `make_env`; or another engine than MuJoCo.
+        TypeError: an option that nobody knows.
     """
-    scene = EnvOptions.of(options).scene()
+    scene = EnvOptions.of({"robot": robot, "motors": motors, **options}).scene()
     if scene.engine != "mujoco":
         raise ConfigError(
             f"many environments at once are for MuJoCo, not {scene.engine!r}", remedy='use vectorization_mode="async"'

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+from functools import cache
 from pathlib import Path
 
 KEPT = 4
@@ -24,18 +25,25 @@ def source_digest(package: Path) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
-def choose_folder() -> None:
-    """Point numba to this state's folder, unless NUMBA_CACHE_DIR is set or no home can be written."""
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
+@cache
+def kernel_folder() -> str:
+    """This state's folder, made if it is not there; "" (numba's own choice) where no home can be written."""
     try:
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "motorprior" / "kernels"
         folder = root / source_digest(Path(__file__).parent)
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)
-        others = sorted((path for path in root.iterdir() if path != folder), key=lambda path: path.stat().st_mtime)
-        for old in others[:-KEPT]:
-            shutil.rmtree(old, ignore_errors=True)
-    except (OSError, RuntimeError):  # no home, or another process removes old folders at the same time
+    except (OSError, RuntimeError):  # no home
+        return ""
+    _drop_old(root, folder)
+    return str(folder)
+
+
+def _drop_old(root: Path, present: Path) -> None:
+    """Remove the folders of all other states but the newest KEPT."""
+    try:
+        others = sorted((path for path in root.iterdir() if path != present), key=lambda path: path.stat().st_mtime)
+    except OSError:  # another process removes old folders at the same time
         return
+    for old in others[:-KEPT]:
+        shutil.rmtree(old, ignore_errors=True)

@@ -21,7 +21,7 @@ def case(kind: str) -> Trial:
 
 
 def motors():
-    return load_fleet("mixed").sample(np.random.default_rng(0), MOTORS)
+    return load_fleet("mixed").sample(MOTORS, np.random.default_rng(0))
 
 
 def simulated(known: LatentActuator, given: Trial, parts: int) -> np.ndarray:

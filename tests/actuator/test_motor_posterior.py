@@ -13,8 +13,7 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
 
 
-@pytest.fixture
-def prior() -> MotorPrior:
+def made_prior() -> MotorPrior:
     rng = np.random.default_rng(0)
     network = LatentNetwork(
         rng.normal(size=(4, 4)), rng.normal(size=(2, 4)), np.zeros(4), np.eye(4), np.zeros(4), np.ones(4),
@@ -23,30 +22,33 @@ def prior() -> MotorPrior:
     return MotorPrior(network, np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
 
 
+PRIOR = made_prior()
+
+
 def posterior(motors: int) -> MotorPosterior:
     covariance = np.tile(np.array([[0.04, 0.01], [0.01, 0.09]]), (motors, 1, 1))
     mean = np.arange(2.0 * motors).reshape(motors, 2)
     names = tuple(f"joint{index}" for index in range(motors))
-    return MotorPosterior(mean, covariance, names, "digest", 10.0, (0.5,) * motors)
+    return MotorPosterior(PRIOR, mean, covariance, names, 10.0, (0.5,) * motors)
 
 
-def test_samples_have_the_posteriors_moments(prior: MotorPrior):
+def test_samples_have_the_posteriors_moments():
     rng = np.random.default_rng(0)
-    z = np.stack([posterior(12).sample(prior, rng, 12).z for _ in range(4000)])
+    z = np.stack([posterior(12).sample(12, rng).z for _ in range(4000)])
     np.testing.assert_allclose(z.mean(axis=0), posterior(12).mean, atol=0.02)
     np.testing.assert_allclose(np.cov(z[:, 5].T), posterior(12).covariance[5], atol=0.01)
 
 
-def test_a_single_motor_stands_for_every_joint_and_another_number_is_refused(prior: MotorPrior):
-    z = posterior(1).sample(prior, np.random.default_rng(0), 5000).z
+def test_a_single_motor_stands_for_every_joint_and_another_number_is_refused():
+    z = posterior(1).sample(5000, 0).z
     np.testing.assert_allclose(z.mean(axis=0), posterior(1).mean[0], atol=0.02)
     with pytest.raises(ConfigError, match="3 motors, the robot has 12"):
-        posterior(3).sample(prior, np.random.default_rng(0), 12)
+        posterior(3).sample(12, 0)
 
 
 def test_a_round_trip_is_exact(tmp_path: Path):
     posterior(2).save(tmp_path / "p.safetensors")
-    loaded = MotorPosterior.load(tmp_path / "p.safetensors")
+    loaded = MotorPosterior.load(tmp_path / "p.safetensors", PRIOR)
     np.testing.assert_array_equal(loaded.mean, posterior(2).mean)
     np.testing.assert_array_equal(loaded.covariance, posterior(2).covariance)
     assert (loaded.joint_names, loaded.surprise, loaded.seconds) == (("joint0", "joint1"), (0.5, 0.5), 10.0)
@@ -70,7 +72,21 @@ def test_a_loader_refuses_what_does_not_fit(tmp_path: Path, tensors: dict, heade
     good_tensors, good_header = read_tensors(path)
     write_tensors(path, good_tensors | tensors, good_header | header)
     with pytest.raises(ArtifactError, match=word):
-        MotorPosterior.load(path)
+        MotorPosterior.load(path, PRIOR)
+
+
+def test_a_posterior_of_another_prior_is_refused(tmp_path: Path):
+    posterior(2).save(tmp_path / "p.safetensors")
+    with pytest.raises(ConfigError, match="no posterior of this prior"):
+        MotorPosterior.load(tmp_path / "p.safetensors", replace(PRIOR, preset="another"))
+
+
+def test_a_seed_and_a_generator_of_it_draw_the_same():
+    np.testing.assert_array_equal(posterior(2).sample(2, 7).z, posterior(2).sample(2, np.random.default_rng(7)).z)
+    np.testing.assert_array_equal(PRIOR.sample(2, 7).z, PRIOR.sample(2, np.random.default_rng(7)).z)
+    for seed in (-1, 0.5, "seven"):
+        with pytest.raises(ConfigError, match="seed"):
+            PRIOR.sample(2, seed)  # pyright: ignore[reportArgumentType]
 
 
 def nearly_singular(rng: np.random.Generator) -> np.ndarray:
@@ -79,15 +95,15 @@ def nearly_singular(rng: np.random.Generator) -> np.ndarray:
     return a * np.array([[1.0, ratio], [ratio, ratio**2 * (1 + rng.uniform(-3e-16, 3e-16))]])
 
 
-def test_a_covariance_that_loads_can_be_drawn_from(tmp_path: Path, prior: MotorPrior):
+def test_a_covariance_that_loads_can_be_drawn_from(tmp_path: Path):
     path, rng, refusals = tmp_path / "p.safetensors", np.random.default_rng(0), 0
     for _ in range(300):
         replace(posterior(1), covariance=nearly_singular(rng)[None]).save(path)
         try:
-            loaded = MotorPosterior.load(path)
+            loaded = MotorPosterior.load(path, PRIOR)
         except ArtifactError as error:
             assert "positive definite" in error.problem and error.where == path and error.remedy
             refusals += 1
         else:
-            assert np.all(np.isfinite(loaded.sample(prior, rng, 12).z))
+            assert np.all(np.isfinite(loaded.sample(12, rng).z))
     assert 0 < refusals < 300

@@ -1,5 +1,6 @@
 """A prior's file is what was saved, and a loader refuses what it does not understand."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,7 @@ def test_what_is_saved_is_loaded(prior: MotorPrior, saved: Path):
 def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp_path: Path):
     MotorPrior.load(saved).save(tmp_path / "again.safetensors")
     assert (tmp_path / "again.safetensors").read_bytes() == saved.read_bytes()
+    assert prior.sha256() == hashlib.sha256(saved.read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize("prior", ["grey box"], indirect=True)
@@ -135,6 +137,6 @@ def test_a_network_without_a_motor_may_not_bring_one(saved: Path):
 
 
 def test_draws_are_standard_normal(prior: MotorPrior):
-    z = prior.sample(np.random.default_rng(0), 100_000).z
+    z = prior.sample(100_000, np.random.default_rng(0)).z
     np.testing.assert_allclose(z.mean(axis=0), 0.0, atol=0.02)
     np.testing.assert_allclose(np.cov(z.T), np.eye(z.shape[1]), atol=0.03)

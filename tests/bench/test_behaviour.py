@@ -107,7 +107,7 @@ def test_a_motor_that_fails_a_trial_gets_the_end_of_the_scale():
 
 
 def test_features_are_rounded_named_and_belong_to_their_motor():
-    motors = load_fleet("mixed").sample(np.random.default_rng(4), 3)
+    motors = load_fleet("mixed").sample(3, np.random.default_rng(4))
     every = behaviours(PhysicalActuator(motors))
     alone = behaviours(PhysicalActuator(motors.take(np.array([2]))))
     np.testing.assert_array_equal(every.values[2], alone.values[0])

@@ -63,7 +63,7 @@ def test_joints_do_not_feel_each_other():
 @pytest.mark.parametrize("preset", ["paper", "rollout"])
 def test_a_recorded_log_obeys_newton(preset):
     fleet = load_fleet("pupper_v2")
-    motors = fleet.sample(np.random.default_rng(0), 3)
+    motors = fleet.sample(3, np.random.default_rng(0))
     log = record(motors, PRESETS[preset], 3100, seed=1, fleet=fleet)
     for part in log.segments():
         assert part.joint_vel is not None and part.joint_torque is not None
@@ -79,7 +79,7 @@ def test_a_recorded_log_obeys_newton(preset):
 
 def test_an_encoder_on_the_rotor_sees_neither_play_nor_wind_up():
     """encoder_pos differs from joint_pos by the zero and up to half the play and the gear's twist under its torque."""
-    motors = load_fleet("mixed").sample(np.random.default_rng(0), 4)
+    motors = load_fleet("mixed").sample(4, np.random.default_rng(0))
     rng, steps = np.random.default_rng(1), 400
     case = Trial(np.cumsum(rng.normal(0.0, 0.02, (steps, 4)), axis=0), np.zeros((steps, 4)), np.full(4, 0.002), 0.002)
     answer = run(PhysicalActuator(motors), case)

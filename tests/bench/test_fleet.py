@@ -53,7 +53,7 @@ def test_every_number_of_a_shipped_fleet_has_a_source(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_samples_have_the_median_and_spread_of_the_file(name):
     fleet, count = load_fleet(name), 20000
-    motors = fleet.sample(np.random.default_rng(0), count)
+    motors = fleet.sample(count, np.random.default_rng(0))
     values = {field: getattr(motors, field) for field in fleet.parameters if field != "kd_over_kp"}
     values["kd_over_kp"] = motors.kd / motors.kp
     for field, distribution in fleet.parameters.items():
@@ -79,7 +79,7 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_sampled_motor_can_exist(name):
-    motors = load_fleet(name).sample(np.random.default_rng(1), 20000)
+    motors = load_fleet(name).sample(20000, np.random.default_rng(1))
     for field in ("kp", "kd", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature"):
         assert np.min(getattr(motors, field)) > 0.0, field
     for field in ("delay", "coulomb", "stribeck_torque", "viscous_damping", "load_friction", "backlash"):
@@ -90,7 +90,7 @@ def test_every_sampled_motor_can_exist(name):
 
 def test_same_generator_same_motors_and_the_center_is_the_median():
     fleet = load_fleet("pupper_v2")
-    a, b, other = (fleet.sample(np.random.default_rng(seed), 5).table() for seed in (3, 3, 4))
+    a, b, other = (fleet.sample(5, np.random.default_rng(seed)).table() for seed in (3, 3, 4))
     np.testing.assert_array_equal(a, b)
     assert np.any(a != other)
     center = fleet.center(2)

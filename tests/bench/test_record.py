@@ -13,7 +13,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import channels, checked
 
 FLEET = load_fleet("pupper_v2")
-MOTORS = FLEET.sample(np.random.default_rng(0), 3)
+MOTORS = FLEET.sample(3, np.random.default_rng(0))
 ROLLOUT = replace(PRESETS["rollout"], segment_steps=400)
 
 

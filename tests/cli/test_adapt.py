@@ -12,7 +12,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
 from motorprior.identification.presets import identification_preset
-from motorprior.logs.parquet_io import read_log, write_log
+from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
@@ -36,7 +36,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "posterior"
     first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
     assert first.code == 0 and "motor_011" in first.out
-    found = MotorPosterior.load(out / "posterior.safetensors")
+    found = MotorPosterior.load(out / "posterior.safetensors", MotorPrior.load(prior))
     assert found.mean.shape == (12, identification_preset("rollout").num_latents) and found.seconds == pytest.approx(
         2.4, abs=0.01
     )
@@ -50,12 +50,12 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
 
 @pytest.mark.slow
 def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
-    volumes = []
+    volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")
     for seconds in (1.0, 2.4):
         out = tmp_path / f"{seconds}"
         line = ("adapt", folder / "prior" / "prior.safetensors", folder / "new" / "log.parquet", "--seconds", seconds)
         assert motorprior(*line, "--anyway", "--out", out).code == 0
-        volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors").covariance))
+        volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors", prior).covariance))
     assert np.median(volumes[1] / volumes[0]) < 1.0
 
 
@@ -82,7 +82,7 @@ def test_a_prior_that_misstates_its_training_is_not_adapted(folder: Path, tmp_pa
 
 
 def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, motorprior):
-    log = read_log(folder / "few" / "log.parquet")
+    log = read_parquet(folder / "few" / "log.parquet")
     shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
     write_log(tmp_path / "shaken.parquet", replace(log, joint_pos=shaken))
     line = ("adapt", folder / "prior" / "prior.safetensors", tmp_path / "shaken.parquet", "--out", tmp_path / "out")
@@ -136,6 +136,5 @@ def test_the_loop_closes_on_a_virtual_robot(
     paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
     assert "robot 0 seed 0 adapted" in capsys.readouterr().out
-    assert (
-        MotorPosterior.load(tmp_path / "robot_0" / "posterior_3" / "posterior.safetensors").joint_names == JOINT_NAMES
-    )
+    posterior = tmp_path / "robot_0" / "posterior_3" / "posterior.safetensors"
+    assert MotorPosterior.load(posterior, MotorPrior.load(prior)).joint_names == JOINT_NAMES

@@ -15,7 +15,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.parquet_io import read_log
+from motorprior.logs.parquet_io import read_parquet
 from motorprior.logs.robot_run import read_robot_run
 from motorprior.robots import load
 from motorprior.robots.pupper_v2 import spec
@@ -86,7 +86,7 @@ def test_an_excitation_becomes_a_log_that_priors_adapt_to_and_are_identified_fro
     assert read_robot_run(out / "run.csv", PUPPER_V2).joint_torque is not None
     done = motorprior("logs", "import", out / "run.csv", "--hung", "--out", tmp_path / "log")
     assert done.code == 0, done.err
-    log = read_log(tmp_path / "log" / "run.parquet")
+    log = read_parquet(tmp_path / "log" / "run.parquet")
     assert log.joint_torque is None and 1.8 < log.duration < 2.1, "a current is not the joint's torque"
     assert np.median(np.diff(log.time)) == pytest.approx(spec.PHYSICS_DT)
     data = training_data(log, identification_preset("rollout"), "the recording")

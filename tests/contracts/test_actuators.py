@@ -27,7 +27,7 @@ def ideal_pd(n):
 
 
 def physical(n):
-    motors = load_fleet("pupper_v2").sample(np.random.default_rng(2), n)
+    motors = load_fleet("pupper_v2").sample(n, np.random.default_rng(2))
     return PhysicalActuator(replace(motors, torque_limit=np.full(n, LIMIT)))
 
 

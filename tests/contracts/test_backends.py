@@ -32,7 +32,7 @@ def mujoco(_: object) -> Backend:
     """Physical motors of the shipped fleet."""
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
-        lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
+        lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng)),
         WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
     )
 
@@ -46,7 +46,7 @@ def mujoco_of_grey_boxes(grey_network) -> Backend:
 def pybullet(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("pupper_v2")
-    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)), BULLET)
+    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng)), BULLET)
 
 
 def pybullet_of_grey_boxes(grey_network) -> Backend:
@@ -58,14 +58,14 @@ def pybullet_of_grey_boxes(grey_network) -> Backend:
 def pybullet_rough(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("mixed")
-    motors = lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS))  # noqa: E731
+    motors = lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng))  # noqa: E731
     return PybulletBackend(motors, BULLET, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
 
 
 def mujoco_randomized(_: object) -> Backend:
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
-        lambda rng: PhysicalActuator(fleet.sample(rng, spec.NUM_JOINTS)),
+        lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng)),
         WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
         EVERYTHING,
     )

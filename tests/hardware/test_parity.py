@@ -65,7 +65,7 @@ def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
     policy = Policy(*numbers, PUPPER_V2.name, PUPPER_V2.joint_names)
     fleet = load_fleet("pupper_v2")
     config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
-    spy = Spy(MujocoBackend(lambda draw: PhysicalActuator(fleet.sample(draw, 12)), config))
+    spy = Spy(MujocoBackend(lambda draw: PhysicalActuator(fleet.sample(12, draw)), config))
     env, walker, action = WalkEnv(PUPPER_V2, spy), Walker(PUPPER_V2, policy), np.zeros(16)
     observation, _ = env.reset(seed=0)
     body = ShownBody(spy.state)

@@ -27,7 +27,7 @@ RECIPE = replace(
 @pytest.fixture(scope="module")
 def fleet_log() -> MotorLog:
     fleet = load_fleet("mixed")
-    return record(fleet.sample(np.random.default_rng(3), 12), BENCH, 4000, 3, fleet)
+    return record(fleet.sample(12, np.random.default_rng(3)), BENCH, 4000, 3, fleet)
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ COUNT = 64
 @pytest.fixture(scope="module")
 def fleet():
     """(256, F) features of motors of one fleet."""
-    motors = load_fleet("mixed").sample(np.random.default_rng(21), 4 * COUNT)
+    motors = load_fleet("mixed").sample(4 * COUNT, np.random.default_rng(21))
     return behaviours(PhysicalActuator(motors)).values
 
 
@@ -83,7 +83,7 @@ def test_p_values_of_one_fleet_are_uniform(fleet):
 
 def test_a_fifth_more_kp_is_detected():
     source = load_fleet("pupper_v2")
-    ours, theirs = (source.sample(np.random.default_rng(seed), 2 * COUNT) for seed in (1, 2))
+    ours, theirs = (source.sample(2 * COUNT, np.random.default_rng(seed)) for seed in (1, 2))
     stiff = replace(theirs, kp=1.2 * theirs.kp)
     a, b = (behaviours(PhysicalActuator(motors)).values for motors in (ours, stiff))
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(2 * COUNT, 2 * COUNT)

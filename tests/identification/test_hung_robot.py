@@ -14,7 +14,7 @@ from motorprior.identification.adapt import Posterior, adapt
 from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
-from motorprior.logs.parquet_io import read_log
+from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.twin_body import draw_motors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -49,7 +49,7 @@ def known() -> GearedMotor:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory, known: GearedMotor) -> Posterior:
-    log = read_log(record(ROBOT, tmp_path_factory.mktemp("robot"), SECONDS))
+    log = read_parquet(record(ROBOT, tmp_path_factory.mktemp("robot"), SECONDS))
     assert log.encoder == "rotor", "a Pupper's"
     data = training_data(log, RECIPE, "log")
     silent = export(initial_parameters(np.random.default_rng(0), RECIPE), RECIPE, data.scales)

@@ -42,11 +42,11 @@ METRICS = {
 def chances():
     """{seconds: (NEW,) chances of motors nobody trained on}, at the posteriors after so long a log, or after 5 s."""
     rng = np.random.default_rng(5)
-    log = record(FLEET.sample(rng, 24), PRESETS["rollout"], 5000, 0, FLEET)
+    log = record(FLEET.sample(24, rng), PRESETS["rollout"], 5000, 0, FLEET)
     data = training_data(log, RECIPE, "log")
     prior = identify(data, RECIPE, 0)
     metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, log)
-    new, found, z = FLEET.sample(rng, NEW), {}, np.zeros((NEW, 0))
+    new, found, z = FLEET.sample(NEW, rng), {}, np.zeros((NEW, 0))
     for seconds in (2, 5, 10, 30):
         log = record(new, PRESETS["adapt"], round(seconds / RECIPE.period), 70 + seconds, FLEET)
         data = training_data(log, RECIPE, "log")

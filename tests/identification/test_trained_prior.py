@@ -24,7 +24,7 @@ CHANGES = (("kp", 2.5), ("kd", 0.25))
 
 
 def motors() -> MotorParameters:
-    return load_fleet("mixed").sample(np.random.default_rng(3), 16)
+    return load_fleet("mixed").sample(16, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def judged(prior: tuple[Identified, float]) -> Outliers:
     """Six motors of the fleet, then one for each of CHANGES: 10 s of log."""
     found, temperature = prior
     fleet = load_fleet("mixed")
-    new = fleet.sample(np.random.default_rng(8), 6 + len(CHANGES))
+    new = fleet.sample(6 + len(CHANGES), np.random.default_rng(8))
     for row, (name, factor) in enumerate(CHANGES, start=6):
         values = getattr(new, name).copy()
         values[row] = factor * getattr(fleet.center(1), name)[0]

@@ -21,7 +21,7 @@ def pd(kp: float) -> IdealPd:
 
 @pytest.fixture(scope="module")
 def motors():
-    return load_fleet("mixed").sample(np.random.default_rng(4), COUNT)
+    return load_fleet("mixed").sample(COUNT, np.random.default_rng(4))
 
 
 def test_an_ensemble_predicts_the_mean_of_its_members_trajectories():

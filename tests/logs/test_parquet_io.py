@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
-from motorprior.logs.parquet_io import METADATA_KEY, read_log, write_log
+from motorprior.logs.parquet_io import METADATA_KEY, read_parquet, write_log
 
 
 def rewrite(path, change_table=None, **header):
@@ -28,7 +28,7 @@ def written(tmp_path, full_log):
 
 
 def test_round_trip_is_exact(written, full_log):
-    log = read_log(written)
+    log = read_parquet(written)
     assert channels(log).keys() == channels(full_log).keys()
     for name, value in channels(full_log).items():
         assert getattr(log, name).tobytes() == np.ascontiguousarray(value).tobytes(), name
@@ -38,7 +38,7 @@ def test_round_trip_is_exact(written, full_log):
 
 def test_absent_channels_stay_absent(tmp_path, make_log):
     write_log(tmp_path / "log.parquet", make_log(joint_vel=None))
-    log = read_log(tmp_path / "log.parquet")
+    log = read_parquet(tmp_path / "log.parquet")
     assert channels(log).keys() == {"time", "position_target", "joint_pos"}
 
 
@@ -64,12 +64,12 @@ def test_a_truncated_file_is_refused(written, share):
     content = written.read_bytes()
     written.write_bytes(content[: int(share * len(content))])
     with pytest.raises(LogError, match=r"log\.parquet: not a complete Parquet file .* -> "):
-        read_log(written)
+        read_parquet(written)
 
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(LogError, match=r"absent\.parquet: no such file"):
-        read_log(tmp_path / "absent.parquet")
+        read_parquet(tmp_path / "absent.parquet")
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_missing_file_is_refused(tmp_path):
 def test_a_header_that_does_not_fit_is_refused(written, header, problem):
     rewrite(written, **header)
     with pytest.raises(LogError, match=problem):
-        read_log(written)
+        read_parquet(written)
 
 
 @pytest.mark.parametrize(
@@ -110,10 +110,10 @@ def test_a_header_that_does_not_fit_is_refused(written, header, problem):
 def test_columns_that_do_not_fit_are_refused(written, change, problem):
     rewrite(written, change)
     with pytest.raises(LogError, match=problem):
-        read_log(written)
+        read_parquet(written)
 
 
 def test_parquet_of_others_is_refused(tmp_path, written):
     pq.write_table(pq.read_table(written).replace_schema_metadata(None), written)
     with pytest.raises(LogError, match="no motorprior header"):
-        read_log(written)
+        read_parquet(written)

@@ -52,7 +52,7 @@ def draw_pd(rng):
 
 
 def draw_physical(rng):
-    return PhysicalActuator(FLEET.sample(rng, 12))
+    return PhysicalActuator(FLEET.sample(12, rng))
 
 
 def draw_latent(rng):

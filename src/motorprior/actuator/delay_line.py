@@ -7,7 +7,8 @@ at least two more than the longest age that is read.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from motorprior.compiled import njit
 
 
 @njit(cache=True, nogil=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
@@ -30,6 +30,7 @@ from motorprior.actuator.geared_motor_step import (
     step_constants,
 )
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
+from motorprior.compiled import njit
 
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
 """Row of the table."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
@@ -16,6 +15,7 @@ from motorprior.actuator.geared_motor import (
 )
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.network_law import renew_torque, reset_network
+from motorprior.compiled import njit
 
 SCALES = 4
 """Rows of the parameters before the motor's: the network's scales and limit. One row of memory is the network's."""

@@ -12,9 +12,10 @@ from functools import cache, cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numba import njit, typeof, types
+from numba import typeof, types
 
 from motorprior.actuator.actuator import ActuatorArrays, Law
+from motorprior.compiled import njit
 
 BENCH_STEP = 0.002
 """Step [s] of the dynamometer for motors without a finer one of their own: that of a robot's simulation."""

@@ -13,8 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from motorprior.compiled import njit
 
 LANES = 16
 _FLOAT = ir.FloatType()

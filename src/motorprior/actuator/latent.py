@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays, require_step
 from motorprior.actuator.borrowed import borrowed
@@ -29,6 +28,7 @@ from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.lanes import LANES
 from motorprior.actuator.network_law import renew_torque, reset_network
+from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 
 _LINE = 64

@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_tensors
+from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.schema import TEXT, Header, Tensor, check_tensors, many, number
 
@@ -38,51 +39,66 @@ class MotorPosterior:
     """Of M motors, Z latents.
 
     Attributes:
+        prior: whose z this is; its file is kept beside this one's.
         mean: (M, Z).
         covariance: (M, Z, Z).
         joint_names: M names, those of the log.
-        prior_sha256: digest of the prior whose z this is.
         seconds: how much log was used.
         surprise: (M,) probability that a motor of the prior's fleet seems as odd (`motorprior adapt`).
     """
 
+    prior: MotorPrior
     mean: np.ndarray
     covariance: np.ndarray
     joint_names: tuple[str, ...]
-    prior_sha256: str
     seconds: float
     surprise: tuple[float, ...]
 
-    def sample(self, prior: MotorPrior, rng: np.random.Generator, count: int) -> LatentActuator:
-        """``count`` motors: each joint its own, or, of a single motor, ``count`` draws of it.
+    def sample(self, count: int, seed: int | np.random.Generator) -> LatentActuator:
+        """Draw ``count`` motors: of each joint its own, or, of a single motor, ``count`` times that one.
+
+        Args:
+            count: number of motors.
+            seed: of the draw; a generator goes on from where it is.
 
         Raises:
-            ConfigError: neither one motor nor ``count``.
+            ConfigError: the posterior is of neither one motor nor ``count``, or ``seed`` is no seed.
         """
+        require_count("count", count)
         if len(self.mean) not in (1, count):
             raise ConfigError(
                 f"the posterior is of {len(self.mean)} motors, the robot has {count}",
                 remedy=f"adapt to one motor, or to all {count} in the robot's order",
             )
         factors = np.linalg.cholesky(self.covariance)
-        noise = rng.standard_normal((count, self.mean.shape[1]))
-        return LatentActuator(prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise))
+        noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
+        return LatentActuator(self.prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise))
 
-    def save(self, path: Path) -> None:
-        """Write one safetensors file, atomically."""
+    def save(self, path: str | Path) -> None:
+        """Write one safetensors file, atomically; it names the prior by digest and does not contain it.
+
+        Raises:
+            ArtifactError: it cannot be written there.
+        """
         header = _HEADER.write(
-            joint_names=list(self.joint_names), prior_sha256=self.prior_sha256, seconds=self.seconds,
+            joint_names=list(self.joint_names), prior_sha256=self.prior.sha256(), seconds=self.seconds,
             surprise=list(self.surprise),
         )  # fmt: skip
-        write_tensors(path, {"mean": self.mean, "covariance": self.covariance}, header)
+        write_tensors(Path(path), {"mean": self.mean, "covariance": self.covariance}, header)
 
     @classmethod
-    def load(cls, path: Path) -> MotorPosterior:
+    def load(cls, path: str | Path, prior: MotorPrior) -> MotorPosterior:
         """Read a posterior.
+
+        Args:
+            path: what `save` wrote.
+            prior: whose posterior it is.
 
         Raises:
             ArtifactError: another kind or schema, unknown or missing keys, or shapes that do not fit.
+            ConfigError: it is no posterior of this prior.
         """
+        path = Path(path)
         tensors, header = _HEADER.read(path)
         check_tensors(tensors, _TENSORS, path, _ANEW, {"motors": len(header["joint_names"])})
         covariance = tensors["covariance"]
@@ -93,8 +109,10 @@ class MotorPosterior:
         for problem, is_so in wrong.items():
             if is_so:
                 raise ArtifactError(problem, where=path, remedy=_ANEW)
+        if header["prior_sha256"] != prior.sha256():
+            raise ConfigError("it is no posterior of this prior", where=path, remedy="adapt that prior to the log anew")
         names, surprise = tuple(header["joint_names"]), tuple(header["surprise"])
-        return cls(tensors["mean"], covariance, names, header["prior_sha256"], header["seconds"], surprise)
+        return cls(prior, tensors["mean"], covariance, names, header["seconds"], surprise)
 
 
 def _has_factor(covariance: np.ndarray) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
-from motorprior.artifacts import write_tensors
+from motorprior.artifacts import tensors_as_bytes, write_tensors
+from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.schema import TABLE, TEXT, TRUTH, Field, Header, Tensor, check_tensors, exactly, number
 
@@ -102,9 +104,18 @@ class MotorPrior:
     provenance: dict[str, Any]
     metrics: dict[str, float]
 
-    def sample(self, rng: np.random.Generator, count: int) -> LatentActuator:
-        """``count`` new motors, z ~ N(0, I)."""
-        return LatentActuator(self.network, rng.standard_normal((count, self.network.num_latents)))
+    def sample(self, count: int, seed: int | np.random.Generator) -> LatentActuator:
+        """Draw ``count`` new motors, z ~ N(0, I).
+
+        Args:
+            count: number of motors.
+            seed: of the draw; a generator goes on from where it is.
+
+        Raises:
+            ConfigError: ``count`` is no positive whole number, or ``seed`` no seed.
+        """
+        require_count("count", count)
+        return LatentActuator(self.network, generator_of(seed).standard_normal((count, self.network.num_latents)))
 
     def training_motors(self, index: np.ndarray) -> LatentActuator:
         """The training motors at ``index``, at their posterior means."""
@@ -122,8 +133,19 @@ class MotorPrior:
             )
         LatentActuator(self.network, self.mean[:1]).arrays(physics_dt)
 
-    def save(self, path: Path) -> None:
-        """Write one safetensors file, atomically."""
+    def save(self, path: str | Path) -> None:
+        """Write one safetensors file, atomically.
+
+        Raises:
+            ArtifactError: it cannot be written there.
+        """
+        write_tensors(Path(path), *self._contents())
+
+    def sha256(self) -> str:
+        """Digest of the file that `save` writes; posteriors name their prior by it."""
+        return hashlib.sha256(tensors_as_bytes(*self._contents())).hexdigest()
+
+    def _contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         net = self.network
         tensors = {name: np.asarray(getattr(net, name), np.float64) for name in _WEIGHTS}
         if net.motor is not None:
@@ -136,16 +158,17 @@ class MotorPrior:
             standardised=net.copula is not None, **{name: getattr(net, name) for name in _SCALES},
             preset=self.preset, robot=self.robot, motor=self.motor, provenance=self.provenance, metrics=self.metrics,
         )  # fmt: skip
-        write_tensors(path, {**tensors, "mean": self.mean, "log_var": self.log_var}, header)
+        return {**tensors, "mean": self.mean, "log_var": self.log_var}, header
 
     @classmethod
-    def load(cls, path: Path) -> MotorPrior:
+    def load(cls, path: str | Path) -> MotorPrior:
         """Read a prior.
 
         Raises:
             ArtifactError: not a motor prior, another schema, unknown or missing keys, shapes that do not fit,
                 or weights beyond any sensible size.
         """
+        path = Path(path)
         tensors, header = _HEADER.read(path)
         _check(tensors, header, path)
         numbers: dict[str, Any] = {name: float(header[name]) for name in ("period", *_SCALES)}

@@ -7,10 +7,10 @@ a dozen motors with the default prior, a tenth of a physics step or more; the la
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
+from motorprior.compiled import njit
 
 
 @njit(cache=True, nogil=True)

@@ -8,12 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kind import arrays_type
+from motorprior.compiled import njit
 
 
 def _require_types(arrays: Any, vectors: tuple[Any, ...]) -> None:

@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bench.loaded_joint import next_velocity
+from motorprior.compiled import njit
 
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 

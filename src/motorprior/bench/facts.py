@@ -14,7 +14,7 @@ from motorprior.bench.fleet import Fleet, fleet_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log
+from motorprior.logs.parquet_io import read_parquet
 from motorprior.schema import TEXT, Schema, integer
 
 MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
@@ -86,7 +86,7 @@ def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> No
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
     """The motors of a bench with this seed. Held-out motors use another stream of random numbers."""
-    return fleet.sample(np.random.default_rng([seed, MOTORS_STREAM]), motors)
+    return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
 
 def facts_from_json(data: Any, where: str) -> BenchFacts:
@@ -116,7 +116,7 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchFacts]:
     Raises:
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
-    log = read_log(folder / LOG)
+    log = read_parquet(folder / LOG)
     facts = facts_from_json(read_json(folder / FACTS), str(folder / FACTS))
     found, wanted = (log.num_joints, log.num_rows), (facts.motors, facts.steps)
     if found != wanted:

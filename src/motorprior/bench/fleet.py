@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
+from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
@@ -93,8 +94,18 @@ class Fleet:
     robot: str
     parameters: dict[str, Distribution]
 
-    def sample(self, rng: np.random.Generator, count: int) -> MotorParameters:
-        """Draw ``count`` motors."""
+    def sample(self, count: int, seed: int | np.random.Generator) -> MotorParameters:
+        """Draw the constants of ``count`` motors.
+
+        Args:
+            count: number of motors.
+            seed: of the draw; a generator goes on from where it is.
+
+        Raises:
+            ConfigError: ``count`` is no positive whole number, or ``seed`` no seed.
+        """
+        require_count("count", count)
+        rng = generator_of(seed)
         return _assemble({name: self.parameters[name].sample(rng, count) for name in UNITS})
 
     def center(self, count: int) -> MotorParameters:
@@ -111,7 +122,7 @@ def _assemble(values: dict[str, np.ndarray]) -> MotorParameters:
     return MotorParameters(**{field.name: values[field.name] for field in fields(MotorParameters)})
 
 
-def load_fleet(name_or_path: str) -> Fleet:
+def load_fleet(name_or_path: str | Path) -> Fleet:
     """Load a fleet that comes with a shipped robot, by name, or any fleet TOML by path.
 
     Raises:
@@ -136,7 +147,7 @@ def load_fleet(name_or_path: str) -> Fleet:
     )
 
 
-def fleet_path(name_or_path: str) -> Path:
+def fleet_path(name_or_path: str | Path) -> Path:
     """The file of a fleet.
 
     Raises:
@@ -144,7 +155,7 @@ def fleet_path(name_or_path: str) -> Path:
     """
     path, shipped = Path(name_or_path), {name: file for robot in SHIPPED for name, file in robot.fleets}
     if path.suffix != ".toml":
-        path = Path(shipped.get(name_or_path, name_or_path))
+        path = Path(shipped.get(str(name_or_path), name_or_path))
     if path.suffix != ".toml" or not path.is_file():
         known = ", ".join(sorted(shipped))
         raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")

@@ -10,7 +10,8 @@ import tyro
 from motorprior.cli.console import table
 from motorprior.exceptions import LogError
 from motorprior.logs.checks import check_log
-from motorprior.pipeline.raw_logs import LogsImport, read_any, require_paths
+from motorprior.logs.registry import read_log
+from motorprior.pipeline.raw_logs import LogsImport, require_paths
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -41,7 +42,7 @@ def run_logs_check(config: LogsCheck) -> None:
     require_paths(config.paths)
     robot, unusable = load_robot(config.robot), []
     for path in config.paths:
-        log = read_any(path, robot)
+        log = read_log(path, robot)
         report = check_log(log, robot.limits if log.joint_names == robot.joint_names else None)
         rows = [[found.severity, found.check, found.message, found.remedy] for found in report.findings]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"

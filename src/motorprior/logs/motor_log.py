@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
@@ -124,6 +125,17 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     rows = [np.arange(part.start + 1, part.stop) for part in log.segment_slices()]
     index = np.concatenate(rows)
     return index, log.time[index] - log.time[index - 1]
+
+
+def log_digest(log: MotorLog) -> str:
+    """SHA-256 of all that the log holds."""
+    whole = hashlib.sha256()
+    for field in fields(log):
+        value = getattr(log, field.name)
+        whole.update(f"{field.name} {getattr(value, 'shape', value)!r}\n".encode())
+        if isinstance(value, np.ndarray):
+            whole.update(np.ascontiguousarray(value).tobytes())
+    return whole.hexdigest()
 
 
 def column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from motorprior.artifacts import atomic_path, require_keys
 from motorprior.exceptions import ArtifactError, LogError
+from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import BASE_AXES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
 
 SCHEMA_VERSION = 2
@@ -46,7 +47,7 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         pq.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
 
 
-def read_log(path: str | Path) -> MotorLog:
+def read_parquet(path: str | Path) -> MotorLog:
     """Read what `write_log` wrote; every float64 comes back bit for bit.
 
     Raises:
@@ -61,6 +62,9 @@ def read_log(path: str | Path) -> MotorLog:
     values: dict[str, Any] = {channel: _stack(table, channel, names) for channel, names in wanted.items()}
     values |= {key: header[key] for key in ("robot", "motor", "source", "encoder")}
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
+
+
+PARQUET = LogReader("motor log", (".parquet",), lambda path: True, lambda path, robot: read_parquet(path))
 
 
 def _columns(log: MotorLog) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.checks import require_plausible_angles
+from motorprior.logs.log_reader import LogReader, require_given
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
 from motorprior.logs.restricted_unpickler import load_plain
@@ -155,3 +156,11 @@ def _row(row: object, index: int, key: str, width: int, path: Path) -> list[floa
 
 def _unwrapped(cell: object) -> object:
     return cell.item() if isinstance(cell, np.ndarray) and cell.size == 1 else cell
+
+
+PUPPERSIM = LogReader(
+    "log of jietan/puppersim",
+    (*CSV_SUFFIXES, *PICKLE_SUFFIXES),
+    lambda path: True,
+    lambda path, robot: read_puppersim_log(path, require_given(robot, path)),
+)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.logs.log_reader import LogReader, require_given
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.number_table import read_number_table
 from motorprior.robots.robot import Robot
@@ -150,3 +151,11 @@ def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.nda
     out = np.column_stack([grid, part[in_force, 1:3], part[in_force, targets], spline(grid)])
     out[:, 3 + 2 * joints : 3 + 3 * joints] = CubicSpline(time, part[:, angles], axis=0)(grid, 1)
     return out
+
+
+ROBOT_RUN = LogReader(
+    "recording of a robot",
+    (".csv",),
+    is_robot_run,
+    lambda path, robot: read_robot_run(path, require_given(robot, path)),
+)

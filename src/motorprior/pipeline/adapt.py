@@ -14,12 +14,12 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log
+from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
-from motorprior.pipeline.stage import description, digest, is_finished, working
+from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -75,20 +75,20 @@ class Judged:
     reason: tuple[str, ...]
 
 
-def adapt_to(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> Posterior:
+def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> Posterior:
     """Posterior of every motor of the log.
 
     Raises:
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
-    from motorprior.identification.adapt import adapt
+    from motorprior.identification.adapt import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
-    return adapt(prior.network, data, preset, temperature)
+    return fit_posterior(prior.network, data, preset, temperature)
 
 
-def judge(prior: MotorPrior, path: Path, log: MotorLog, where: str, found: Posterior) -> Judged:
+def judge(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> Judged:
     """Whether the motors that `adapt_to` ``found`` in this log are like those that the prior was trained on.
 
     Raises:
@@ -108,7 +108,9 @@ def judge(prior: MotorPrior, path: Path, log: MotorLog, where: str, found: Poste
     return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
 
 
-def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple[Preset, TrainingData, float, str]:
+def _prepared(
+    prior: MotorPrior, path: str | Path, log: MotorLog, where: str
+) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics that a log is judged by."""
     from motorprior.identification.reference import ending, knows_its_errors
     from motorprior.identification.windows import training_data
@@ -125,6 +127,29 @@ def _prepared(prior: MotorPrior, path: Path, log: MotorLog, where: str) -> tuple
     data = replace(data, measured=measured)
     which = ending(measured.torque) if knows_torque else ""
     return preset, data, prior.metrics[f"loss_mean{which}"], which
+
+
+def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False) -> MotorPosterior:
+    """Find where in a prior's latent space the motors of a log are.
+
+    Args:
+        prior: of such motors.
+        log: with load_inertia and external_torque, at the prior's sample period; seconds are enough.
+        anyway: also if the log is unlike anything that the prior knows.
+
+    Returns:
+        The posterior, whose `MotorPosterior.sample` draws these very motors.
+
+    Raises:
+        LogError: the log lacks a channel, has another period, is shorter than a window, or is unlike the prior's fleet.
+        ArtifactError: a prior without latents or without the figures of its own errors.
+    """
+    log = checked(log, where=log.source)
+    found = adapt_to(prior, "the prior", log, log.source)
+    judged = judge(prior, "the prior", log, log.source, found)
+    if not anyway:
+        _require_like_the_fleet(log, judged, log.source)
+    return _posterior(prior, log, found, judged)
 
 
 def run_adapt(
@@ -146,7 +171,7 @@ def run_adapt(
     if config.seconds is not None:
         require_number("seconds", config.seconds)
     robot = load_robot(config.robot)
-    prior, log = load_prior(config.prior, robot), first_seconds(read_log(config.log), config.seconds)
+    prior, log = load_prior(config.prior, robot), first_seconds(read_parquet(config.log), config.seconds)
     wanted = description("adapt", asdict(config), [config.prior, config.log, *robot.files])
     if is_finished(config.out, wanted):
         return
@@ -158,18 +183,15 @@ def run_adapt(
     if not config.anyway:
         _require_like_the_fleet(log, judged, config.log)
     with working(config.out, wanted, started):
-        posterior = MotorPosterior(
-            found.mean,
-            found.covariance,
-            log.joint_names,
-            digest(config.prior),
-            log.duration,
-            tuple(float(value) for value in judged.chance),
-        )
-        posterior.save(config.out / POSTERIOR)
+        _posterior(prior, log, found, judged).save(config.out / POSTERIOR)
 
 
-def _require_like_the_fleet(log: MotorLog, judged: Judged, path: Path) -> None:
+def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, judged: Judged) -> MotorPosterior:
+    surprise = tuple(float(value) for value in judged.chance)
+    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, surprise)
+
+
+def _require_like_the_fleet(log: MotorLog, judged: Judged, path: str | Path) -> None:
     bound = FALSE_ALARMS / log.num_joints
     odd = zip(log.joint_names, judged.chance, judged.reason, strict=True)
     unlike = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import FACTS, LOG, BenchFacts, require_bench_size, training_motors
+from motorprior.bench.fleet import Fleet
 from motorprior.bench.record import bench_preset, record
 from motorprior.bounds import require_seed
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import write_log
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, fleet_files, is_finished, working
-from motorprior.robots.load import load_robot
+from motorprior.robots.load import as_robot, load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
@@ -35,6 +38,41 @@ class Bench:
     """Draws the motors and their excitation."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+
+
+def record_bench(
+    robot: Robot | str | Path = DEFAULT_ROBOT,
+    fleet: Fleet | str | Path | None = None,
+    *,
+    motors: int = 32,
+    steps: int = 10_000,
+    preset: str = "rollout",
+    seed: int = 0,
+) -> MotorLog:
+    """Record physical motors of a fleet on a virtual dynamometer.
+
+    Args:
+        robot: whose loads the motors are to meet; a name, the path of a .toml file, or what `load_robot` gave.
+        fleet: population that the motors are drawn from; the robot's own if not given.
+        motors: number of motors.
+        steps: samples per motor.
+        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), paper
+            (sinusoids, 10 ms).
+        seed: draws the motors and their excitation; same arguments, same bytes.
+
+    Returns:
+        A log of joints motor_000, motor_001, … with torques and loads.
+
+    Raises:
+        ConfigError: a number out of range, an unknown preset, or a fleet of another robot.
+        ArtifactError: a robot or a fleet that cannot be read.
+    """
+    require_bench_size(motors, steps)
+    require_seed(seed)
+    robot = as_robot(robot)
+    known, excitation = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
+    log = record(training_motors(known, motors, seed), excitation, steps, seed, known)
+    return replace(log, robot=known.robot)  # without a bench.json beside it, the log itself says whose motors these are
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:

@@ -33,7 +33,7 @@ _WHERE = "held-out log"
 
 def held_out_motors(facts: BenchFacts) -> MotorParameters:
     """As many motors of the same fleet as stood on the bench, but others."""
-    return facts.fleet.sample(np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]), facts.motors)
+    return facts.fleet.sample(facts.motors, np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]))
 
 
 def held_out_log(
@@ -147,8 +147,8 @@ def distribution(prior: MotorPrior, facts: BenchFacts, picture: Path) -> Results
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])
     pairs = []
     for _ in range(COMPARISONS):
-        drawn = behaviours(prior.sample(rng, POPULATION))
-        pairs.append((drawn, behaviours(PhysicalActuator(facts.fleet.sample(rng, POPULATION)))))
+        drawn = behaviours(prior.sample(POPULATION, rng))
+        pairs.append((drawn, behaviours(PhysicalActuator(facts.fleet.sample(POPULATION, rng)))))
     drawn, physical = pairs[0]
     shown = feature_quantiles(
         drawn.names, drawn.units, drawn.values, physical.values, "draws of the prior", "held-out physical motors"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,11 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.facts import FACTS, LOG, read_bench
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log
-from motorprior.pipeline.progress import SILENT, Progress, Task
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.logs.joining import joined
+from motorprior.logs.motor_log import MotorLog, checked, log_digest
+from motorprior.logs.parquet_io import read_parquet
+from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
 
 if TYPE_CHECKING:  # they import JAX
@@ -46,62 +48,59 @@ class Identify:
     """Use the log's joint_torque; without it the prior learns from positions and velocities alone."""
 
 
+def fit_prior(
+    logs: MotorLog | Sequence[MotorLog],
+    preset: str = "rollout",
+    seed: int = 0,
+    *,
+    steps: int | None = None,
+    out: str | Path | None = None,
+    progress: Progress = SILENT,
+) -> MotorPrior:
+    """Learn the distribution of motors from their logs.
+
+    Args:
+        logs: of some motors, with loads known (preset rollout) or joint_torque (preset paper), at the preset's sample
+            period. Logs of the same joint names are more of the same motors, logs of other names are further motors.
+        preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
+        seed: of weights, windows and noise; same logs, preset and seed, same bytes.
+        steps: Adam steps; the preset's own number if not given.
+        out: folder for prior.safetensors and, meanwhile, a checkpoint: the same call goes on where it was interrupted,
+            and only loads what is finished. Nothing is written without it.
+        progress: where to report to, for example ``Lines(sys.stderr)``.
+
+    Returns:
+        The prior, which knows the robot, the recipe and the figures of its training.
+
+    Raises:
+        ConfigError: an unknown preset, or a number out of range.
+        LogError: logs that do not fit together, or that lack a channel, a row or a motion that the preset needs.
+        ArtifactError: ``out`` cannot be written.
+    """
+    _require_numbers(steps, seed)
+    recipe = _recipe(preset, steps)
+    log = _one_log(logs)
+    job = _Job(log, log.source, preset, recipe, seed, _Origin(log.robot, log.motor, {"log": log.source}))
+    if out is None:
+        return _fitted(job, _data(job), progress, None)
+    settings = {"preset": preset, "seed": seed, "steps": steps}
+    wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(log)]}
+    return _fitted_in(Path(out), wanted, job, progress)
+
+
 def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     """Train, unless the folder holds this very prior already.
 
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
-    if config.steps is not None:
-        require_count("steps", config.steps)
-    require_seed(config.seed)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    from motorprior.identification.presets import identification_preset
-    from motorprior.identification.standardise import MOTORS_TO_TRUST
-    from motorprior.identification.windows import training_data
-
-    preset = identification_preset(config.preset)
-    if config.steps is not None:
-        preset = replace(preset, steps=config.steps)
+    _require_numbers(config.steps, config.seed)
+    recipe = _recipe(config.preset, config.steps)
     log, inputs, origin = _training_log(config.bench)
-    wanted = description("identify", asdict(config), inputs, recipe=asdict(preset))
-    if is_finished(config.out, wanted):
-        return
-    data = training_data(log if config.torque else replace(log, joint_torque=None), preset, str(inputs[0]))
-    if preset.num_latents and log.num_joints < MOTORS_TO_TRUST:
-        progress.note(
-            f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
-            f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
-        )
-    with working(config.out, wanted) as clock:
-        title = f"identify {config.preset}: {preset.steps} Adam steps"
-        with progress.start(title, preset.steps) as task:
-            kept = _Checkpoint(config.out / CHECKPOINT, wanted, clock)
-            prior = _trained(config, preset, data, log, origin, kept, task)
-        prior.save(config.out / PRIOR)
-        MotorPrior.load(config.out / PRIOR)  # what nobody could load is no success
-        remove(config.out, CHECKPOINT)
-
-
-def _trained(
-    config: Identify, preset: Preset, data: TrainingData, log: MotorLog, origin: _Origin, kept: _Checkpoint, task: Task
-) -> MotorPrior:
-    """The prior, with the figures that it is judged by later."""
-    from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.train import CHUNK, identify
-
-    def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
-        kept.clock.note()
-        task.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
-
-    found = identify(data, preset, config.seed, report, kept)
-    metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-    metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
-    metrics |= reference_metrics(found.network, data, preset, found.mean, log)
-    return MotorPrior(
-        found.network, found.mean, found.log_var, config.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": asdict(preset), "seed": config.seed}, metrics,
-    )  # fmt: skip
+    wanted = description("identify", asdict(config), inputs, recipe=asdict(recipe))
+    log = log if config.torque else replace(log, joint_torque=None)
+    job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
+    _fitted_in(config.out, wanted, job, progress)
 
 
 @dataclass(frozen=True)
@@ -113,6 +112,86 @@ class _Origin:
     provenance: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class _Job:
+    """A prior to be fitted: the log, where it is from, and how."""
+
+    log: MotorLog
+    where: str
+    preset: str
+    recipe: Preset
+    seed: int
+    origin: _Origin
+
+
+def _require_numbers(steps: int | None, seed: int) -> None:
+    if steps is not None:
+        require_count("steps", steps)
+    require_seed(seed)
+
+
+def _recipe(preset: str, steps: int | None) -> Preset:
+    from motorprior.identification.presets import identification_preset
+
+    recipe = identification_preset(preset)
+    return recipe if steps is None else replace(recipe, steps=steps)
+
+
+def _one_log(logs: MotorLog | Sequence[MotorLog]) -> MotorLog:
+    every = [logs] if isinstance(logs, MotorLog) else logs
+    if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
+        raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
+    return joined([checked(log, where=log.source) for log in every])
+
+
+def _data(job: _Job) -> TrainingData:
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    from motorprior.identification.windows import training_data
+
+    return training_data(job.log, job.recipe, job.where)
+
+
+def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress) -> MotorPrior:
+    """The prior of a folder, fitted unless it is finished there."""
+    if is_finished(out, wanted):
+        return MotorPrior.load(out / PRIOR)
+    data = _data(job)
+    with working(out, wanted) as clock:
+        _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted, clock)).save(out / PRIOR)
+        prior = MotorPrior.load(out / PRIOR)  # what nobody could load is no success
+        remove(out, CHECKPOINT)
+    return prior
+
+
+def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
+    """The prior, with the figures that it is judged by later."""
+    from motorprior.identification.reference import reference_metrics
+    from motorprior.identification.standardise import MOTORS_TO_TRUST
+    from motorprior.identification.train import CHUNK, identify
+
+    log, recipe, origin = job.log, job.recipe, job.origin
+    if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
+        progress.note(
+            f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
+            f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
+        )
+    with progress.start(f"identify {job.preset}: {recipe.steps} Adam steps", recipe.steps) as task:
+
+        def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
+            if kept is not None:
+                kept.clock.note()
+            task.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
+
+        found = identify(data, recipe, job.seed, report, kept)
+        metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+        metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
+        metrics |= reference_metrics(found.network, data, recipe, found.mean, log)
+    return MotorPrior(
+        found.network, found.mean, found.log_var, job.preset, origin.robot, origin.motor,
+        origin.provenance | {"recipe": asdict(recipe) | {"taps": list(recipe.taps)}, "seed": job.seed}, metrics,
+    )  # fmt: skip
+
+
 def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:
     """The log of a bench's folder, or a log of its own; the files that the prior depends on, the log first.
 
@@ -120,7 +199,7 @@ def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
     if path.suffix == ".parquet":
-        log = read_log(path)
+        log = read_parquet(path)
         return log, [path], _Origin(log.robot, log.motor, {"log": log.source})
     log, facts = read_bench(path)
     origin = _Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
@@ -53,21 +54,21 @@ def _require_all_motors(prior: MotorPrior) -> None:
         )
 
 
-def load_robot_fleet(robot: Robot, name_or_path: str | None = None) -> Fleet:
-    """A fleet whose motors are those of this robot; the one that is shipped for it if none is named.
+def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None) -> Fleet:
+    """A fleet, or its name or path, whose motors are those of this robot; the one shipped for it if none is given.
 
     Raises:
         ArtifactError: see `load_fleet`.
         ConfigError: a fleet of another robot, or none is named and none is shipped.
     """
-    chosen = robot.default_fleet if name_or_path is None else name_or_path
-    fleet = load_fleet(chosen)
-    if fleet.robot != robot.name:
+    chosen = robot.default_fleet if fleet is None else fleet
+    found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
+    if found.robot != robot.name:
         raise ConfigError(
-            f"the fleet is of robot {fleet.robot!r}, not {robot.name!r}", where=chosen,
-            remedy=f"use a fleet of {robot.name}",
+            f"the fleet is of robot {found.robot!r}, not {robot.name!r}",
+            where=found.name if isinstance(chosen, Fleet) else chosen, remedy=f"use a fleet of {robot.name}",
         )  # fmt: skip
-    return fleet
+    return found
 
 
 def described_pd(robot: Robot) -> IdealPd:
@@ -83,11 +84,16 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
     return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
 
 
-def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
+MotorSource: TypeAlias = MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
+"""The motors of an episode: what they are drawn from, motors that are the same in every episode, or a function."""
+
+
+def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
     """A function that draws the motors of an episode, and the physics step [s] they are simulated at.
 
     Args:
-        motors: a prior or a fleet, which every episode draws from; motors, the same in every episode; or a function.
+        motors: a prior, a posterior or a fleet, which every episode draws from; motors, the same in every episode; or a
+            function.
         robot: that they drive.
 
     Raises:
@@ -96,16 +102,19 @@ def drawn_from(motors: Any, robot: Robot) -> tuple[DrawMotors, float]:
     count = robot.num_joints
     if isinstance(motors, MotorPrior):
         motors.require(robot.name, robot.physics_dt)
-        return (lambda rng: motors.sample(rng, count)), robot.physics_dt
+        return (lambda rng: motors.sample(count, rng)), robot.physics_dt
+    if isinstance(motors, MotorPosterior):
+        motors.prior.require(robot.name, robot.physics_dt)
+        ordered = _of_the_robot(motors, robot)
+        return (lambda rng: ordered.sample(count, rng)), robot.physics_dt
     if isinstance(motors, Fleet):
-        return (lambda rng: PhysicalActuator(motors.sample(rng, count))), min(LONGEST_STEP, robot.twin_physics_dt)
+        return (lambda rng: PhysicalActuator(motors.sample(count, rng))), min(LONGEST_STEP, robot.twin_physics_dt)
     if callable(motors):
-        draw: Any = motors
-        return draw, robot.physics_dt
+        return motors, robot.physics_dt
     if getattr(motors, "num_motors", None) != count:
         raise ConfigError(
-            f"{str(motors)[:40]!r} is no prior, fleet or set of {count} motors",
-            remedy="see EnvOptions",
+            f"{str(motors)[:40]!r} is no prior, posterior, fleet or set of {count} motors",
+            remedy="draw one motor per joint, for example with MotorPrior.sample",
             argument="motors",
         )
     longest = min(LONGEST_STEP, robot.twin_physics_dt)
@@ -180,7 +189,7 @@ class MotorChoice:
                 )
         if self.actuator == "fleet":
             fleet = load_robot_fleet(robot, self.fleet)
-            return lambda rng: PhysicalActuator(fleet.sample(rng, robot.num_joints))
+            return lambda rng: PhysicalActuator(fleet.sample(robot.num_joints, rng))
         if self.actuator == "pd":
             return self._pd(robot)
         if self.prior is None:
@@ -190,9 +199,12 @@ class MotorChoice:
             )  # fmt: skip
         prior = load_prior(self.prior, robot, self.physics_dt(robot))
         if self.posterior is None:
-            return lambda rng: prior.sample(rng, robot.num_joints)
-        posterior = _load_posterior(self.posterior, self.prior, prior, robot)
-        return lambda rng: posterior.sample(prior, rng, robot.num_joints)
+            return lambda rng: prior.sample(robot.num_joints, rng)
+        try:
+            posterior = _of_the_robot(MotorPosterior.load(self.posterior, prior), robot)
+        except ConfigError as error:
+            raise ConfigError(error.problem, where=self.posterior, remedy=error.remedy) from error
+        return lambda rng: posterior.sample(robot.num_joints, rng)
 
     def _pd(self, robot: Robot) -> DrawMotors:
         nominal, changes = self.nominal(robot), {}
@@ -216,34 +228,19 @@ class MotorChoice:
         return values
 
 
-def _load_posterior(path: Path, prior_path: Path, prior: MotorPrior, robot: Robot) -> MotorPosterior:
-    """A posterior of that very prior, of one motor or of the robot's.
-
-    Raises:
-        ArtifactError: a file that is no posterior.
-        ConfigError: of another prior, or of another number of motors.
-    """
-    posterior = MotorPosterior.load(path)
-    if posterior.prior_sha256 != digest(prior_path):
-        raise ConfigError(f"it is no posterior of {prior_path}", where=path, remedy="adapt that prior to the log anew")
-    posterior.sample(prior, np.random.default_rng(0), robot.num_joints)
-    return _in_the_robots_order(posterior, robot, path)
-
-
-def _in_the_robots_order(posterior: MotorPosterior, robot: Robot, path: Path) -> MotorPosterior:
+def _of_the_robot(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
     """Motors that have the names of the robot's joints, in the robot's order; motors of a bench as they are.
 
     Raises:
-        ConfigError: some names are of the robot's joints and others are not.
+        ConfigError: of neither one motor nor the robot's number, or some names are the robot's joints and others not.
     """
+    posterior.sample(robot.num_joints, 0)
     names = posterior.joint_names
     unknown = sorted(set(names) - set(robot.joint_names))
     if len(names) == 1 or len(unknown) == len(names):
         return posterior
     if unknown:
-        raise ConfigError(
-            f"joints {unknown} are not {robot.name}'s", where=path, remedy=f"name them {list(robot.joint_names)}"
-        )
+        raise ConfigError(f"joints {unknown} are not {robot.name}'s", remedy=f"name them {list(robot.joint_names)}")
     order = [names.index(name) for name in robot.joint_names]
     return replace(
         posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=robot.joint_names,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_log, write_log
-from motorprior.logs.puppersim import read_puppersim_log
+from motorprior.logs.parquet_io import write_log
+from motorprior.logs.registry import read_log
 from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -30,13 +30,6 @@ class LogsImport:
     motor, which `adapt` needs. At the robot's physics step unless another period is given."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
-
-
-def read_any(path: Path, robot: Robot) -> MotorLog:
-    """Read a motor log, a recording of `motorprior record` or `deploy`, or a log in the format of puppersim."""
-    if path.suffix == ".parquet":
-        return read_log(path)
-    return read_robot_run(path, robot) if is_robot_run(path) else read_puppersim_log(path, robot)
 
 
 def require_paths(paths: tuple[Path, ...]) -> None:
@@ -80,7 +73,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         LogError: it cannot be read.
     """
     if config.period is None and not config.hung:
-        return read_any(path, robot)
+        return read_log(path, robot)
     if not is_robot_run(path):
         raise ConfigError(
             "a period or a load is for recordings of `motorprior record` and `deploy`", where=path,

@@ -36,7 +36,7 @@ RECIPE = Schema(
 """The entries of a Preset."""
 
 
-def recipe_of(prior: MotorPrior, where: Path) -> Preset:
+def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     """The recipe a prior was trained with.
 
     Raises:
@@ -52,7 +52,7 @@ def recipe_of(prior: MotorPrior, where: Path) -> Preset:
     return preset
 
 
-def _require_fit(preset: Preset, prior: MotorPrior, where: Path) -> None:
+def _require_fit(preset: Preset, prior: MotorPrior, where: str | Path) -> None:
     network, named = prior.network, PRESETS.get(prior.preset)
     fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature) == (
         network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature,

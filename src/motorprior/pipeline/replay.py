@@ -16,9 +16,9 @@ from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.puppersim import read_puppersim_logs
+from motorprior.logs.registry import read_log
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.raw_logs import read_any
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -79,9 +79,9 @@ def read_logs(path: Path, robot: Robot) -> tuple[dict[str, MotorLog], dict[str, 
         LogError: a log that cannot be read or replayed.
     """
     if path.is_file():
-        logs = {path.name.split(".")[0]: read_any(path, robot)}
+        logs = {path.name.split(".")[0]: read_log(path, robot)}
     elif found := sorted(path.glob("*.parquet")):
-        logs = {file.stem: read_any(file, robot) for file in found}
+        logs = {file.stem: read_log(file, robot) for file in found}
     else:
         logs = read_puppersim_logs(path, robot)
     return logs, {name: prepare(log, robot, f"{path}, log {name}") for name, log in logs.items()}
@@ -124,8 +124,8 @@ def _replay_models(
     models: dict[str, list[Actuator]] = {
         "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
         "physical": [PhysicalActuator(fleet.center(robot.num_joints))],
-        "physical_draws": [PhysicalActuator(fleet.sample(rng, robot.num_joints)) for _ in range(config.draws)],
-        prior.preset: [prior.sample(rng, robot.num_joints) for _ in range(config.draws)],
+        "physical_draws": [PhysicalActuator(fleet.sample(robot.num_joints, rng)) for _ in range(config.draws)],
+        prior.preset: [prior.sample(robot.num_joints, rng) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():

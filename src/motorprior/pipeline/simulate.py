@@ -1,4 +1,4 @@
-"""A simulated robot plays an excitation on motors of one's choice; what it did is a motor log with known loads."""
+"""A simulated robot plays position targets on motors of one's choice; an excitation so played is a motor log."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.excitation import excitation_named
-from motorprior.bounds import require_number, require_seed
+from motorprior.bounds import generator_of, require_finite, require_number, require_seed
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.parquet_io import write_log
-from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, working
-from motorprior.robots.load import load_robot
+from motorprior.robots.load import as_robot, load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.hung_load import with_loads
-from motorprior.simulation.replay import replay
+from motorprior.simulation.replay import Replay, replay
 from motorprior.simulation.world import World, WorldConfig
 
 LOG = "log.parquet"
@@ -71,6 +71,38 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
         log = simulated_log(robot, motors, targets, config.motors.physics_dt(robot))
         write_log(config.out / LOG, with_loads(log, robot))
         task.advance()
+
+
+def simulate(
+    robot: Robot | str | Path,
+    motors: MotorSource,
+    targets: np.ndarray,
+    *,
+    seed: int | np.random.Generator = 0,
+    hung: bool = False,
+) -> Replay:
+    """Hold each row of ``targets`` for one control step of the robot, from rest in its nominal pose.
+
+    Args:
+        robot: a name, the path of a .toml file, or what `load_robot` gave; with legs or without.
+        motors: one per joint, or a prior, posterior or fleet to draw them from.
+        targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``.
+        seed: of the draw, where ``motors`` is something to draw from.
+        hung: hold a free base in the air.
+
+    Returns:
+        Angles [rad] and torques [N·m] of every physics step, encoders and base of every control step.
+
+    Raises:
+        ConfigError: motors or targets that do not fit the robot.
+        ArtifactError: a robot that cannot be read.
+        SimulationFault: the simulation broke down.
+    """
+    robot = as_robot(robot)
+    draw, physics_dt = drawn_from(motors, robot)
+    wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
+    world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=hung))
+    return replay(world, draw(generator_of(seed)), wanted)
 
 
 def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:

@@ -33,7 +33,7 @@ def measure_speed(
         progress: where to report to.
     """
     prior, fleet = load_prior(prior_path, robot), load_robot_fleet(robot, fleet_name)
-    learned = prior.sample(np.random.default_rng(0), robot.num_joints)
+    learned = prior.sample(robot.num_joints, np.random.default_rng(0))
     actuators: dict[str, tuple[Actuator, float]] = {
         "ideal_pd": (nominal_pd(fleet, robot.num_joints), robot.physics_dt),
         "rollout": (learned, robot.physics_dt),

@@ -17,7 +17,7 @@ TWIN_STREAM = 0x7710
 
 def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
     """The motors of virtual robot number ``seed``."""
-    return fleet.sample(np.random.default_rng([TWIN_STREAM, seed]), robot.num_joints)
+    return fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed]))
 
 
 class TwinBody:

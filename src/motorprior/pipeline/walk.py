@@ -7,9 +7,11 @@ import time
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
@@ -104,7 +106,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
             executor.close()
         _policy(config, robot, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
-        _note_faults(curve, 2 * config.search.num_directions, progress)
+        note_faults(curve, 2 * config.search.num_directions, progress)
         remove(config.out, CHECKPOINT)
 
 
@@ -147,7 +149,7 @@ def _train(
 
             def report(point: Iteration, best: Champion) -> None:
                 nonlocal latest, saved
-                curve.append(asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}})
+                curve.append(as_point(point))
                 latest = _checkpoint(search, best)
                 task.advance(1, f"return {point.mean_return:.2f} m")
                 if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
@@ -161,7 +163,12 @@ def _train(
     return champion, curve
 
 
-def _note_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
+def as_point(point: Iteration) -> dict[str, Any]:
+    """A point of the curve, with its faults by name."""
+    return asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}}
+
+
+def note_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
     """Say which episodes of the training were no physics; each of them ended there, without reward."""
     faults = sum((Counter(point.get("faults", {})) for point in curve), Counter())
     for name, count in faults.items():
@@ -169,7 +176,29 @@ def _note_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
 
 
 def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
-    nominal = config.motors.nominal(robot)
+    provenance = {
+        "motors": config.motors.as_json(config.out),
+        "search": asdict(config.search),
+        "task": asdict(config.task),
+        "start_sha256": None if config.start is None else digest(config.start),
+        "iterations": config.iterations,
+        "episode_steps": config.episode_steps,
+        "engine": config.engine,
+        "roughness": config.roughness,
+        "randomization": config.randomization.as_json(),
+    }
+    return policy_of(robot, champion, config.motors.nominal(robot), provenance)
+
+
+def policy_of(robot: Robot, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
+    """The champion as a policy.
+
+    Args:
+        robot: that it commands.
+        champion: what training found.
+        nominal: the gains that its motors run with.
+        provenance: how it was trained.
+    """
     return Policy(
         weights=champion.weights,
         observation_mean=champion.mean,
@@ -179,19 +208,7 @@ def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
         control_dt=robot.control_dt,
         robot=robot.name,
         joint_names=robot.joint_names,
-        provenance={
-            "motors": config.motors.as_json(config.out),
-            "search": asdict(config.search),
-            "task": asdict(config.task),
-            "start_sha256": None if config.start is None else digest(config.start),
-            "iterations": config.iterations,
-            "iteration": champion.iteration,
-            "own_return": champion.score,
-            "episode_steps": config.episode_steps,
-            "engine": config.engine,
-            "roughness": config.roughness,
-            "randomization": config.randomization.as_json(),
-        },
+        provenance=provenance | {"iteration": champion.iteration, "own_return": champion.score},
     )
 
 

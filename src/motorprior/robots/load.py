@@ -74,6 +74,11 @@ def load_robot(name_or_path: str | Path) -> Robot:
     return _from_table(_read(path), path)
 
 
+def as_robot(robot: Robot | str | Path) -> Robot:
+    """The robot itself, or `load_robot` of its name or path."""
+    return robot if isinstance(robot, Robot) else load_robot(robot)
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))

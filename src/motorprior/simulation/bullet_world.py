@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import (
@@ -32,6 +31,7 @@ from motorprior.actuator.torque_law import (
     reset_actuator,
     step_actuator,
 )
+from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.model import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.simulation.randomization import Conditions, nominal_conditions

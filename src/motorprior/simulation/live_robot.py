@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
+from motorprior.compiled import njit
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.model import FLOOR

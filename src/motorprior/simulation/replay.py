@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
+from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
 from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
 from motorprior.bounds import require_count, require_finite
+from motorprior.compiled import njit
 from motorprior.locomotion.body import Body, action_size, body_of, observation_size
 from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
 from motorprior.locomotion.policy import act

@@ -13,11 +13,11 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.latent import LatentActuator
+from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size, body_of, observation_size
 from motorprior.locomotion.control_step import command_step

@@ -10,11 +10,11 @@ from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numba import njit
 from numba.typed import List
 
 from motorprior.actuator.borrowed import borrowed
 from motorprior.bounds import require_count, require_finite
+from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.env import observation_bounds

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.simulation.fatal_errors import install_handler

@@ -24,7 +24,7 @@ DURATION_STEPS = 500
 def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
     """The motors of one twin."""
     own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
-    return PhysicalActuator(fleet.sample(own, robot.num_joints))
+    return PhysicalActuator(fleet.sample(robot.num_joints, own))
 
 
 def twin_simulator(robot: Robot, fleet: Fleet) -> WalkSimulator:

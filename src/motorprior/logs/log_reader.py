@@ -1,0 +1,39 @@
+"""What a reader of log files says about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class LogReader:
+    """A file format that becomes a `MotorLog`; its own file makes one.
+
+    Attributes:
+        name: of the format, for messages.
+        endings: of the names of its files, each with its dot.
+        recognises: (path) whether a file with such an ending is one; a LogError if it cannot be read.
+        read: (path, robot) its log; a LogError if it is damaged. The robot is None where none was given.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    recognises: Callable[[Path], bool]
+    read: Callable[[Path, Robot | None], MotorLog]
+
+
+def require_given(robot: Robot | None, path: Path) -> Robot:
+    """The robot, which a file that does not name its joints is nothing without.
+
+    Raises:
+        ConfigError: none was given.
+    """
+    if robot is None:
+        raise ConfigError("it does not say of which robot it is", where=path, remedy="give robot", argument="robot")
+    return robot

@@ -1,0 +1,40 @@
+"""Every log format that can be read: a new one is a file with its `LogReader`, and a line here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from motorprior.exceptions import LogError
+from motorprior.logs.log_reader import LogReader
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import PARQUET
+from motorprior.logs.puppersim import PUPPERSIM
+from motorprior.logs.robot_run import ROBOT_RUN
+from motorprior.robots.robot import Robot
+
+READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM)
+"""In the order in which they are asked."""
+
+
+def read_log(path: str | Path, robot: Robot | None = None) -> MotorLog:
+    """Read a log in any known format: a motor log, a recording of a robot, or a log of jietan/puppersim.
+
+    Args:
+        path: the file.
+        robot: that was recorded; motor logs (.parquet) name it themselves and need none.
+
+    Returns:
+        The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
+
+    Raises:
+        LogError: no such file, a format that nobody knows, or a damaged file; names row and column.
+        ConfigError: the format needs a robot and none was given.
+    """
+    path = Path(path)
+    for reader in READERS:
+        if path.name.endswith(reader.endings) and reader.recognises(path):
+            return reader.read(path, robot)
+    if not path.is_file():
+        raise LogError("no such file", where=path, remedy="check the path")
+    known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
+    raise LogError("not a log that can be read", where=path, remedy=f"give one of: {known}")

@@ -1,0 +1,97 @@
+"""A walking policy from objects: robot and motors in, policy out, nothing on disk."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.fleet import Fleet
+from motorprior.bounds import require_count, require_seed
+from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.walk import MOST_WORKERS, as_point, note_faults, policy_of
+from motorprior.robots.load import as_robot
+from motorprior.robots.robot import Robot
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import make_executor
+from motorprior.search.train import Champion, Iteration, contest, new_search, train
+from motorprior.simulation.engines import Scene
+from motorprior.simulation.rollout import WalkConfig
+
+
+def train_policy(
+    robot: Robot | str | Path,
+    motors: MotorSource,
+    *,
+    iterations: int = 200,
+    seed: int = 0,
+    workers: int | None = None,
+    episode_steps: int = 250,
+    start: Policy | None = None,
+    progress: Progress = SILENT,
+) -> Policy:
+    """Train a walking policy by augmented random search in MuJoCo, on motors drawn anew every episode.
+
+    Args:
+        robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.
+        motors: a prior, a posterior or a fleet to draw from; motors, the same in every episode; or a function that
+            draws them from a generator.
+        iterations: of the search, 32 episodes each.
+        seed: of the search and of the draws; same arguments, same bytes, whatever ``workers``.
+        workers: episodes at a time; two, or as many as there are cores, if not given.
+        episode_steps: control steps per episode.
+        start: a policy to go on from; a trot in place if not given. What comes out is never worse on its own motors.
+        progress: where to report to.
+
+    Returns:
+        The best policy on the way.
+
+    Raises:
+        ConfigError: a robot without legs, motors that do not fit it, or a number out of range.
+        ArtifactError: a robot that cannot be read.
+        SimulationFault: too many episodes broke down.
+    """
+    robot = as_robot(robot)
+    robot.require_legs()
+    workers = min(2, os.cpu_count() or 1) if workers is None else workers
+    for name, value, most in (
+        ("iterations", iterations, None), ("episode_steps", episode_steps, None), ("workers", workers, MOST_WORKERS),
+    ):  # fmt: skip
+        require_count(name, value, 1, most)
+    require_seed(seed)
+    draw, physics_dt = drawn_from(motors, robot)
+    config, walk = ArsConfig(seed=seed), WalkConfig(episode_steps)
+    scene = Scene(robot, "mujoco", draw, physics_dt, walk)
+    if start is not None:
+        start.require_robot(robot, "start")
+    search, champion = new_search(config, robot.num_joints, start), Champion.none_yet(robot.num_joints)
+    curve: list[dict[str, Any]] = []
+    executor = make_executor(scene.simulator, workers)
+    try:
+        with progress.start(f"train: {iterations} iterations", iterations) as task:
+
+            def report(point: Iteration, best: Champion) -> None:
+                curve.append(as_point(point))
+                task.advance(1, f"return {point.mean_return:.2f} m")
+
+            if start is not None:  # what nothing improves on is kept
+                champion = contest(search, executor, champion)
+            champion = train(search, executor, iterations, champion, report)
+    finally:
+        executor.close()
+    note_faults(curve, 2 * config.num_directions, progress)
+    provenance = {
+        "motors": str(type(motors).__name__), "search": asdict(config), "task": asdict(TaskWeights()),
+        "iterations": iterations, "episode_steps": episode_steps, "engine": "mujoco",
+    }  # fmt: skip
+    return policy_of(robot, champion, _nominal(robot, motors), provenance)
+
+
+def _nominal(robot: Robot, motors: MotorSource) -> IdealPd:
+    """The gains that the robot's own motors run with: a fleet's, or those that the robot is known for."""
+    return nominal_pd(motors, robot.num_joints) if isinstance(motors, Fleet) else MotorChoice().nominal(robot)
