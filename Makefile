@@ -14,7 +14,7 @@ ARGS ?=
 BIN := .venv/bin
 
 # Files run in parallel; the third worker has the tests that wait for virtual robots in real time.
-PYTEST := $(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder
+PYTEST := $(BIN)/pytest -n 3 --dist loadscope --no-loadscope-reorder
 
 .PHONY: demo test test-all lock clean
 .DELETE_ON_ERROR:
