@@ -7,7 +7,7 @@ import pytest
 
 FATAL = """
 import contextlib, ctypes, sys, threading, time
-from motorprior.simulation import saved_on_fatal_error
+from motorprior.simulation import fatal_errors
 from motorprior.simulation.mj_call import library
 
 def rescue():
@@ -18,8 +18,8 @@ def rescue():
     return "7 iterations are kept"
 
 die = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(("mju_error", library()))
-saved_on_fatal_error.install_handler()
-with contextlib.nullcontext() if sys.argv[1] == "none" else saved_on_fatal_error.saved_on_fatal_error(rescue):
+fatal_errors.install_handler()
+with contextlib.nullcontext() if sys.argv[1] == "none" else fatal_errors.saved_on_fatal_error(rescue):
     threads = [threading.Thread(target=die, args=(b"out of memory",)) for _ in range(3)]
     for thread in threads:
         thread.start()
