@@ -353,7 +353,7 @@ BROKEN_PUPPER_LOGS = {
     "repeated time": (edit_cell(5, 0, "0.04"), ("row 5", "0.04", "repeats")),
     "joint count": (drop_last_joint, ("28 columns, expected 29",)),
     "header only": (lambda path: path.write_text(path.read_text().splitlines()[0] + "\n"), ("no rows",)),
-    "no log": (Path.unlink, ("no log of a real Pupper", "jietan/puppersim")),
+    "no log": (Path.unlink, ("no log of a real robot", "jietan/puppersim")),
 }
 
 
