@@ -12,7 +12,7 @@ from z), and with one thing changed:
     robot_loads        a bench whose load inertias are those that the joints of the walking robot see
     grey_box           preset rollout
 Figures: RMSE of the joint over free runs of 0.4 s under other excitations of the same motors, started from the recorded
-state, median over motors [mrad]; figures.json, alternatives.md.
+state, median over motors [mrad]; results.json, figures.json, alternatives.md.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import optax
 import tyro
 
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.artifacts import write_json, write_text
+from motorprior.artifacts import write_text
 from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS as BENCHES
@@ -45,6 +45,8 @@ from motorprior.identification.objectives import POSITION_SCALE, VELOCITY_SCALE,
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.train import identify
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, TrainingData, draw, training_data
+from motorprior.pipeline.stage import write_results
+from motorprior.results import Result, Results
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.replay import replay
@@ -204,19 +206,20 @@ def free_run_error(run: Callable, parameters: Parameters, z: jnp.ndarray, held_o
     return 1e3 * float(np.median(np.sqrt(np.mean(np.square(np.asarray(errors)), axis=(0, 1)))))
 
 
-def compare(settings: Settings) -> dict[str, float]:
-    """rmse_mrad/NAME and seconds/NAME."""
+def compare(settings: Settings) -> Results:
+    """rmse_mrad and seconds of every model."""
     fleet = load_fleet(settings.fleet)
     motors = training_motors(fleet, MOTORS, 0)
     held_log = record(motors, BENCHES["adapt"], 5000, 77, fleet)
     benches = {"bench": BENCHES["rollout"]}
     benches["robot_loads"] = replace(BENCHES["rollout"], load_inertia=measured_inertias(settings.fleet))
     logs = {name: record(motors, bench, ROWS, 0, fleet) for name, bench in benches.items()}
-    figures: dict[str, float] = {}
+    results = Results()
 
     def note(name: str, seconds: float, error: float) -> None:
-        figures.update({f"rmse_mrad/{name}": error, f"seconds/{name}": seconds})
-        write_json(settings.out / "figures.json", figures)
+        nonlocal results
+        results += Results((Result("rmse_mrad", "mrad", error, name), Result("seconds", "s", seconds, name)))
+        write_results(settings.out, results)
         print(f"{name}: {error:.1f} mrad, {seconds:.0f} s", flush=True)
 
     variants = {
@@ -235,7 +238,7 @@ def compare(settings: Settings) -> dict[str, float]:
         run = box.rollout(free, data.scales)
         note(name, seconds, free_run_error(run, parameters, z, held_out, free.history + FREE_STEPS))
     grey_box(settings, logs["bench"], held_log, note)
-    return figures
+    return results
 
 
 def grey_box(settings: Settings, log: Any, held_log: Any, note: Callable[[str, float, float], None]) -> None:
@@ -258,10 +261,11 @@ def grey_box(settings: Settings, log: Any, held_log: Any, note: Callable[[str, f
 def main() -> None:
     """Measure, write and print."""
     settings = tyro.cli(Settings, description=__doc__)
-    figures = compare(settings)
+    results = compare(settings)
     lines = ["| decoder or training | free runs [mrad] | s |", "|---|---|---|"]
-    for name in (key.partition("/")[2] for key in figures if key.startswith("rmse_mrad/")):
-        lines.append(f"| {name} | {figures[f'rmse_mrad/{name}']:.1f} | {figures[f'seconds/{name}']:.0f} |")
+    for name in results.distinct("model"):
+        error, seconds = (results.value(quantity=quantity, model=name) for quantity in ("rmse_mrad", "seconds"))
+        lines.append(f"| {name} | {error:.1f} | {seconds:.0f} |")
     write_text(settings.out / "alternatives.md", "\n".join(lines) + "\n")
 
 

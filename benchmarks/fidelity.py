@@ -12,19 +12,22 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_json, write_text
+from motorprior.artifacts import write_text
 from motorprior.bench.facts import LOG, read_bench
 from motorprior.identification.validate import Ensemble, Prediction
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.held_out import held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import description, is_finished, seconds_of, working
-from motorprior.pipeline.validate import Validate, fidelity_figures, load_priors, run_validate
+from motorprior.pipeline.stage import description, is_finished, seconds_of, working, write_results
+from motorprior.pipeline.validate import Validate, fidelity, load_priors, run_validate
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.transfer.metrics import COLUMNS
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -89,8 +92,8 @@ def fit_with_play(settings: Settings) -> Path:
     return folder / PRIOR
 
 
-def measure(settings: Settings) -> dict[str, float]:
-    """All figures; those of the position-only prior and of the ensemble under names of their own."""
+def measure(settings: Settings) -> Results:
+    """Everything; the position-only prior and the ensemble are models of their own names."""
     for preset in ("rollout", "paper"):
         run_bench(
             Bench(
@@ -99,67 +102,69 @@ def measure(settings: Settings) -> dict[str, float]:
             PROGRESS,
         )
     priors = (*(identify(settings, preset, preset) for preset in PRESETS), fit_with_play(settings))
-    figures = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
+    results = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
     blind = identify(settings, "rollout", "position_only", torque=False)
     found = run_validate(Validate((blind,), settings.out / "validate" / "position_only", settings.seed), PROGRESS)
-    figures |= {
-        name.replace("/rollout", "/position_only"): value for name, value in found.items() if "/rollout" in name
-    }
-    return figures | ensemble_figures(settings)
+    return results + found.where(model="rollout").having(model="position_only") + ensemble(settings)
 
 
-def ensemble_figures(settings: Settings) -> dict[str, float]:
-    """METRIC/ensemble/M of one_network with MEMBERS seeds; without latents it is the same model for all motors."""
+def ensemble(settings: Settings) -> Results:
+    """One_network with MEMBERS seeds; without latents it is the same model for all motors."""
+    robot = load_robot(DEFAULT_ROBOT)
     paths = [identify(settings, "one_network", f"member_{seed}", seed) for seed in range(1, MEMBERS + 1)]
-    members, facts = [MotorPrior.load(path) for path in paths], load_priors((paths[0],))[1]
+    members, facts = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
     model: dict[str, Prediction] = {
         "ensemble": lambda index: Ensemble(tuple(member.training_motors(index) for member in members))
     }
-    figures = {}
+    results = Results((Result("identify_seconds", "s", sum(seconds_of(path.parent) for path in paths), "ensemble"),))
     with PROGRESS.start("the ensemble: bench, standing robot, hung robot, twice", 6) as task:
         for which, motors in (("train", facts.physical_motors()), ("held_out", held_out_motors(facts))):
-            found = fidelity_figures(motors, model, settings.seed, task)
-            figures |= {f"{name}/{which}": value for name, value in found.items() if name.endswith("/ensemble")}
-    seconds = [seconds_of(path.parent) for path in paths]
-    return figures | {"identify_seconds/ensemble": float(np.sum(seconds))}
+            found = fidelity(robot, motors, model, which, settings.seed, task)
+            results += found.where(model="ensemble", quantity=COLUMNS)
+    return results
 
 
-def table(figures: dict[str, float], motors: str) -> str:
+def table(results: Results, motors: str) -> str:
     """Markdown: one row per model; RMSE [mrad], medians, and means in brackets.
 
     Torque above 20 Hz is a ratio to the physical motors' own: more is chatter, less is missing life.
     """
-    prefix, ending = "bench_impact_rmse/", f"/{motors}"
-    models = [name[len(prefix) : -len(ending)] for name in figures if name.startswith(prefix) and name.endswith(ending)]
-    models.sort(key=lambda model: -figures[f"{prefix}{model}{ending}"])
+    here = results.where(motors=motors)
+    errors = here.where(quantity="bench_impact_rmse", statistic="median")
     lines = [
         "| model | gait + impacts [mrad] | chirp [mrad] | standing [mrad] | hung [mrad] | torque > 20 Hz over the "
         "physical motors': standing | hung | s |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for model in models:
-        errors = (
-            f"{1e3 * figures[f'{column}/{model}{ending}']:.1f} ({1e3 * figures[f'{column}_mean/{model}{ending}']:.1f})"
-            for column in RMSE
-        )
-        ratios = (
-            f"{figures[f'{column}/{model}{ending}'] / figures[f'{column}/physical{ending}']:.2f} "
-            f"({figures[f'{column}_mean/{model}{ending}'] / figures[f'{column}_mean/physical{ending}']:.2f})"
-            for column in TORQUE
-        )
-        seconds = figures.get(f"identify_seconds/{model}")
-        lines.append(f"| {' | '.join((model, *errors, *ratios, '' if seconds is None else f'{seconds:.0f}'))} |")
+    for model in sorted(errors.distinct("model"), key=lambda model: -errors.value(model=model)):
+        cells = [cell(here, quantity, model, ".1f", 1e3) for quantity in RMSE]
+        cells += [cell(here, quantity, model, ".2f", 1.0, over="physical") for quantity in TORQUE]
+        seconds = results.where(quantity="identify_seconds", model=model)
+        cells.append("".join(f"{row.value:.0f}" for row in seconds))
+        lines.append(f"| {model} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
+def cell(results: Results, quantity: str, model: str, form: str, factor: float, over: str | None = None) -> str:
+    """Median and, in brackets, mean of a quantity; as a ratio to those of the model ``over``, if given."""
+    found = results.where(quantity=quantity)
+    median, mean = (
+        factor
+        * found.value(model=model, statistic=statistic)
+        / (1.0 if over is None else found.value(model=over, statistic=statistic))
+        for statistic in ("median", "mean")
+    )
+    return f"{median:{form}} ({mean:{form}})"
+
+
 def main() -> None:
-    """Measure, write figures.json and tables.md, print the tables."""
+    """Measure, write results.json, figures.json and tables.md, print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    figures = measure(settings)
-    write_json(settings.out / "figures.json", figures)
+    results = measure(settings)
+    write_results(settings.out, results)
     text = "\n\n".join(
-        f"{motors.replace('_', '-')} motors\n\n{table(figures, motors)}" for motors in ("train", "held_out")
+        f"{motors.replace('_', '-')} motors\n\n{table(results, motors)}" for motors in ("train", "held_out")
     )
     write_text(settings.out / "tables.md", text + "\n")
     print(text)

@@ -37,7 +37,7 @@ import numpy as np
 
 from hardware_reactions import MOST_FAULTS, WORDS, NotMeasuredError, deploy, reactions, signal_to_idle, virtual_robot
 from motorprior.exceptions import MotorPriorError, RobotFault
-from motorprior.hardware.control_loop import Timing, clock_figures, quantiles_ms
+from motorprior.hardware.control_loop import Timing, clock_results, quantiles_ms
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
@@ -91,9 +91,9 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
     if not delays:
         raise NotMeasuredError("no walk was longer than its ramp")
-    figures = clock_figures(runs, policy.control_dt)
+    results = clock_results(runs, policy.control_dt) + quantiles_ms("end_to_end_ms", np.concatenate(delays))
+    figures = results.to_figures()
     print(f"  {figures}", file=sys.stderr)
-    figures |= quantiles_ms("end_to_end_ms", np.concatenate(delays))
     figures |= {f"fault/{kind}": float(count) for kind, count in sorted(faults.items())}
     return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults.total())}
 

@@ -22,6 +22,9 @@ from motorprior.bench.record import bench_preset, record
 from motorprior.identification.validate import HELD_OUT_SEED, bench_errors
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
 from motorprior.pipeline.validate import load_priors
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 CHANGES: dict[str, dict[str, float]] = {
     "none": {},
@@ -47,12 +50,12 @@ class Settings:
     """File for the figures."""
 
 
-def measure(path: Path) -> dict[str, float]:
-    """The figures."""
-    priors, facts = load_priors((path,))
+def measure(path: Path) -> Results:
+    """For every change: the share that is noticed, and the error all the same."""
+    priors, facts = load_priors(load_robot(DEFAULT_ROBOT), (path,))
     (prior,) = priors.values()
     own = facts.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, facts.seed, STREAM]))
-    figures: dict[str, float] = {}
+    rows: list[Result] = []
     for seconds in SECONDS:
         for name, change in CHANGES.items():
             motors = replace(own, **{constant: factor * getattr(own, constant) for constant, factor in change.items()})
@@ -62,23 +65,25 @@ def measure(path: Path) -> dict[str, float]:
             chance = judge(prior, path, log, name, found).chance
             model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
             error = bench_errors(motors, model, facts.seed)["impacts"]["model"]
-            figures[f"noticed/{name}/{seconds:g}"] = float(np.mean(chance < FALSE_ALARMS))
-            figures[f"rmse_mrad/{name}/{seconds:g}"] = 1e3 * float(np.median(error))
-    return figures
+            noticed, rmse = float(np.mean(chance < FALSE_ALARMS)), 1e3 * float(np.median(error))
+            rows.append(Result("noticed", "1", noticed, part=name, seconds=seconds))
+            rows.append(Result("rmse_mrad", "mrad", rmse, part=name, seconds=seconds))
+    return Results.of(rows)
 
 
 def main() -> None:
     """Measure, print a table, write."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    figures = measure(settings.prior)
+    results = measure(settings.prior)
     print(f"| motors of the fleet with | {' | '.join(f'noticed, {s:g} s | error [mrad]' for s in SECONDS)} |")
     print("|---" * (1 + 2 * len(SECONDS)) + "|")
     for name in CHANGES:
-        cells = [f"{figures[f'noticed/{name}/{s:g}']:.2f} | {figures[f'rmse_mrad/{name}/{s:g}']:.1f}" for s in SECONDS]
+        found = [results.where(part=name, seconds=seconds) for seconds in SECONDS]
+        cells = [f"{one.value(quantity='noticed'):.2f} | {one.value(quantity='rmse_mrad'):.1f}" for one in found]
         print(f"| {name} | {' | '.join(cells)} |")
     if settings.json is not None:
-        write_json(settings.json, figures)
+        write_json(settings.json, results.to_figures())
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@
 
 Learning rates of a third, one and three times the preset's; then, at the best of them, twice the steps. The motors of
 this bench, seed 1, are in no table of docs/fidelity.md; what is judged is the figure of those tables: the closed-loop
-error on held-out gait and impacts of the motors trained on, at their posterior means. Writes tuning.md, figures.json:
-    rmse_mrad/PRESET/LEARNING_RATE/STEPS    median over motors; the largest number of all where the training diverged
+error on held-out gait and impacts of the motors trained on, at their posterior means. Writes tuning.md, results.json,
+figures.json:
+    rmse_mrad/POINT/PRESET    median over motors; the largest number of all where the training diverged
 per_motor_play is fitted by a search and Gauss-Newton, tuned_pd by Nelder-Mead: they have no learning rate.
 """
 
@@ -25,7 +26,10 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.validate import bench_errors
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.stage import code_digest, digest, fleet_files
+from motorprior.pipeline.stage import RESULTS, code_digest, digest, fleet_files, read_results, write_results
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 FACTORS = (1 / 3, 1.0, 3.0)
 SEED = 1
@@ -60,30 +64,44 @@ def error(bench: Path, preset: Preset) -> float:
     return 1e3 * float(np.median(bench_errors(motors, models, SEED)["impacts"][name]))
 
 
-def tune(settings: Settings) -> dict[str, float]:
+def tune(settings: Settings) -> Results:
     """The grid; written after every training, so that an interrupted run goes on."""
-    path, stage = settings.out / "figures.json", settings.out / "identity.json"
-    wanted = {"code": code_digest("identify"), "fleet": [digest(file) for file in fleet_files(settings.fleet)]}
-    same = stage.exists() and path.exists() and read_json(stage) == wanted
-    figures: dict[str, float] = read_json(path) if same else {}
+    stage, files = settings.out / "identity.json", fleet_files(load_robot(DEFAULT_ROBOT), settings.fleet)
+    wanted = {"code": code_digest("identify"), "fleet": [digest(file) for file in files]}
+    same = stage.exists() and (settings.out / RESULTS).exists() and read_json(stage) == wanted
+    results = read_results(settings.out) if same else Results()
     write_json(stage, wanted)
     for bench in ("rollout", "paper"):
         run_bench(Bench(settings.out / "bench" / bench, settings.fleet, bench, seed=SEED))
+
+    def measured(name: str, preset: Preset) -> float:
+        nonlocal results
+        bench = settings.out / "bench" / ("paper" if name == "paper" else "rollout")
+        if not results.where(model=name, part=point(preset)):
+            results += Results((Result("rmse_mrad", "mrad", error(bench, preset), name, part=point(preset)),))
+            write_results(settings.out, results)
+            print(f"{name}, {point(preset)}: {shown(results.rows[-1].value)}", flush=True)
+        return results.value(model=name, part=point(preset))
+
     for name in settings.presets:
-        bench, shipped = settings.out / "bench" / ("paper" if name == "paper" else "rollout"), PRESETS[name]
+        best = min(rates(PRESETS[name]), key=lambda preset, name=name: measured(name, preset))
+        measured(name, doubled(best))
+    return results
 
-        def measured(preset: Preset, name: str = name, bench: Path = bench) -> float:
-            key = f"rmse_mrad/{name}/{preset.learning_rate:.3g}/{preset.steps}"
-            if key not in figures:
-                figures[key] = error(bench, preset)
-                write_json(path, figures)
-                print(f"{key}: {shown(figures[key])}", flush=True)
-            return figures[key]
 
-        rates = [replace(shipped, learning_rate=factor * shipped.learning_rate) for factor in FACTORS]
-        best = min(rates, key=measured)
-        measured(replace(best, steps=2 * shipped.steps))
-    return figures
+def rates(shipped: Preset) -> list[Preset]:
+    """The recipe with every learning rate of the grid."""
+    return [replace(shipped, learning_rate=factor * shipped.learning_rate) for factor in FACTORS]
+
+
+def doubled(preset: Preset) -> Preset:
+    """The recipe with twice the steps."""
+    return replace(preset, steps=2 * preset.steps)
+
+
+def point(preset: Preset) -> str:
+    """Of the grid."""
+    return f"rate {preset.learning_rate:.3g}, {preset.steps} steps"
 
 
 def shown(value: float) -> str:
@@ -91,15 +109,16 @@ def shown(value: float) -> str:
     return "diverged" if value == DIVERGED else f"{value:.1f}"
 
 
-def table(figures: dict[str, float]) -> str:
+def table(results: Results) -> str:
     """Markdown: one row per preset."""
     lines = ["| preset | learning rate: a third | shipped | three times | twice the steps at the best |"]
     lines.append("|---|---|---|---|---|")
     for name, shipped in PRESETS.items():
-        once = [figures.get(f"rmse_mrad/{name}/{f * shipped.learning_rate:.3g}/{shipped.steps}") for f in FACTORS]
-        twice = [value for key, value in figures.items() if key.split("/")[1::2] == [name, str(2 * shipped.steps)]]
-        if None not in once and twice:
-            lines.append(f"| `{name}` | " + " | ".join(shown(value) for value in (*once, *twice)) + " |")
+        grid = rates(shipped)
+        points = [tuple(map(point, presets)) for presets in (grid[:1], grid[1:2], grid[2:], map(doubled, grid))]
+        cells = [shown(row.value) for any_of in points for row in results.where(model=name, part=any_of)]
+        if len(cells) == len(points):
+            lines.append(f"| `{name}` | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

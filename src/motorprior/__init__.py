@@ -1,7 +1,7 @@
 """Learn the distribution of a robot's motors from logs, and train policies on samples of it.
 
     import motorprior as mp
-    prior = mp.fit_prior(mp.record_bench("pupper_v2"))    # or of your own logs: mp.read_log
+    prior = mp.fit_prior(mp.record_bench())    # or of your own logs: mp.read_log("log.parquet")
     motors = mp.Motors(prior.sample(12, seed=0), dt=0.002, joint_pos=start)
     torque, damping = motors.step(position_target, joint_pos, joint_vel)
 

@@ -14,7 +14,9 @@ from motorprior.exceptions import ArtifactError
 from motorprior.schema import TEXT, Field, Schema, exactly, integer, number
 
 SCHEMA_VERSION = 1
-_ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"}
+_ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"} | {
+    quantile: f"/{quantile}" for quantile in ("p50", "p99", "max")
+}
 """Of a figure's name, for the statistics that stand beside another one."""
 
 
@@ -28,7 +30,7 @@ class Result:
         value: a finite number.
         model: the actuator model, what a policy was trained on, or the way to simulate.
         motors: which motors: train, held_out; of a walk, own (those it was trained on) or twin.
-        statistic: over motors or draws: median, mean, p05, p95, low, high; none where there is one value only.
+        statistic: over motors or draws: median, mean, low, high, max, p05, p50, p95, p99; none for a single value.
         seed: which of several trainings.
         log: name of a log of the real robot.
         part: joint, excitation or feature, where each has a value of its own.

@@ -96,7 +96,8 @@ class Schema:
         """
         if not TABLE.accepts(table):
             raise ArtifactError(f"{self.name or 'its content'} is not a table", where=where, remedy=self.remedy)
-        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy, self.name)
+        known = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
+        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + known, self.name)
         for key, field in self.fields.items():
             if key in table:
                 require(key, table[key], field, where, self.remedy, self.name)
@@ -139,17 +140,9 @@ def check_tensors(
     remedy: str,
     sizes: Mapping[str, int] | None = None,
 ) -> dict[str, int]:
-    """Refuse arrays that are not the declared ones.
+    """Refuse arrays that are not the declared ones; returns every name of a size with its value.
 
-    Args:
-        tensors: by name.
-        wanted: their declarations; the name of a size gets its value where it occurs first, in this order.
-        where: file.
-        remedy: what to do about it.
-        sizes: names whose values are known before.
-
-    Returns:
-        Every name of a size with its value.
+    A name gets its value from ``sizes``, or where it occurs first, in the order of the declarations.
 
     Raises:
         ArtifactError: names the tensor, what it is and what it should be.
@@ -196,11 +189,7 @@ class Header:
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors, still to be checked, and header of a file.
-
-        Raises:
-            ArtifactError: unreadable, or see `check`.
-        """
+        """Tensors, still to be checked, and header of a file that is readable and passes `check`."""
         tensors, header = read_tensors(path)
         self.check(header, path)
         return tensors, header

@@ -73,7 +73,7 @@ def test_the_walk_whose_engine_nobody_knows_is_refused(
     path = tmp_path / "walk" / "policy.safetensors"
     policy = Policy.load(path)
     replace(policy, provenance={**policy.provenance, "engine": "bullet"}).save(path)
-    refused("transfer", tmp_path / "walk", "--out", tmp_path / "t", words=("engine 'bullet'", "pybullet"))
+    refused("transfer", tmp_path / "walk", "--out", tmp_path / "t", words=("engine = 'bullet'", "pybullet"))
 
 
 def test_randomisation_is_recorded_with_the_result_and_changes_it(motorprior: Command, tmp_path: Path):

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware import control_loop
-from motorprior.hardware.control_loop import ControlLoop, Timing, clock_figures
+from motorprior.hardware.control_loop import ControlLoop, Timing, clock_results
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.real_time import no_garbage_collection
 from motorprior.hardware.telemetry_stream import Measurement
@@ -65,14 +65,14 @@ def play(clock: Clock, work: list[float], after: dict[int, float] | None = None)
 
 
 def test_a_command_that_leaves_late_is_missed_also_if_its_step_began_in_time(clock: Clock):
-    figures = clock_figures([play(clock, [0.0] * 5 + [0.009] + [0.0] * 4)], 0.01)
+    figures = clock_results([play(clock, [0.0] * 5 + [0.009] + [0.0] * 4)], 0.01).to_figures()
     assert figures["missed_share"] == pytest.approx(0.1)
     assert figures["period_jitter_ms/max"] == pytest.approx(9.0, abs=0.1)
 
 
 def test_steps_that_are_left_out_are_missed(clock: Clock):
     timing = play(clock, [0.0] * 10, after={4: 0.025})
-    assert timing.skipped == 2 and clock_figures([timing], 0.01)["missed_share"] == pytest.approx(2 / 12)
+    assert timing.skipped == 2 and clock_results([timing], 0.01).to_figures()["missed_share"] == pytest.approx(2 / 12)
 
 
 def test_the_step_of_a_slow_host_is_in_the_figures(clock: Clock):
@@ -86,7 +86,7 @@ def test_the_step_of_a_slow_host_is_in_the_figures(clock: Clock):
 
     with pytest.raises(RobotFault, match="60 ms late"):
         loop.play(motion, Mode.WALK, timing=timing)
-    figures = clock_figures([timing], 0.01)
+    figures = clock_results([timing], 0.01).to_figures()
     assert figures["period_jitter_ms/max"] == pytest.approx(60.0, abs=0.1)
     assert figures["missed_share"] == pytest.approx(1 / 7)
 
@@ -105,7 +105,7 @@ def test_a_step_that_ends_in_another_fault_is_in_the_figures(clock: Clock):
     loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
     with pytest.raises(RobotFault, match="silent"):
         loop.play(motion, Mode.WALK, timing=timing)
-    figures = clock_figures([timing], 0.01)
+    figures = clock_results([timing], 0.01).to_figures()
     assert figures["period_jitter_ms/max"] == pytest.approx(90.0)
     assert figures["missed_share"] == pytest.approx(1 / 5) and figures["control_steps"] == 4.0
 
@@ -116,12 +116,12 @@ def test_figures_of_a_clock_equal_arithmetic():
     timing.late.extend([0.0, 0.001, 0.006, 0.0, 0.0])
     timing.age.extend([0.002] * 4 + [0.012])
     timing.skipped = 1
-    figures = clock_figures([timing], 0.01)
+    figures = clock_results([timing], 0.01).to_figures()
     assert figures["period_jitter_ms/max"] == pytest.approx(10.0)
     assert figures["period_jitter_ms/p50"] == pytest.approx(0.5)
     assert figures["missed_share"] == pytest.approx(2 / 6)  # one 6 ms late, one left out, of six
     assert (figures["telemetry_age_ms/p50"], figures["telemetry_age_ms/max"]) == pytest.approx((2.0, 12.0))
-    assert clock_figures([Timing()], 0.01) == {}
+    assert not clock_results([Timing()], 0.01)
 
 
 def test_what_lies_between_two_runs_is_no_jitter_and_no_step():
@@ -130,7 +130,7 @@ def test_what_lies_between_two_runs_is_no_jitter_and_no_step():
         run.sent.extend(start + 0.01 * step + (0.002 if step == 2 else 0.0) for step in range(4))
         run.late.extend([0.0] * 4)
         run.age.extend([0.002] * 4)
-    figures = clock_figures([first, second], 0.01)
+    figures = clock_results([first, second], 0.01).to_figures()
     assert figures["period_jitter_ms/max"] == pytest.approx(2.0)
     assert figures["period_jitter_ms/p50"] == pytest.approx(2.0), "two of three differences each, none in between"
     assert figures["control_steps"] == 8.0

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
-from motorprior.artifacts import read_json, require_keys
+from motorprior.artifacts import read_json
 from motorprior.bench.fleet import Fleet, fleet_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
-from motorprior.schema import TEXT, Schema, integer
+from motorprior.schema import TABLE, TEXT, Schema, integer
 
 MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
 """Of one bench; so many samples take about 3 GB while they are recorded."""
@@ -25,14 +25,14 @@ MOTORS_STREAM = 11
 _AGAIN = "record the bench anew"
 _FACTS = Schema(
     {
-        "preset": TEXT,
+        **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
+        "parameters": TABLE,
         "motors": integer(1, MOST_MOTORS),
         "steps": integer(2, MOST_STEPS),
         "seed": integer(0, LARGEST_SEED),
     },
     _AGAIN,
 )
-"""Beside those of the fleet."""
 
 
 @dataclass(frozen=True)
@@ -97,10 +97,9 @@ def facts_from_json(data: Any, where: str) -> BenchFacts:
     """
     if not isinstance(data, dict):
         raise ArtifactError("the facts of its bench are not there", where=where, remedy=_AGAIN)
-    require_keys(data, (*_FACTS.fields, "fleet", "motor", "robot", "parameters"), where, _AGAIN)
     try:
+        _FACTS.check(data, None)
         fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters")
-        _FACTS.check({key: data[key] for key in _FACTS.fields}, "facts")
         require_bench_size(data["motors"], data["steps"])
     except (ArtifactError, ConfigError) as error:
         problem = f"{error.where}: {error.problem}" if error.where else error.problem

@@ -169,8 +169,6 @@ def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping
         ArtifactError: unknown or missing parameters or keys, or a value out of range.
     """
     remedy = "record the bench anew"
-    texts = {"name": name, "motor": motor, "robot": robot}
-    Schema(dict.fromkeys(_TEXT_KEYS, TEXT), remedy).check(texts, where)
     Schema(dict.fromkeys(UNITS, TABLE), remedy, name="parameters").check(parameters, where)
     made = {
         parameter: _distribution(parameters[parameter], "kind", {}, parameter, f"{where}[{parameter}]", remedy)

@@ -42,6 +42,7 @@ def run_deploy_command(config: Deploy) -> None:
     Policy.load(config.policy)  # before a virtual robot is started for nothing
     say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
     with config.choice.open() as port:
-        figures = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, say)
-    if figures:
-        table("Clock", ["figure", "value"], [[name, f"{value:.3f}"] for name, value in figures.items()])
+        results = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, say)
+    if results:
+        rows = [[name, f"{value:.3f}"] for name, value in results.to_figures().items()]
+        table("Clock", ["figure", "value"], rows)

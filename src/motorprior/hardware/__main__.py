@@ -96,8 +96,8 @@ def _run(arguments: dict[str, Any], say: Say) -> None:
     command, policy = arguments.pop("command"), arguments.pop("policy", None)
     robot, port = load_robot(arguments.pop("robot")), the_port(arguments.pop("port"))
     if command == "deploy":
-        figures = run_deploy(robot, policy, port, DeploySettings(**arguments), say)
-        for name, value in figures.items():
+        results = run_deploy(robot, policy, port, DeploySettings(**arguments), say)
+        for name, value in results.to_figures().items():
             say(f"{name} {value:.4g}")
     elif command == "record":
         say(f"recorded {run_record(robot, port, RecordSettings(**arguments), say)}")

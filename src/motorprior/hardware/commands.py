@@ -11,7 +11,7 @@ from pathlib import Path
 
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware import deploy, record
-from motorprior.hardware.control_loop import Timing, clock_figures
+from motorprior.hardware.control_loop import Timing, clock_results
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
 from motorprior.hardware.pilot import pilot
@@ -23,6 +23,7 @@ from motorprior.hardware.session import Gains, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_terminal
 from motorprior.locomotion.policy import Policy
+from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
@@ -49,8 +50,8 @@ def the_port(port: str | None) -> str:
     raise ConfigError(f"several ports: {', '.join(found)}", remedy="give one of them as port", argument="port")
 
 
-def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, say: Say) -> dict[str, float]:
-    """Walk; returns the figures of the run's timing.
+def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, say: Say) -> Results:
+    """Walk; returns how well its clock was kept.
 
     Raises:
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
@@ -66,7 +67,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             steps = deploy.rehearse(link, policy, stop, settings.seconds or 5.0, say)
         say(f"dry run: {steps} control steps, nothing was sent")
-        return {}
+        return Results()
     require_terminal(settings.yes)
     out = settings.out or _dated("deploy")
     facts, timing = RunFacts(out), Timing()
@@ -85,7 +86,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
         )  # fmt: skip
         facts.outcome = run.stopped_by
     say(f"stopped by {run.stopped_by}; {out / LOG}")
-    return clock_figures([timing], policy.control_dt)
+    return clock_results([timing], policy.control_dt)
 
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> Path:

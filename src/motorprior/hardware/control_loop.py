@@ -15,6 +15,7 @@ from motorprior.hardware.motions import Motion
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
+from motorprior.results import Result, Results
 from motorprior.robots.wire import SafetyLimits
 
 _AFTER_TELEMETRY = 0.0015
@@ -51,33 +52,38 @@ class Timing:
         self.stamp.append(1e-3 * measurement.telemetry.ts)
 
 
-def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
+def clock_results(runs: Sequence[Timing], period: float) -> Results:
     """Jitter of the period, share of missed deadlines, age of the telemetry, over one or more runs.
 
-    period_jitter_ms/Q: quantile Q of |time between two commands - period|. missed_share: steps that were skipped or
-    whose command left more than half a period late. telemetry_age_ms/Q: of the measurement acted on. A step that a
+    period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped or whose command left
+    more than half a period late. telemetry_age_ms: of the measurement acted on. No row for no run. A step that a
     fault ended counts in the first two as if its command had left when the fault was found: the worst step of a run
     must not be missing. What lies between two runs is no jitter.
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
-        return {}
+        return Results()
     broken_off = [run.broken_off for run in runs if run.broken_off is not None]
     jitter = np.concatenate([*(np.diff(run.sent) - period for run in runs), broken_off])
     late, age = np.concatenate([*(run.late for run in runs), broken_off]), np.concatenate([run.age for run in runs])
     skipped = sum(run.skipped for run in runs)
-    return {
-        **quantiles_ms("period_jitter_ms", np.abs(jitter)),
-        "missed_share": (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped),
-        **quantiles_ms("telemetry_age_ms", age),
-        "control_steps": float(sum(len(run.sent) for run in runs)),
-    }
+    missed = (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped)
+    return Results.of(
+        [
+            *quantiles_ms("period_jitter_ms", np.abs(jitter)),
+            Result("missed_share", "1", missed),
+            *quantiles_ms("telemetry_age_ms", age),
+            Result("control_steps", "1", float(sum(len(run.sent) for run in runs))),
+        ]
+    )
 
 
-def quantiles_ms(name: str, seconds: np.ndarray) -> dict[str, float]:
-    """NAME/p50, NAME/p99 and NAME/max of times [s], in ms."""
+def quantiles_ms(quantity: str, seconds: np.ndarray) -> Results:
+    """Median, 99 % quantile and largest of times [s], in ms."""
     quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
-    return {f"{name}/{key}": 1e3 * float(np.percentile(seconds, q)) for key, q in quantiles.items()}
+    return Results.of(
+        Result(quantity, "ms", 1e3 * float(np.percentile(seconds, q)), statistic=name) for name, q in quantiles.items()
+    )
 
 
 class ControlLoop:

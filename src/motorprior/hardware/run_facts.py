@@ -12,7 +12,7 @@ from typing import Any
 
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError, RobotFault
-from motorprior.hardware.control_loop import Timing, clock_figures
+from motorprior.hardware.control_loop import Timing, clock_results
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, fault_of
 
@@ -96,7 +96,7 @@ class RunFacts:
             },
         }
         write_json(self._folder / FACTS, self._facts | ending)
-        write_json(self._folder / FIGURES, clock_figures([timing], period))
+        write_json(self._folder / FIGURES, clock_results([timing], period).to_figures())
 
 
 def _kind(error: BaseException) -> str:

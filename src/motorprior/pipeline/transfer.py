@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.schema import Schema, number, one_of
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -107,13 +109,10 @@ def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
     Raises:
         ArtifactError: says something that cannot be.
     """
-    engine, roughness = policy.provenance.get("engine", "mujoco"), policy.provenance.get("roughness", 0.0)
-    if engine not in ENGINES or type(roughness) not in (int, float):
-        raise ArtifactError(
-            f"was trained in engine {engine!r} on roughness {roughness!r}", where=path,
-            remedy=f"an engine is one of {ENGINES}, a roughness a number [m]; train again",
-        )  # fmt: skip
-    return engine, float(roughness)
+    said: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
+    said |= {key: policy.provenance[key] for key in said if key in policy.provenance}
+    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(said, path)
+    return cast(Engine, said["engine"]), float(said["roughness"])
 
 
 def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: Fleet, progress: Progress) -> None:

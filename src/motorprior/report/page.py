@@ -25,7 +25,7 @@ from motorprior.report.plots_style import DPI, model_color, model_key, model_lab
 
 Cell = str | float | int | bool | None
 
-FIGURE_SPACE, POINT_SPACE, THIN_SPACE, MINUS = "\u2007", "\u2008", "\u202f", "\u2212"
+THIN_SPACE, MINUS = "\u202f", "\u2212"
 _NUMERIC = re.compile(r"[+\-−±<>≤≥~≈]?\s*\d[\d.,\s]*(\s*[±–-]\s*[\d.]+)?\s*[%×]?")
 
 _MIME = {"png": "image/png", "gif": "image/gif", "svg": "image/svg+xml"}
@@ -229,15 +229,9 @@ def _numeric(value: Cell) -> bool:
 
 
 def aligned(values: Sequence[Cell]) -> list[str]:
-    """The values as text; the decimal points of floats meet when the texts are flush right."""
+    """The values as text. Floats have the same decimals, so their points meet where digits are of one width."""
     decimals = _common_decimals([value for value in values if isinstance(value, float) and math.isfinite(value)])
-    texts = [_text(value, decimals) for value in values]
-    tails = [_tail(text) if isinstance(value, float) else 0 for text, value in zip(texts, values, strict=True)]
-    padded = [
-        isinstance(value, (int, float)) and text[-1:].isdigit() for text, value in zip(texts, values, strict=True)
-    ]
-    longest = max(tails, default=0)
-    return [text + _padding(longest, tail) * pad for text, tail, pad in zip(texts, tails, padded, strict=True)]
+    return [_text(value, decimals) for value in values]
 
 
 def _common_decimals(values: Sequence[float]) -> int | None:
@@ -256,18 +250,3 @@ def _text(value: Cell, decimals: int | None = None) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return value if isinstance(value, str) else number(value, decimals)
-
-
-def _tail(text: str) -> int:
-    """Characters from the decimal point on."""
-    _, point, decimals = text.partition(".")
-    return len(decimals) + 1 if point and "e" not in text else 0
-
-
-def _padding(longest: int, own: int) -> str:
-    """Blanks as wide as the missing digits, and the missing point."""
-    if own == longest:
-        return ""
-    if own == 0:
-        return POINT_SPACE + FIGURE_SPACE * (longest - 1)
-    return FIGURE_SPACE * (longest - own)

@@ -34,21 +34,44 @@ from motorprior.robots.model import ModelFile
 from motorprior.robots.robot import Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.robots.user_model import UserModel
+from motorprior.schema import TABLE, TEXT, Field, Schema, many, number, one_of
 
-_NEEDED = {"name", "motor", "model", "base", "nominal_pose", "kp", "kd", "torque_limit"}
+_SEE = "see docs/your-robot.md"
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
-_OPTIONAL = {
-    "load_inertia",
-    "encoder",
-    "actuators",
-    "joints",
-    "legs",
-    "gait",
-    "foot_friction",
-    "reference_torque",
-    *_CLOCKS,
-}
-_LEG = {"joints", "foot", "phase"}
+_POSITIVE, _ANY = number(1e-9, 1e9), number(-1e9, 1e9)
+_PER_JOINT = Field("a number, or a list of numbers", lambda value: _ANY.accepts(value) or many(_ANY, 1).accepts(value))
+_NAME = Field("a text", lambda value: isinstance(value, str) and bool(value))
+_ROBOT = Schema(
+    {
+        **dict.fromkeys(("name", "motor", "model"), _NAME),
+        "base": one_of("free", "fixed"),
+        "encoder": one_of("joint", "rotor"),
+        "actuators": one_of("remove"),
+        "joints": many(TEXT, 1),
+        "load_inertia": many(_POSITIVE, 2),
+        **dict.fromkeys(("nominal_pose", "kp", "kd", "torque_limit"), _PER_JOINT),
+        **dict.fromkeys(("foot_friction", "reference_torque", *_CLOCKS), _POSITIVE),
+        **dict.fromkeys(("legs", "gait"), TABLE),
+    },
+    _SEE,
+    frozenset(
+        {
+            "encoder",
+            "actuators",
+            "joints",
+            "legs",
+            "gait",
+            "load_inertia",
+            "foot_friction",
+            "reference_torque",
+            *_CLOCKS,
+        }
+    ),
+)
+_LEG = Schema({"joints": many(TEXT, 1), "foot": _NAME, "phase": number(0.0, 1.0)}, _SEE)
+_GAIT = Schema(
+    {field.name: number(-10.0, 1e9) for field in fields(Gait)}, _SEE, frozenset(f.name for f in fields(Gait))
+)
 _USUAL_LOAD = 0.8
 """Of the torque limit: the reference torque where none is given."""
 _LOWEST, _HIGHEST, _HUNG = 0.3, 3.5, 2.0
@@ -86,34 +109,16 @@ def _read(path: Path) -> dict[str, Any]:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"not valid TOML ({error})", where=path, remedy="see docs/your-robot.md") from error
-    _require_keys(table, _NEEDED, _OPTIONAL, str(path))
+    _ROBOT.check(table, path)
     return table
 
 
-def _require_keys(table: Any, needed: set[str], optional: set[str], where: str) -> None:
-    if not isinstance(table, dict):
-        raise ArtifactError("not a table", where=where, remedy="see docs/your-robot.md")
-    unknown, missing = sorted(table.keys() - needed - optional), sorted(needed - table.keys())
-    if unknown or missing:
-        parts = [f"unknown keys {unknown}"] if unknown else []
-        parts += [f"missing keys {missing}"] if missing else []
-        known = ", ".join(sorted(needed | optional))
-        raise ArtifactError(" and ".join(parts), where=where, remedy=f"the keys are {known}")
-
-
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
-    where = str(path)
-    for key in ("name", "motor", "model"):
-        _require_text(key, table[key], where)
-    base = _choice("base", table["base"], ("free", "fixed"), where)
-    encoder = _choice("encoder", table.get("encoder", "joint"), ("joint", "rotor"), where)
-    removes = "actuators" in table and _choice("actuators", table["actuators"], ("remove",), where) == "remove"
+    where, legs, removes = str(path), table.get("legs", {}), "actuators" in table
+    base, encoder = table["base"], table.get("encoder", "joint")
     file = path.parent / table["model"]
-    legs = table.get("legs", {})
-    if not isinstance(legs, dict):
-        raise ArtifactError("legs is not a table of tables", where=where, remedy="write one table [legs.NAME] per leg")
     model = UserModel(file, base == "free", removes)
-    names = model.joint_names(_texts("joints", table["joints"], where) if "joints" in table else None)
+    names = model.joint_names(tuple(table["joints"]) if "joints" in table else None)
     bounds = [model.limits(name) for name in names]
     per_leg = len(names) // max(1, len(legs))
     numbers = {
@@ -122,21 +127,21 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     }
     _require_bounds(numbers, names, bounds, where)
     joints = tuple(
-        Joint(name, *bounds[i], numbers["kp"][i], numbers["kd"][i], numbers["torque_limit"][i], encoder)  # pyright: ignore[reportArgumentType]
+        Joint(name, *bounds[i], numbers["kp"][i], numbers["kd"][i], numbers["torque_limit"][i], encoder)
         for i, name in enumerate(names)
     )
     pose = dict(zip(names, numbers["nominal_pose"], strict=True))
     made = tuple(_leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items())
     height = model.standing_height(pose, [leg.foot for leg in made]) if made else 0.0
     others: dict[str, Any] = {
-        key: _number(key, table.get(key, default), where) for key, default in ({"foot_friction": 0.6} | _CLOCKS).items()
+        key: float(table.get(key, default)) for key, default in ({"foot_friction": 0.6} | _CLOCKS).items()
     }
     typical = _USUAL_LOAD * sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
         name=table["name"],
         motor=table["motor"],
         joints=joints,
-        base=base,  # pyright: ignore[reportArgumentType]
+        base=base,
         model=ModelFile(file.resolve(), hashlib.sha256(file.read_bytes()).hexdigest(), removes),
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
@@ -150,21 +155,19 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         lowest=_LOWEST * height,
         highest=_HIGHEST * height if made else 1e3,
         hung_height=_HUNG * height,
-        reference_torque=_number("reference_torque", table.get("reference_torque", typical), where),
+        reference_torque=float(table.get("reference_torque", typical)),
         **others,
     )
 
 
 def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: UserModel, where: str) -> Leg:
-    _require_keys(table, _LEG, set(), where)
-    joints = _texts("joints", table["joints"], where)
+    _LEG.check(table, where)
+    joints, phase = tuple(table["joints"]), float(table["phase"])
     if len(joints) != 3 or not set(joints) <= set(names):
         raise ArtifactError(
             f"joints {list(joints)} are not three joints of the robot", where=where,
             remedy=f"give abduction, hip and knee, of {', '.join(names)}",
         )  # fmt: skip
-    _require_text("foot", table["foot"], where)
-    phase = _number("phase", table["phase"], where, least=0.0)
     if not phase < 1.0:
         raise ArtifactError(f"phase {phase:g} is not in [0, 1)", where=where, remedy="give a share of the cycle")
     thigh, shank, radius = model.leg_lengths(joints, table["foot"], pose)
@@ -172,19 +175,15 @@ def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], 
     return Leg(name, places, table["foot"], phase, thigh, shank, radius)
 
 
-def _loads(value: Any, where: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ArtifactError("load_inertia is not a pair", where=where, remedy="write [least, most] in kg·m²")
-    least, most = (_number("load_inertia", each, where, least=1e-9) for each in value)
-    if least > most:
-        raise ArtifactError(f"load_inertia {least:g} exceeds {most:g}", where=where, remedy="swap them")
-    return least, most
+def _loads(value: list[float], where: str) -> tuple[float, float]:
+    if len(value) != 2 or value[0] > value[1]:
+        raise ArtifactError(f"load_inertia {value} is no range", where=where, remedy="write [least, most] in kg·m²")
+    return float(value[0]), float(value[1])
 
 
 def _gait(table: Any, where: str) -> Gait:
-    known = {field.name for field in fields(Gait)}
-    _require_keys(table, set(), known, where)
-    return Gait(**{key: _number(key, value, where, least=-10.0) for key, value in table.items()})
+    _GAIT.check(table, where)
+    return Gait(**{key: float(value) for key, value in table.items()})
 
 
 def _require_bounds(
@@ -208,33 +207,8 @@ def _require_bounds(
 def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:
     """One number per joint, from a number, one per joint of a leg, or one per joint."""
     values = value if isinstance(value, list) else [value]
-    made = tuple(_number(key, each, where, least=-1e9) for each in values)
+    made = tuple(map(float, values))
     if len(made) not in (1, per_leg, count):
         forms = sorted({1, per_leg, count})
         raise ArtifactError(f"{key} has {len(made)} numbers", where=where, remedy=f"give {forms} numbers")
     return made * (count // len(made))
-
-
-def _number(key: str, value: Any, where: str, least: float = 1e-9) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= 1e9:
-        raise ArtifactError(
-            f"{key} = {str(value)[:40]!r} is not a number of at least {least:g}", where=where, remedy="correct it"
-        )
-    return float(value)
-
-
-def _choice(key: str, value: Any, known: tuple[str, ...], where: str) -> str:
-    if value not in known:
-        raise ArtifactError(f"{key} = {str(value)[:40]!r} is unknown", where=where, remedy=f"use one of {known}")
-    return value
-
-
-def _require_text(key: str, value: Any, where: str) -> None:
-    if not isinstance(value, str) or not value:
-        raise ArtifactError(f"{key} = {str(value)[:40]!r} is not a text", where=where, remedy="write it in quotes")
-
-
-def _texts(key: str, value: Any, where: str) -> tuple[str, ...]:
-    if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):
-        raise ArtifactError(f"{key} is not a list of names", where=where, remedy='write ["first", "second"]')
-    return tuple(value)
