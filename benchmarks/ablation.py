@@ -1,4 +1,4 @@
-"""What a motor prior needs: latents, KL weight, motors, seconds of log. The curves of docs/ablation.png.
+"""Ablation of the motor prior over latents, KL weight, motors and seconds of log: the curves of docs/ablation.png.
 
     python benchmarks/ablation.py --out runs/ablation
 
@@ -6,7 +6,7 @@ A quarter of an hour on two cores. One setting at a time around preset rollout, 
 second, so that the shortest log has every excitation), with fewer Adam steps than the preset's and several seeds, each
 with motors of its own. A point trains one prior and measures
   train     median joint RMSE of the training motors on gait + impacts [mrad]
-  new       the same for motors nobody trained on, at the posterior after 10 s of log
+  new       the same for held-out motors, at the posterior after 10 s of log
   auc       two-sample AUC of 256 draws against 256 other physical motors (0.5 is perfect)
   energy    energy distance of the same (0 is perfect)
 """
@@ -61,7 +61,7 @@ LABELS = {
 }
 NEW_MOTORS, NEW_SECONDS, POPULATION = 32, 10.0, 256
 TAG = 61
-"""Of the random streams that draw motors nobody trained on."""
+"""Tag of the random streams that draw held-out motors."""
 ROWS = (
     ("gait + impacts\nRMSE [mrad]", {"train": "training motors", "new": "new motors, 10 s of log"}, 0.0),
     ("two-sample AUC", {"auc": "draws against physical motors"}, 0.5),
@@ -79,7 +79,7 @@ class Settings:
     fleet: str = "mixed"
     """Population of motors."""
     seeds: int = 2
-    """Of motors, bench and training; the picture shows their mean and every one of them."""
+    """Number of seeds of motors, bench and training; the picture shows their mean and each of them."""
     adam_steps: int = 1000
     """Adam steps of a training."""
     workers: int = 2
@@ -116,7 +116,7 @@ def points(settings: Settings) -> Iterator[Point]:
 
 
 def _values_at(sweep: str, value: float) -> dict[str, float]:
-    """Of a point of a sweep. Only a decoder that mixes can have another number of latents than constants."""
+    """Settings of a point of a sweep. Another number of latents than constants needs a decoder that mixes them."""
     return CENTER | {sweep: value} | ({"mixed": 1.0} if sweep == "latents" else {})
 
 
@@ -225,7 +225,7 @@ def picture(settings: Settings, results: dict[str, dict[str, float]]) -> bytes:
 
 
 def _values(name: str) -> list[float]:
-    """Of a sweep, its centre included if it is one of it."""
+    """Values of a sweep, with its centre if that belongs to it."""
     return sorted({*SWEEPS[name], *(() if name == "latents" else (CENTER[name],))})
 
 

@@ -1,11 +1,11 @@
-"""Other decoders than the grey box, and other ways to train one: what each gives, on the same data and the same budget.
+"""Alternatives to the grey box, as decoders and as ways of training, on the same data with the same budget.
 
     python benchmarks/alternatives.py --out runs/alternatives
 
 Black boxes with 8 latents per motor, 16 neurons, trained in closed loop like preset latent_network (armature decoded
 from z), and with one thing changed:
     taps               eight taps of error and velocity: preset latent_network itself, more latents
-    signs_and_play     besides, the smoothed signs of the velocities, and a play of 10 mrad dragged along by the joint
+    signs_and_play     besides, the smoothed signs of the velocities, and a backlash of 10 mrad driven by the joint
     recurrent          a gated recurrent unit of 16 neurons in place of the taps
     implicit_damping   besides, a damping decoded from z, taken implicitly by the joint
     curriculum         windows of 16, 32, 64, then 128 steps
@@ -55,8 +55,10 @@ from motorprior.transfer.robot_fidelity import STEPS, trot_targets
 
 TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 LATENTS, NEURONS, WARM_UP, FREE_STEPS, MOTORS, ROWS = 8, 16, 60, 200, 32, 10_000
-PLAY, SIGN_SPEED = 0.01, 0.1
-"""Width of the play [rad], speed at which a sign is half turned [rad/s]."""
+PLAY = 0.01
+"""Width of the backlash operator [rad]."""
+SIGN_SPEED = 0.1
+"""Speed at which a smoothed sign is half turned [rad/s]."""
 RECIPE = replace(PRESETS["latent_network"], num_latents=LATENTS, warm_up=WARM_UP, steps=2000)
 
 
@@ -74,7 +76,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class BlackBox:
-    """A decoder: which inputs it has, and whether it remembers or damps."""
+    """A black-box decoder: its inputs, and whether it has a hidden state or a damping."""
 
     signs_and_play: bool = False
     recurrent: bool = False
@@ -98,7 +100,7 @@ class BlackBox:
         return (body if self.recurrent else layers) | last | constants
 
     def start(self, row: jnp.ndarray) -> tuple[jnp.ndarray, ...]:
-        """Histories of error and velocity, newest first, the play, the hidden state."""
+        """Histories of error and velocity, newest first, state of the backlash operator, hidden state."""
         count = row.shape[0]
         error = jnp.broadcast_to((row[:, TARGET] - row[:, POS])[:, None], (count, TAPS[-1] + 1))
         velocity = jnp.broadcast_to(row[:, VEL][:, None], (count, TAPS[-1] + 1))
@@ -183,7 +185,7 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
 
 
 def measured_inertias(fleet: str) -> tuple[float, float]:
-    """10th and 90th percentile of what the joints of a trotting robot feel, contacts aside: 1 / (M⁻¹)_jj [kg·m²]."""
+    """10th and 90th percentile of the joints' inertias in a trotting robot, without contacts: 1 / (M⁻¹)_jj [kg·m²]."""
     world, rng = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)), np.random.default_rng(0)
     motors = PhysicalActuator(load_fleet(fleet).sample(spec.NUM_JOINTS, rng))
     trot = replay(world, motors, trot_targets(PUPPER_V2, rng, STEPS))

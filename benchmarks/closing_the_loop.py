@@ -1,4 +1,4 @@
-"""What it is worth to know a robot's motors: record, adapt, train on, and walk again, on robots nobody trained on.
+"""Benefit of adapting to a robot's motors: record, adapt, continue training and walk, on held-out robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
 
@@ -10,7 +10,7 @@ training, policies:
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
 Each walks `--walks` times for 10 s, with other noise of the sensors. Printed and written to figures_SPEED.json: of each
-pair of robot and seed the median way [m], standing up and coming to rest included, in straight pieces of a second,
+pair of robot and seed the median way [m], standing up and coming to rest included, in straight segments of a second,
 which a curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks
 that a fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy
 gains over the control. Finished trainings are kept.
@@ -103,7 +103,7 @@ class Training:
 
 
 def posterior_of(number: int, folder: Path, prior: Path, seconds: float) -> Path:
-    """The posterior of robot ``number``'s motors, found from a recording; one that looks odd is taken anyway."""
+    """The posterior of robot ``number``'s motors, found from a recording; the outlier test is ignored."""
     posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(number, folder, seconds)
     try:
         run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
@@ -157,7 +157,7 @@ def main() -> None:
     parser.add_argument("--max-speed", type=float, default=0.8, help="speed beyond which nothing more is earned [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     given = parser.parse_args()
-    pairs, told = [], []
+    pairs, rows = [], []
     for seed in range(given.seeds):
         training = Training(given.prior, seed, given.iterations, given.further, given.max_speed)
         before = training.policy(given.out, "before")
@@ -173,10 +173,10 @@ def main() -> None:
             for name, walks in pairs[-1].items():
                 words = (f"{key} {value:.2f}" for key, value in summary(walks).items())
                 print(f"robot {number} seed {seed} {name:8}", *words, flush=True)
-                told.append({"robot": number, "seed": seed, "policy": name, "walks": [asdict(walk) for walk in walks]})
+                rows.append({"robot": number, "seed": seed, "policy": name, "walks": [asdict(walk) for walk in walks]})
     figures = compared(pairs)
     path = given.out / f"figures_{given.max_speed:g}.json"
-    path.write_text(json.dumps({"figures": figures, "pairs": told}, indent=1) + "\n")
+    path.write_text(json.dumps({"figures": figures, "pairs": rows}, indent=1) + "\n")
     for key, value in figures.items():
         print(f"{key:40} {value:8.3f}")
 

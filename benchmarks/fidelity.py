@@ -34,7 +34,7 @@ PRESETS = (
 )  # fmt: skip
 PROGRESS = Lines(sys.stderr)
 WITH_PLAY = "per_motor_play"
-"""per_motor with the play and the spring of the gear among its constants."""
+"""The recipe per_motor with backlash and stiffness of the gear among its constants."""
 MEMBERS = 3
 """Networks of the ensemble, of different seeds; it predicts the mean of their trajectories."""
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "hung_rmse")
@@ -68,7 +68,7 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
 
 
 def fit_with_play(settings: Settings) -> Path:
-    """The prior of motors fitted one by one, with play, unless it is there."""
+    """Identify the prior of separately fitted motors with backlash, unless it exists."""
     from motorprior.identification.per_motor import fit_motors
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.reference import reference_metrics

@@ -1,4 +1,4 @@
-"""Floors under a motor prior, nothing learned: grey boxes with true constants against the physical motors.
+"""Floors of a motor prior's errors: grey boxes with the true constants against the physical motors.
 
     python benchmarks/floors.py --fleet mixed --json floors.json
 
@@ -42,7 +42,7 @@ KNOWN, SETS = (32, 128), 7
 
 
 def true_grey_box(motors: MotorParameters) -> LatentActuator:
-    """Grey boxes with these very constants, one latent per constant, and a silent network."""
+    """Grey boxes with these constants, one latent per constant, and a network that gives 0 N·m."""
     values = {name: getattr(motors, name) for name in PARAMETERS if name != "kd_over_kp"}
     values["kd_over_kp"] = motors.kd / motors.kp
     raw = np.stack([np.log(np.maximum(values[name], SMALLEST)) for name in PARAMETERS], axis=1)
@@ -70,7 +70,7 @@ def copula(known: LatentActuator, rng: np.random.Generator) -> LatentActuator:
 
 
 def bench_aucs(fleet_name: str) -> dict[str, float]:
-    """How well motors of the fleet and grey boxes are told apart on the standard bench."""
+    """Two-sample AUC between motors of the fleet and grey boxes on the standard bench."""
     fleet, rng = load_fleet(fleet_name), np.random.default_rng(1)
 
     def auc(boxes: LatentActuator) -> float:
@@ -103,7 +103,7 @@ def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[floa
 
 
 def main() -> None:
-    """See the module."""
+    """Measure, print and write; see the module docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fleet", default="mixed")
     parser.add_argument("--json", type=Path)

@@ -1,4 +1,4 @@
-"""A disk that is full: no file of this process may grow beyond a size."""
+"""Simulation of a full disk: no file of this process may grow beyond a size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def limit_file_sizes(size: int) -> None:
 
 @contextmanager
 def file_sizes_restored() -> Iterator[None]:
-    """Put the limit back afterwards, and do not die of it meanwhile: writing fails instead."""
+    """Restore the limit afterwards; meanwhile exceeding it makes a write fail instead of killing the process."""
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         yield

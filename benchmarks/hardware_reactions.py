@@ -1,4 +1,4 @@
-"""How long a walking host takes to bring a virtual robot to rest, fault by fault: what `hardware.py` breaks.
+"""Reaction times of a walking host to faults, until the virtual robot is at rest; for `hardware.py`.
 
 Faults of the robot are injected at a time of its own; those of the host happen in its control loop, or from outside it.
 """
@@ -36,7 +36,7 @@ WORDS = "words.txt"
 """Output of the robots and hosts of other processes, in the folder of the measurement."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 FAULT_AT = 7.0
-"""Robot time at which injected faults begin [s]: it walks by then."""
+"""Robot time at which injected faults begin [s]; the robot walks by then."""
 FAULTS = (
     "frozen:FR_knee",
     "jumping:FL_hip",
@@ -56,20 +56,21 @@ FAULTS = (
     "unplugged",
 )
 SAID = ("surge", "deaf", "unplugged")
-"""The robot lost its current by itself, or cannot be reached: what counts is when the host says so."""
+"""Faults in which the robot loses its current by itself or cannot be reached: the time until the host reports is
+measured."""
 LATE = 0.06
-"""A step that takes so long [s] is too late, and the watchdog does not bite yet."""
+"""Duration of a step that is too late for the host, but not for the watchdog [s]."""
 STATUS_BEFORE = 6
-"""Status lines, two a second, before the host breaks."""
+"""Number of status lines, two a second, before a fault of the host."""
 
 
 class NotMeasuredError(Exception):
-    """The machine is too busy, or a fault did not show."""
+    """The machine is too busy, or a fault had no effect."""
 
 
 @contextmanager
 def virtual_robot(folder: Path, *options: str) -> Iterator[tuple[str, Callable[[], dict]]]:
-    """A virtual robot in its own process: its port, and what it went through, to ask for afterwards."""
+    """A virtual robot in its own process: its port, and a function that returns its statistics afterwards."""
     link, life = folder / "port", folder / "life.json"
     life.unlink(missing_ok=True)
     command = [sys.executable, "-m", "motorprior", "virtual-robot", "--link", str(link), "--json", str(life)]

@@ -1,4 +1,4 @@
-"""What each setting of MuJoCo costs or saves in one mj_step of this robot, and how far it moves a trot.
+"""Effect of each MuJoCo setting on the time of an mj_step of this robot, and on the motion of a trot.
 
 python benchmarks/levers.py [--json FILE]
 

@@ -1,10 +1,10 @@
-"""Does `motorprior adapt` notice motors that are not of its prior's fleet? The power of its check, at its stated rate.
+"""Power of the outlier test of `motorprior adapt` at its nominal false-alarm rate.
 
     python benchmarks/outlier_test.py runs/prior_mixed/prior.safetensors --json outlier_test.json
 
-MOTORS motors of the fleet, the same with one constant changed, each known from some seconds of log:
-    noticed/CHANGE/SECONDS     share of motors whose chance is below FALSE_ALARMS
-    rmse_mrad/CHANGE/SECONDS   median closed-loop error on held-out gait + impacts of what was fitted all the same
+MOTORS motors of the fleet, and the same with one constant changed, each adapted to some seconds of log:
+    noticed/CHANGE/SECONDS     share of motors whose p-value is below FALSE_ALARMS
+    rmse_mrad/CHANGE/SECONDS   median closed-loop error of the posterior means on held-out gait + impacts
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MOTORS, STREAM = 16, 57
 
 @dataclass(frozen=True)
 class Settings:
-    """Judge motors of other fleets."""
+    """Settings of the benchmark."""
 
     prior: tyro.conf.Positional[Path]
     """Prior of preset rollout that was identified from a bench."""

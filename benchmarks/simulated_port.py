@@ -102,7 +102,7 @@ class SimulatedPort(SerialLink):
 
     def _live(self) -> None:
         """Bring the robot up to date."""
-        for piece in self.firmware.pieces(int(1e3 * (self.now - WAY) + 1e-6) - self.firmware.now):
+        for piece in self.firmware.frames(int(1e3 * (self.now - WAY) + 1e-6) - self.firmware.now):
             self._to_host.put(piece, self.now)
 
 

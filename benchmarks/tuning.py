@@ -1,9 +1,9 @@
-"""Trained recipes with the same care: one grid of learning rates and Adam steps, judged on a bench of its own.
+"""Same tuning for all trained recipes: one grid of learning rates and Adam steps, evaluated on a separate bench.
 
     python benchmarks/tuning.py --out runs/tuning
 
 Learning rates of a third, one and three times the preset's; then, at the best of them, twice the steps. The motors of
-this bench, seed 1, are in no table of docs/fidelity.md; what is judged is the figure of those tables: the closed-loop
+this bench, seed 1, are in no table of docs/fidelity.md; what is compared is the figure of those tables: the closed-loop
 error on held-out gait and impacts of the motors trained on, at their posterior means. Writes tuning.md, results.json,
 figures.json:
     rmse_mrad/POINT/PRESET    median over motors; the largest number of all where the training diverged

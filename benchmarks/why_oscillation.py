@@ -4,7 +4,7 @@
 
 Five minutes on two cores.
 
-Torque causes acceleration, so the last change of velocity tells the torque that made it: a regression one step
+Torque causes acceleration, so the last change of velocity reveals the torque that made it: a regression one step
 ahead reads the torque off its inputs, correctly, and in open loop that costs nothing. A simulator closes the loop: the
 network is linearised about recorded states, put on a joint, and the largest eigenvalue of joint + history says by how
 much a disturbance grows each step. Above 1 the legs oscillate until the torque limit holds them.

@@ -82,7 +82,7 @@ def test_an_excitation_becomes_a_log_that_priors_adapt_to_and_are_identified_fro
     done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
     assert done.code == 0, done.err
     checked = motorprior("logs", "check", out / "run.csv")
-    assert checked.code == 0 and "12 joints, 2.0 s" in checked.out, checked.out
+    assert checked.code == 0 and "12 joints, 2.0 s" in " ".join(checked.out.split()), checked.out
     assert read_robot_run(out / "run.csv", PUPPER_V2).joint_torque is not None
     done = motorprior("logs", "import", out / "run.csv", "--hung", "--out", tmp_path / "log")
     assert done.code == 0, done.err
@@ -110,7 +110,7 @@ def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
         ("deploy {policy} --port a --virtual", ("--port a and --virtual", "one of them")),
         ("deploy {policy} --robot.seed 3", ("without --virtual",)),
         ("deploy {policy} --port /dev/ttyNONE --yes", ("no port", "/dev/ttyNONE")),
-        ("deploy {policy} --port /dev/null", ("nobody is at the terminal", "--yes")),
+        ("deploy {policy} --port /dev/null", ("no terminal to confirm at", "--yes")),
         ("deploy {policy} --port /dev/null --yes", ("/dev/null",)),
         ("deploy no.safetensors --virtual --yes", ("no such file",)),
         ("deploy {other_gains} --port /dev/null --yes", ("kp = 22.2", "give kp 22.2")),

@@ -78,7 +78,7 @@ def host() -> Iterator[Callable[..., RobotLink]]:
 
     def connect(port: str, **settings) -> RobotLink:
         made.append(RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, port), **{"limits": PATIENT, **settings}))
-        made[-1].listen(time.monotonic() + QUIET)
+        made[-1].receive(time.monotonic() + QUIET)
         return made[-1]
 
     yield connect

@@ -27,7 +27,7 @@ class Clock:
     def monotonic(self) -> float:
         return self.now
 
-    def listen(self, until: float) -> None:
+    def receive(self, until: float) -> None:
         self.now = max(self.now, until)
 
     def check(self) -> Measurement:

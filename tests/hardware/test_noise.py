@@ -50,11 +50,11 @@ class _Wiretap(SimulatedPort):
 def test_gains_go_over_the_line_with_the_first_targets_only():
     port = _Wiretap()
     with on_its_clock(port), RobotLink(PUPPER_V2, port) as robot:
-        robot.listen(0.1)
+        robot.receive(0.1)
         robot.arm(spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
         for _ in range(50):
             robot.send(spec.NOMINAL_POSE, Mode.RAMP)
-            robot.listen(port.now + 0.01)
+            robot.receive(port.now + 0.01)
         sent = list(port.keys)
     law = ["kp", "kd", "max_current", "pos"]
     assert sent == 3 * law + 47 * ["pos"]

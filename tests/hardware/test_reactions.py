@@ -90,7 +90,7 @@ def test_what_telemetry_shows_ends_in_idle(
         time.sleep(BEFORE_RESTART)
     if kind == "lagging":  # the real limit: with a patient one, joints seen late look stuck first
         robot.limits = replace(robot.limits, telemetry_age=WIRE.safety.telemetry_age)
-    robot.listen(time.monotonic() + 0.1)
+    robot.receive(time.monotonic() + 0.1)
     with pytest.raises(RobotFault) as caught:
         run(robot, lambda loop: walk_until(loop, walker, break_down))
     fault = caught.value

@@ -343,6 +343,6 @@ def test_the_gains_come_with_each_of_the_first_targets(virtual: Callable, host: 
     for _ in range(3):
         pupper.firmware._gains = (1.0, 1.0, 1.0)
         robot.send(spec.NOMINAL_POSE, Mode.RAMP)
-        robot.listen(time.monotonic() + 0.03)
+        robot.receive(time.monotonic() + 0.03)
         gains.append(pupper.firmware._gains)
     assert gains == 3 * [(50.0, 5.0, 2.0)]

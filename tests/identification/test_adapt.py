@@ -12,7 +12,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.record import PRESETS, record, trial
 from motorprior.identification.adapt import adapt, tiled_windows, window_losses
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.reference import draw_residuals, ending, reference_metrics, surprise
+from motorprior.identification.reference import draw_residuals, ending, loss_p_value, reference_metrics
 from motorprior.identification.train import Identified, identify
 from motorprior.identification.windows import MEANS, TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
@@ -100,9 +100,9 @@ def test_motors_of_the_fleet_are_no_surprise_and_other_machines_are(prior: Ident
     metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, fleet_log)
     own = window_losses(prior.network, data, RECIPE, prior.mean).mean(axis=1)
     whole = metrics["loss_pieces"]
-    chances = surprise(metrics, own, whole)
+    chances = loss_p_value(metrics, own, whole)
     assert np.mean(chances < 0.01) < 0.1 and 0.2 < np.median(chances) < 0.8
-    assert np.all(surprise(metrics, 20 * own, whole) < 0.01)
+    assert np.all(loss_p_value(metrics, 20 * own, whole) < 0.01)
 
 
 def test_residuals_have_the_percentiles_of_their_speed_they_were_recorded_with(prior: Identified, fleet_log: MotorLog):
@@ -129,6 +129,6 @@ def test_a_log_without_torques_is_judged_by_a_loss_without_torques(prior: Identi
     losses = window_losses(prior.network, blind, RECIPE, prior.mean).mean(axis=1)
     assert metrics["loss_mean_without_torque"] == pytest.approx(losses.mean(), rel=1e-5)
     assert metrics["loss_mean_without_torque"] < metrics["loss_mean"]  # torques are one more thing to err in
-    assert 0.2 < np.median(surprise(metrics, losses, metrics["loss_pieces"], ending(False))) < 0.8
+    assert 0.2 < np.median(loss_p_value(metrics, losses, metrics["loss_pieces"], ending(False))) < 0.8
     alone = reference_metrics(prior.network, blind, RECIPE, prior.mean, replace(fleet_log, joint_torque=None))
     assert alone["loss_mean"] == pytest.approx(losses.mean(), rel=1e-5) and "loss_mean_without_torque" not in alone

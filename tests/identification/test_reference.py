@@ -15,11 +15,11 @@ from motorprior.identification.reference import (
     SPEEDS,
     draw_residuals,
     ending,
-    knows_its_errors,
+    has_reference_metrics,
     loss_metrics,
-    pieces,
+    loss_p_value,
+    num_blocks,
     reference_metrics,
-    surprise,
 )
 from motorprior.identification.train import identify
 from motorprior.identification.windows import training_data
@@ -53,7 +53,7 @@ def chances():
         if seconds <= 5:
             z = adapt(prior.network, data, RECIPE, metrics["loss_mean"], steps=40).mean
         losses = window_losses(prior.network, data, RECIPE, z)
-        found[seconds] = surprise(metrics, losses.mean(axis=1), pieces(losses.shape[1], RECIPE))
+        found[seconds] = loss_p_value(metrics, losses.mean(axis=1), num_blocks(losses.shape[1], RECIPE))
     return found
 
 
@@ -68,7 +68,7 @@ def test_new_motors_of_the_fleet_are_rarely_called_strange_whatever_the_length_o
 
 def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray:
     """(motors, windows): a spread of 0.5 between motors' logarithms, pieces with a variance of 2 over mean squared."""
-    length = round(1 / pieces(1, RECIPE))
+    length = round(1 / num_blocks(1, RECIPE))
     level = np.exp(-2.0 + 0.5 * rng.standard_normal((motors, 1)))
     of_pieces = np.exp(rng.normal(-0.5 * np.log(3.0), np.sqrt(np.log(3.0)), (motors, seconds)))
     return np.repeat(level * of_pieces, length, axis=1)
@@ -83,11 +83,11 @@ def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
         assert metrics["loss_pieces"] == 20.0
         for count in counts:
             losses = losses_of(rng, 300, count).mean(axis=1)
-            found = surprise(metrics, losses, float(count))
+            found = loss_p_value(metrics, losses, float(count))
             for level in (0.01, 0.05):
                 alarms[count, level].append(np.mean(found < level))
             if count == 2:
-                as_if_long.append(np.mean(surprise(metrics, losses, 20.0) < 0.01))
+                as_if_long.append(np.mean(loss_p_value(metrics, losses, 20.0) < 0.01))
     for (count, level), shares in alarms.items():
         assert 0.3 * level < np.mean(shares) < 2.0 * level, (count, level, np.mean(shares))
     assert np.mean(as_if_long) > 0.025  # what the spread of long logs says of short ones
@@ -95,11 +95,11 @@ def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
 
 def test_a_worse_log_is_never_less_surprising_and_a_longer_one_never_less_telling():
     losses = np.exp(np.linspace(-4.0, 2.0, 50))
-    assert np.all(np.diff(surprise(METRICS, losses, 5.0)) <= 0.0)
+    assert np.all(np.diff(loss_p_value(METRICS, losses, 5.0)) <= 0.0)
     bad = np.exp(np.array([-0.5]))
-    by_count = [surprise(METRICS, bad, count)[0] for count in (1.5, 4.0, 9.0, 18.0, 30.0)]
+    by_count = [loss_p_value(METRICS, bad, count)[0] for count in (1.5, 4.0, 9.0, 18.0, 30.0)]
     assert np.all(np.diff(by_count) <= 0.0) and by_count[-1] == by_count[-2]
-    few = surprise(METRICS | {"loss_motors": 4.0}, bad, 18.0)[0]
+    few = loss_p_value(METRICS | {"loss_motors": 4.0}, bad, 18.0)[0]
     assert few > by_count[-1]  # a spread known from four motors is known badly
 
 
@@ -110,7 +110,7 @@ RESIDUALS = {f"residual_p{level:02d}_{pool}": 1e-3 * level for level in LEVELS f
 @pytest.mark.parametrize("closed_loop", [True, False])
 def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str, closed_loop: bool):
     def knows(metrics: dict[str, float]) -> bool:
-        return knows_its_errors(metrics | RESIDUALS, closed_loop)
+        return has_reference_metrics(metrics | RESIDUALS, closed_loop)
 
     assert knows(METRICS)
     assert not knows({key: value for key, value in METRICS.items() if key != name})
@@ -123,11 +123,11 @@ def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str, closed_l
 
 
 def test_a_closed_loop_prior_knows_every_percentile_of_its_residuals():
-    assert knows_its_errors(METRICS, closed_loop=False) and not knows_its_errors(METRICS, closed_loop=True)
+    assert has_reference_metrics(METRICS, closed_loop=False) and not has_reference_metrics(METRICS, closed_loop=True)
     assert np.isfinite(draw_residuals(METRICS | RESIDUALS, np.random.default_rng(0), np.linspace(-9, 9, 99))).all()
     for name in RESIDUALS:
         all_but_one = {key: value for key, value in RESIDUALS.items() if key != name}
-        assert not knows_its_errors(METRICS | all_but_one, closed_loop=True), name
+        assert not has_reference_metrics(METRICS | all_but_one, closed_loop=True), name
 
 
 def test_metrics_at_their_bounds_can_be_computed_with():
@@ -135,6 +135,6 @@ def test_metrics_at_their_bounds_can_be_computed_with():
         spreads = {"loss_log_std": extreme, "loss_piece_variance": extreme}
         for motors, whole in ((1.0, 1e-6), (LARGEST_LOSS, LARGEST_LOSS)):
             metrics = METRICS | spreads | {"loss_motors": motors, "loss_pieces": whole}
-            assert knows_its_errors(metrics, closed_loop=False)
-            found = surprise(metrics, np.array([1e-9, 1.0, 1e6]), 3.0)
+            assert has_reference_metrics(metrics, closed_loop=False)
+            found = loss_p_value(metrics, np.array([1e-9, 1.0, 1e6]), 3.0)
             assert np.all((found >= 0.0) & (found <= 1.0)), metrics

@@ -64,7 +64,7 @@ def test_its_motors_are_followed_three_times_as_closely_as_by_an_ideal_pd(prior:
 
 @pytest.mark.slow
 def test_motors_of_the_fleet_are_like_it(judged: Outliers):
-    assert np.all(judged.chance[:6] > 0.01)
+    assert np.all(judged.p_value[:6] > 0.01)
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def test_motors_of_the_fleet_are_like_it(judged: Outliers):
 def test_a_constant_far_outside_is_seen_and_named(judged: Outliers, row: int, name: str, sign: float):
     assert judged.latent[row] == name
     assert sign * judged.deviation[row] > 3.0
-    assert judged.chance[row] < 0.05
+    assert judged.p_value[row] < 0.05
 
 
 def test_latents_are_named_after_constants_where_each_has_one(prior: tuple[Identified, float]):

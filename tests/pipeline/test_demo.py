@@ -27,7 +27,7 @@ WITHOUT_LOGS = (
 )
 MEASURED_ANEW = re.compile("seconds|.*mj_step_share/.*|control_steps_per_s/.*|.*_over_.*")
 CHAPTERS = (
-    *("Bench: motors show themselves", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
+    *("Bench: excitation and response", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
     *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),
     "Where the time goes",
 )

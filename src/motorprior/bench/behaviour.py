@@ -1,8 +1,8 @@
-"""What a motor does on a standard bench, in numbers with units: the same trials for physical and learned motors.
+"""Behaviour features of motors on a standard bench: the same trials for physical and learned motors.
 
-Every trial runs on the virtual dynamometer (`dynamometer.run`) at PERIOD. Wherever nothing else is said the joint
-carries LOAD_INERTIA and a light hanging weight, external torque = -PRESS, which presses the gear to one side: a joint
-that floats in its backlash answers chaotically, and no model could be compared with it. Features, in this order:
+Every trial runs on the virtual dynamometer (`dynamometer.run`) at PERIOD. Unless stated otherwise the joint carries
+LOAD_INERTIA and a light hanging weight, external torque = -PRESS, which presses the gear to one side: a joint that
+floats in its backlash moves chaotically, so that models could not be compared with it. Features, in this order:
 
     gain, lag     at FREQUENCIES: |H| [-] and delay [s] of the first harmonic of joint_pos to AMPLITUDE·sin(2π·f·t)
     rise time     10 → 90 % of the joint's own final displacement after a step of STEP [s]
@@ -12,9 +12,9 @@ that floats in its backlash answers chaotically, and no model could be compared 
     stall torque  steady torque on a blocked joint, the target led to STALL_ERROR ahead of it [N·m]
     peak speed    fastest SPEED_WINDOW of a step of FAST_STEP with a nearly bare joint [rad/s]
 
-A motor that fails a trial gets the trial's end of the scale, never NaN (see each function). Values are rounded to
-RESOLUTION, what a good bench reads: without it a two-sample test tells an overshoot of 0 from one of 0.0003, which
-no robot feels.
+A motor that fails a trial gets the limit value of that trial, never NaN (see each function). Values are rounded to
+RESOLUTION, that of a good physical bench: otherwise a two-sample test would separate an overshoot of 0 from one of
+0.0003, a difference without effect on a robot.
 """
 
 from __future__ import annotations
@@ -28,38 +28,72 @@ from motorprior.bench.dynamometer import Response, Trial, run
 
 PERIOD = 0.002
 """Sample period of all trials [s]."""
-LOAD_INERTIA, HEAVY_INERTIA = 0.003, 0.03
-"""A leg; a leg that carries its share of the standing robot, where motors begin to overshoot [kg·m²]."""
+LOAD_INERTIA = 0.003
+"""Inertia of a leg [kg·m²]."""
+HEAVY_INERTIA = 0.03
+"""Inertia of a leg with its share of the standing robot [kg·m²], at which motors begin to overshoot."""
 PRESS = 0.05
-"""Torque that keeps the gear pressed, below the friction of most motors [N·m]."""
+"""Torque that keeps the gear pressed to one side, below the friction of most motors [N·m]."""
 FREQUENCIES = (1, 2, 4, 8)
-"""[Hz]; whole cycles fit into SINE_WINDOW."""
+"""Frequencies of the sines [Hz]; whole cycles fit into SINE_WINDOW."""
 AMPLITUDE = 0.15
-"""[rad]"""
-SINE_SETTLE, SINE_WINDOW = 1.0, 1.0
-"""[s]"""
+"""Amplitude of the sines [rad]."""
+SINE_SETTLE = 1.0
+"""Time of a sine before the evaluation [s]."""
+SINE_WINDOW = 1.0
+"""Time of a sine that is evaluated [s]."""
 UNMOVED_GAIN = 1e-3
-"""Below this gain there is no phase to read [-]."""
-STEP, STEP_SETTLE, STEP_DURATION, STEP_FINAL = 0.3, 0.3, 1.2, 0.1
-"""[rad], [s], [s], [s]"""
-CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
-"""[rad/s], [rad], [rad]: the target goes from -reach to +reach and back, read while |target| < window."""
-GIVE, RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.01, 0.5, 0.2, 1.5
-"""[rad], [s], [N·m/s], [N·m]"""
-STALL_ERROR, STALL_INERTIA, STALL_LEAD, STALL_HOLD, STALL_FINAL = 0.6, 1e5, 1.5, 0.3, 0.1
-"""[rad], [kg·m²], [s], [s], [s]"""
-FAST_STEP, FAST_INERTIA, FAST_DURATION, SPEED_WINDOW = 1.2, 3e-4, 0.8, 0.02
-"""[rad], [kg·m²], [s], [s]"""
+"""Gain below which the phase is undefined [-]."""
+STEP = 0.3
+"""Height of the step [rad]."""
+STEP_SETTLE = 0.3
+"""Time before the step [s]."""
+STEP_DURATION = 1.2
+"""Time after the step [s]."""
+STEP_FINAL = 0.1
+"""Time at the end of a step whose mean is the final displacement [s]."""
+CREEP_SPEED = 0.04
+"""Speed of the creeping target [rad/s]."""
+CREEP_REACH = 0.2
+"""Largest angle of the creeping target, which goes from -CREEP_REACH to +CREEP_REACH and back [rad]."""
+CREEP_WINDOW = 0.03
+"""Largest |target| at which the hysteresis is evaluated [rad]."""
+GIVE = 0.01
+"""Displacement that counts as breakaway [rad]."""
+RAMP_SETTLE = 0.5
+"""Time before the torque ramp [s]."""
+RAMP_RATE = 0.2
+"""Slope of the torque ramp [N·m/s]."""
+RAMP_TOP = 1.5
+"""Largest torque of the ramp [N·m]."""
+STALL_ERROR = 0.6
+"""Position error at the stall [rad]."""
+STALL_INERTIA = 1e5
+"""Inertia that blocks the joint [kg·m²]."""
+STALL_LEAD = 1.5
+"""Time in which the target moves to STALL_ERROR [s]."""
+STALL_HOLD = 0.3
+"""Time for which STALL_ERROR is held [s]."""
+STALL_FINAL = 0.1
+"""Time at the end over which the torque is averaged [s]."""
+FAST_STEP = 1.2
+"""Height of the step for the peak speed [rad]."""
+FAST_INERTIA = 3e-4
+"""Inertia of a nearly bare joint [kg·m²]."""
+FAST_DURATION = 0.8
+"""Time after the step for the peak speed [s]."""
+SPEED_WINDOW = 0.02
+"""Time over which the speed is averaged [s]."""
 RESOLUTION = {
     "gain": 1e-3, "lag": 2e-4, "rise time": 1e-3, "overshoot": 5e-3,
     "dead band": 2e-4, "breakaway": 2e-3, "stall torque": 2e-3, "peak speed": 0.02,
 }  # fmt: skip
-"""In the unit of the feature."""
+"""Resolution of each feature, in the unit of the feature."""
 
 
 @dataclass(frozen=True)
 class Behaviours:
-    """Features of n motors.
+    """F features of n motors.
 
     Attributes:
         names: F names.
@@ -95,7 +129,7 @@ def _count(duration: float) -> int:
 
 
 def _respond(actuator: Actuator, target: np.ndarray, external: np.ndarray | float, inertia: float) -> Response:
-    """All motors on one command: target (steps,) [rad], external torque (steps,) or constant [N·m]."""
+    """Response of all motors to one target (steps,) [rad] and external torque, (steps,) or constant [N·m]."""
     shape = (len(target), actuator.num_motors)
     torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
     load = np.full(actuator.num_motors, inertia)
@@ -107,7 +141,7 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
 
     joint_pos = c + a·sin(ωt) + b·cos(ωt) by least squares over whole cycles, after SINE_SETTLE;
     gain = √(a² + b²) / AMPLITUDE, lag = atan2(-b, a) / ω taken from [-1/4, 3/4) of a cycle. A joint that does not
-    move (gain below UNMOVED_GAIN) has a lag of 3/4 of a cycle, the end of the scale.
+    move (gain below UNMOVED_GAIN) has the largest lag, 3/4 of a cycle.
     """
     time = np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD
     angle = 2 * np.pi * frequency * time
@@ -121,7 +155,7 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
 
 
 def _step(actuator: Actuator, inertia: float) -> np.ndarray:
-    """(steps, n) joint_pos [rad] from the sample before a step of STEP on, with ``inertia`` [kg·m²]."""
+    """(steps, n) joint_pos [rad] from the last sample before a step of STEP, with ``inertia`` [kg·m²]."""
     before = _count(STEP_SETTLE)
     target = np.zeros(before + _count(STEP_DURATION))
     target[before:] = STEP
@@ -129,10 +163,10 @@ def _step(actuator: Actuator, inertia: float) -> np.ndarray:
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:
-    """(n,) time from the first passage of 10 % of final - start to that of 90 % [s], between samples by interpolation.
+    """(n,) time from the first passage of 10 % of the final displacement to that of 90 % [s], interpolated.
 
-    Final: mean of the last STEP_FINAL. A motor whose final displacement is below 10 % of STEP has not answered: its
-    rise time is STEP_DURATION.
+    The final displacement is the mean over the last STEP_FINAL. If it is below 10 % of STEP, the rise time is
+    STEP_DURATION.
     """
     joint_pos = _step(actuator, LOAD_INERTIA)
     moved = joint_pos[-_count(STEP_FINAL) :].mean(axis=0) - joint_pos[0]
@@ -144,14 +178,14 @@ def rise_time(actuator: Actuator) -> np.ndarray:
 def overshoot(actuator: Actuator) -> np.ndarray:
     """(n,) (highest joint_pos before the last STEP_FINAL - mean of that) / STEP [-], not below 0.
 
-    0 for a motor that does not move, but for a bounce in its backlash; 0 for one that still rises at the end.
+    It is 0 for a motor that does not move (except for a bounce in its backlash) or that still rises at the end.
     """
     joint_pos, late = _step(actuator, HEAVY_INERTIA), _count(STEP_FINAL)
     return np.maximum(joint_pos[:-late].max(axis=0) - joint_pos[-late:].mean(axis=0), 0.0) / STEP
 
 
 def _passage(signal: np.ndarray, level: float) -> np.ndarray:
-    """(n,) time [s] at which (steps, n) ``signal`` first reaches ``level``; its duration if it never does."""
+    """(n,) time at which ``signal`` (steps, n) first reaches ``level`` [s]; its duration if it never does."""
     reached = signal >= level
     index = np.argmax(reached, axis=0)
     motors = np.arange(signal.shape[1])
@@ -165,8 +199,8 @@ def dead_band(actuator: Actuator) -> np.ndarray:
 
     The target creeps from -CREEP_REACH to +CREEP_REACH and back against a light brake, external torque =
     -PRESS·sign(target velocity), so that the joint trails by friction/kp + PRESS/kp + half the backlash:
-    (mean joint_pos on the way down - mean on the way up)/2 while |target| < CREEP_WINDOW. A joint that does not
-    follow (it travels less than CREEP_WINDOW) has CREEP_REACH, which also bounds the others.
+    (mean joint_pos on the way down - mean on the way up)/2 while |target| < CREEP_WINDOW. A joint that
+    travels less than CREEP_WINDOW gets CREEP_REACH, which is also the upper bound of the feature.
     """
     leg = _count(2 * CREEP_REACH / CREEP_SPEED)
     up = np.linspace(-CREEP_REACH, CREEP_REACH, leg)
@@ -179,12 +213,12 @@ def dead_band(actuator: Actuator) -> np.ndarray:
 
 
 def breakaway(actuator: Actuator) -> np.ndarray:
-    """(n,) torque to which a joint that holds target 0 gives way [N·m], mean of both directions.
+    """(n,) external torque at which a joint that holds target 0 moves by GIVE [N·m], mean of both directions.
 
     After RAMP_SETTLE under PRESS, which takes up the backlash, the external torque rises from PRESS to RAMP_TOP at
-    RAMP_RATE; read when joint_pos has moved by GIVE since. It counts dry friction and the controller's
-    kp·GIVE: (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction) for a stiff gear. The backlash is not in
-    it, but for the blow with which it is taken up (up to a tenth). A joint that never gives way has RAMP_TOP.
+    RAMP_RATE. For a stiff gear the breakaway torque is (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction):
+    dry friction and the controller. The backlash has no influence, except by the impact when it is taken up (up to a
+    tenth). A joint that does not move by GIVE gets RAMP_TOP.
     """
     still = _count(RAMP_SETTLE)
     ramp = np.arange(PRESS, RAMP_TOP, RAMP_RATE * PERIOD)
@@ -199,9 +233,10 @@ def breakaway(actuator: Actuator) -> np.ndarray:
 def stall_torque(actuator: Actuator) -> np.ndarray:
     """(n,) mean joint_torque of the last STALL_FINAL on a blocked joint (an inertia of STALL_INERTIA) [N·m].
 
-    The target is led to STALL_ERROR in STALL_LEAD and held; a jump would wind the gear up by the rotor's momentum, and
-    stiction would keep it. (torque_limit - coulomb - stribeck_torque) / (1 + load_friction) for a physical motor. A
-    learned one is asked for a hold that its logs may not contain, and is bounded by its own torque_limit.
+    The target moves to STALL_ERROR within STALL_LEAD and stays there; after a step, the rotor's momentum would wind up
+    the gear, and stiction would keep it so. For a physical motor the stall torque is
+    (torque_limit - coulomb - stribeck_torque) / (1 + load_friction). For a learned motor a stall may be outside its
+    training data; its torque is bounded by its own torque_limit.
     """
     lead = np.linspace(0.0, STALL_ERROR, _count(STALL_LEAD))
     target = np.concatenate([lead, np.full(_count(STALL_HOLD), STALL_ERROR)])
@@ -212,7 +247,7 @@ def stall_torque(actuator: Actuator) -> np.ndarray:
 def peak_speed(actuator: Actuator) -> np.ndarray:
     """(n,) largest mean speed over SPEED_WINDOW [rad/s] in the step -FAST_STEP/2 → FAST_STEP/2, load FAST_INERTIA.
 
-    A window, because a light joint that bounces in its backlash has speeds of its own.
+    The average over a window removes the speeds at which a light joint bounces in its backlash.
     """
     before, width = _count(STEP_SETTLE), _count(SPEED_WINDOW)
     target = np.full(before + _count(FAST_DURATION), 0.5 * FAST_STEP)

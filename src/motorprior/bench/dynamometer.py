@@ -1,6 +1,6 @@
-"""One joint with a known load: the virtual dynamometer, for physical and for learned motors alike.
+"""Virtual dynamometer: joints with known loads, driven by physical or learned motors.
 
-The joint moves as `loaded_joint` has it.
+The step of the joint is that of `loaded_joint`.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class Response:
-    """What n motors did.
+    """Response of n motors to a trial.
 
     Attributes:
         joint_pos: (steps, n) [rad].
         joint_vel: (steps, n) [rad/s].
-        joint_torque: (steps, n) mean over the step that follows [N·m].
-        encoder_pos: (steps, n) what the motors' own encoders read [rad], on the rotor where a motor has one.
+        joint_torque: (steps, n) mean over the following step [N·m].
+        encoder_pos: (steps, n) readings of the motors' encoders [rad], which sit on the rotor if the model has one.
     """
 
     joint_pos: np.ndarray
@@ -62,7 +62,7 @@ def _simulate(
     start_offset: float,
     out: np.ndarray,
 ) -> None:
-    """Fill out (4, steps, n); ``fine`` integration steps per sample."""
+    """Simulate a trial into out (4, steps, n), with ``fine`` integration steps per sample."""
     steps, n = targets.shape
     h = dt / fine
     q, dq, torque = targets[0] + start_offset, np.zeros(n), np.zeros(n)
@@ -81,7 +81,7 @@ def _simulate(
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:
     """Simulate ``trial`` from rest at its first target, plus ``start_offset`` [rad].
 
-    Steps are as long as the trial's period or, where that is longer, as the ``bench_step`` of the motors' kind allows.
+    The integration step is the trial's period, or shorter if the ``bench_step`` of the motors' kind requires it.
     """
     fine = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
     steps, n = trial.position_target.shape

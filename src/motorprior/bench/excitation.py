@@ -1,6 +1,6 @@
-"""Excitations: position targets, and external torques, that show how a motor behaves.
+"""Excitations: position targets and external torques from which motors are identified.
 
-Each function returns (steps,) targets [rad], or torques where it says so; EXCITATIONS lists what a bench can use.
+Each function returns (steps,) targets [rad] unless it says torques; EXCITATIONS lists the excitations of a bench.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ import numpy as np
 from motorprior.exceptions import ConfigError
 
 Signal = Callable[[np.random.Generator, int, float], np.ndarray]
-"""(generator, steps, sample period [s]) -> (steps,)."""
+"""Function (generator, steps, sample period [s]) -> (steps,) signal."""
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """What a motor on the bench is commanded and pushed with.
+    """Excitation of a motor on the bench.
 
     Attributes:
-        name: in presets.
+        name: name in presets.
         target: position targets [rad].
-        external_torque: on the joint [N·m]; none if not given.
+        external_torque: external torque on the joint [N·m]; 0 if None.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Excitation:
 
 
 def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:
-    """Times [s] from 0 to beyond ``duration``, each so long after the one before."""
+    """Times from 0 to beyond ``duration``, with random intervals between ``shortest`` and ``longest`` [s]."""
     knots = [0.0]
     while knots[-1] < duration:
         knots.append(knots[-1] + rng.uniform(shortest, longest))
@@ -40,7 +40,7 @@ def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: 
 
 
 def _wandering(rng: np.random.Generator, steps: int, dt: float, low: float, high: float) -> np.ndarray:
-    """A positive signal that moves smoothly (log-linearly) between random levels every 0.5-1.5 s."""
+    """A positive signal that is log-linear between random levels 0.5-1.5 s apart."""
     knots = _knots(rng, steps * dt, 0.5, 1.5)
     levels = rng.uniform(np.log(low), np.log(high), len(knots))
     return np.exp(np.interp(np.arange(steps) * dt, knots, levels))
@@ -65,7 +65,7 @@ def held_steps(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 
 def gait(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """A leg joint's periodic motion: 0.8-2.5 Hz, three harmonics, a share of the cycle nearly at rest."""
+    """Periodic motion of a leg joint: 0.8-2.5 Hz, three harmonics, nearly at rest in part of the cycle."""
     frequency, warp = rng.uniform(0.8, 2.5), rng.uniform(-0.8, 0.8)
     angle = 2 * np.pi * frequency * np.arange(steps) * dt + rng.uniform(0, 2 * np.pi)
     angle = angle + warp * np.sin(angle)
@@ -77,7 +77,7 @@ def gait(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 
 def chirp(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """A sine that goes from 0.3 to 6 Hz and back, logarithmically: 0.5 rad up to 1 Hz, then 0.5 rad · 1 Hz / f."""
+    """Logarithmic sine sweep from 0.3 to 6 Hz and back: 0.5 rad up to 1 Hz, then 0.5 rad · 1 Hz / f."""
     turn = rng.uniform(0.4, 0.6) * steps
     share = np.minimum(np.arange(steps) / turn, (steps - np.arange(steps)) / (steps - turn))
     frequency = 0.3 * 20.0**share
@@ -88,7 +88,7 @@ _SINES = 12
 
 
 def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """A sum of sines from 0.2 to 8 Hz, random phases, equal speeds above 1 Hz: rms 0.25 rad."""
+    """Sum of sines from 0.2 to 8 Hz with random phases, equal speed amplitudes above 1 Hz, rms 0.25 rad."""
     frequency = np.geomspace(0.2, 8.0, _SINES) * rng.uniform(0.95, 1.05, _SINES)
     amplitude = 1.0 / np.maximum(1.0, frequency)
     phase = rng.uniform(0, 2 * np.pi, _SINES)
@@ -102,17 +102,17 @@ def held(targets: np.ndarray, every: int) -> np.ndarray:
 
 
 def creep(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """A slow walk between levels within ±0.3 rad, 0.3-1 s apart: friction and play rule the motion."""
+    """Slow motion between levels within ±0.3 rad, 0.3-1 s apart, dominated by friction and backlash."""
     return _ramps(rng, steps, dt, 0.3)
 
 
 def pushes(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """(steps,) external torque [N·m] that leads slowly to levels within ±2 N·m: through stiction, up to the stall."""
+    """(steps,) external torque [N·m] with slow ramps to levels within ±2 N·m: through stiction, up to the stall."""
     return _ramps(rng, steps, dt, 2.0)
 
 
 def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.ndarray:
-    """Straight lines between random levels within ±reach, 0.3-1 s apart, from 0 on."""
+    """Straight lines between random levels within ±reach, 0.3-1 s apart, starting at 0."""
     knots = _knots(rng, steps * dt, 0.3, 1.0)
     levels = rng.uniform(-reach, reach, len(knots))
     levels[0] = 0.0
@@ -120,9 +120,9 @@ def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.
 
 
 def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine blows.
+    """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine impacts.
 
-    Blows last 4-60 ms and reach up to 3 N·m, as footfalls of a trotting robot of 2 kg do.
+    Impacts last 4-60 ms and reach up to 3 N·m, like the footfalls of a trotting robot of 2 kg.
     """
     torque = np.full(steps, rng.uniform(-0.5, 0.5))
     time, now = np.arange(steps) * dt, rng.uniform(0.0, 0.2)
@@ -146,10 +146,10 @@ EXCITATIONS = (
 
 
 def excitation_named(name: str) -> Excitation:
-    """The entry of EXCITATIONS of that name.
+    """The excitation of that name.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: unknown name.
     """
     for each in EXCITATIONS:
         if each.name == name:

@@ -1,4 +1,4 @@
-"""A bench in a folder: its motor log, and the facts from which the very same motors can be drawn again."""
+"""A bench folder: the motor log, and the facts from which the same motors can be drawn again."""
 
 from __future__ import annotations
 
@@ -17,12 +17,16 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.schema import TABLE, TEXT, Schema, integer
 
-MOST_MOTORS, MOST_STEPS, MOST_SAMPLES = 4096, 1_000_000, 20_000_000
-"""Of one bench; so many samples take about 3 GB while they are recorded."""
+MOST_MOTORS = 4096
+"""Largest number of motors of a bench."""
+MOST_STEPS = 1_000_000
+"""Largest number of samples per motor."""
+MOST_SAMPLES = 20_000_000
+"""Largest number of samples of all motors together, about 3 GB of memory during the recording."""
 LOG, FACTS = "log.parquet", "bench.json"
 MOTORS_STREAM = 11
 """Tag of the random stream that draws a bench's motors."""
-_AGAIN = "record the bench anew"
+_AGAIN = "record the bench again"
 _FACTS = Schema(
     {
         **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
@@ -33,11 +37,12 @@ _FACTS = Schema(
     },
     _AGAIN,
 )
+"""Keys of bench.json."""
 
 
 @dataclass(frozen=True)
 class BenchFacts:
-    """What a bench folder says about its motors, enough to draw the very same ones again."""
+    """Facts of a bench from which its motors can be drawn again."""
 
     fleet: Fleet
     preset: str
@@ -64,12 +69,12 @@ class BenchFacts:
 
 
 def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> None:
-    """Refuse a bench of no or of too many samples.
+    """Refuse a bench with no samples or too many.
 
     Args:
         motors: number of motors.
         steps: samples per motor.
-        steps_name: what the caller calls them.
+        steps_name: name of ``steps`` in the error.
 
     Raises:
         ConfigError: names the argument and its bounds.
@@ -85,7 +90,7 @@ def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> No
 
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
-    """The motors of a bench with this seed. Held-out motors use another stream of random numbers."""
+    """The motors of a bench with this seed; held-out motors come from another random stream."""
     return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
 
@@ -93,10 +98,10 @@ def facts_from_json(data: Any, where: str) -> BenchFacts:
     """Read what `BenchFacts.as_json` wrote.
 
     Raises:
-        ArtifactError: unknown or missing keys, or facts that no motors can be drawn from.
+        ArtifactError: unknown or missing keys, or facts from which no motors can be drawn.
     """
     if not isinstance(data, dict):
-        raise ArtifactError("the facts of its bench are not there", where=where, remedy=_AGAIN)
+        raise ArtifactError("the facts of its bench are missing", where=where, remedy=_AGAIN)
     try:
         _FACTS.check(data, None)
         fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters")

@@ -43,7 +43,7 @@ _STRICTLY_POSITIVE = {
 }  # fmt: skip
 _LARGEST = 1e9
 _LARGEST_OF = {"delay": 1.0, "velocity_filter": 1.0}
-"""Bounds of a number of one parameter; the memory of a motor grows with its delay."""
+"""Upper bounds of the delay and of the velocity filter's time constant [s]; a delay takes memory."""
 _LARGEST_LOG_SPREAD = 3.0
 """A lognormal parameter varies by a factor of exp(3) = 20."""
 _KEYS = {
@@ -163,12 +163,12 @@ def fleet_path(name_or_path: str | Path) -> Path:
 
 
 def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str) -> Fleet:
-    """The fleet that `Fleet.summary` tells of.
+    """The fleet that `Fleet.summary` describes.
 
     Raises:
         ArtifactError: unknown or missing parameters or keys, or a value out of range.
     """
-    remedy = "record the bench anew"
+    remedy = "record the bench again"
     Schema(dict.fromkeys(UNITS, TABLE), remedy, name="parameters").check(parameters, where)
     made = {
         parameter: _distribution(parameters[parameter], "kind", {}, parameter, f"{where}[{parameter}]", remedy)
@@ -178,11 +178,11 @@ def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping
 
 
 def _number_fields(kind: str, name: str) -> dict[str, Field]:
-    """What the numbers of parameter ``name`` may be, if it is distributed so."""
+    """Bounds of the numbers of parameter ``name`` for a distribution of this kind."""
     most, unit, positive = _LARGEST_OF.get(name, _LARGEST), UNITS[name], name in _STRICTLY_POSITIVE
     least = -most if name == "encoder_zero" else 0.0
     center = number(least, most, above=0.0 if positive else -inf, unit=unit)
-    share = kind == "lognormal"  # of the center, as the spread of its logarithm is
+    share = kind == "lognormal"  # relative to the center, like the spread of a logarithm
     spread = number(0.0, _LARGEST_LOG_SPREAD, unit="of the center") if share else number(0.0, most, unit=unit)
     shape = {"spread": spread, "center_uncertainty": spread, "minimum": number(least, most, unit=unit)}
     return {key: shape.get(key, center) for key in _KEYS[kind]}
@@ -191,7 +191,7 @@ def _number_fields(kind: str, name: str) -> dict[str, Field]:
 def _distribution(
     table: Mapping[str, Any], kind_key: str, others: Mapping[str, Field], name: str, where: str, remedy: str
 ) -> Distribution:
-    """The distribution of parameter ``name``, if its table holds what its kind needs, in range, and the ``others``."""
+    """The distribution of parameter ``name``, after checks of keys and ranges in its table."""
     kind = table.get(kind_key)
     require(kind_key, kind, one_of(*_KEYS), where, remedy)
     numbers = _number_fields(str(kind), name)

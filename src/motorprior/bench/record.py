@@ -1,9 +1,9 @@
 """Bench recordings: a fleet of physical motors on the virtual dynamometer, written as one motor log.
 
-Presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia that carries
-nothing, sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on
-loads from a bare shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the
-same in segments of a second, so that a few seconds show a motor on many loads.
+Presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia without external torque,
+sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on loads
+from a bare shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in
+segments of 1 s, so that a few seconds of log contain many loads.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class BenchPreset:
         segment_steps: samples per contiguous recording.
         load_inertia: (low, high) of the log-uniform load inertia [kg·m²].
         kinds: names in `excitation.EXCITATIONS`, one per segment in turn.
-        hold_steps: every second excitation is held for so many samples.
+        hold_steps: number of samples for which every second excitation holds a target.
         torque: factor on the external torques [-].
     """
 
@@ -43,7 +43,7 @@ class BenchPreset:
     torque: float = 1.0
 
     def for_robot(self, robot: Robot) -> BenchPreset:
-        """The same with the loads and torques that the motors of ``robot`` meet.
+        """The same preset, scaled to the loads and torques of ``robot``.
 
         Presets are written for loads of REFERENCE_LOAD and a reference torque of 1 N·m.
         """
@@ -53,7 +53,7 @@ class BenchPreset:
 
 
 REFERENCE_LOAD = (1e-4, 3e-2)
-"""Least and most inertia [kg·m²] of the robot that the presets' loads are written for."""
+"""Smallest and largest load inertia of the robot for which the presets are written [kg·m²]."""
 EXCITATION_STREAM = 13
 """Tag of the random stream of a bench's excitation."""
 PRESETS = {
@@ -87,7 +87,7 @@ def preset_of_period(period: float) -> BenchPreset:
 
 
 def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
-    """One excitation for ``motors`` motors, each with its own signal and load.
+    """A trial of one excitation for ``motors`` motors, each with its own signal and load.
 
     Raises:
         ConfigError: no excitation is named ``kind``.
@@ -108,7 +108,7 @@ def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: 
 def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
     """Record ``steps`` samples of every motor.
 
-    Same seed, same bytes. Segments of ``preset.segment_steps`` samples start from rest.
+    The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest.
 
     Raises:
         ConfigError: fewer than 2 steps, or a motor whose gear is too stiff for its load.
@@ -130,7 +130,7 @@ def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, 
 
 
 def _require_finite(response: Response, part: Trial, motors: MotorParameters) -> None:
-    """Refuse a recording in which a motor broke down.
+    """Refuse a recording in which the simulation of a motor diverged.
 
     Raises:
         ConfigError: names the motor, its gear and its load.
@@ -139,7 +139,7 @@ def _require_finite(response: Response, part: Trial, motors: MotorParameters) ->
     if broken.size:
         motor = int(broken[0])
         raise ConfigError(
-            f"motor {motor} breaks down on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
+            f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
             f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff",
             remedy="give the fleet a softer gear, or the robot's file a larger load_inertia = [least, most]",
             argument="fleet",

@@ -31,7 +31,7 @@ def adapt(config: AdaptCommand) -> None:
 
 def _show(log: MotorLog, found: Posterior, judged: Judged) -> None:
     rows = [
-        [name, f"{loss:.3f}", f"{chance:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
-        for name, loss, chance, mean in zip(log.joint_names, found.loss, judged.chance, found.mean, strict=True)
+        [name, f"{loss:.3f}", f"{p_value:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
+        for name, loss, p_value, mean in zip(log.joint_names, found.loss, judged.chance, found.mean, strict=True)
     ]
-    table("Posterior of z", ["motor", "loss", "P(as odd)", "mean"], rows)
+    table("Posterior of z", ["motor", "loss", "p-value", "mean"], rows)

@@ -1,4 +1,4 @@
-"""Words on the terminal: progress, tables, errors. Machines get JSON on standard output instead."""
+"""Terminal output: progress, tables, errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Bar:
         self._printed = time.monotonic()
 
     def advance(self, count: int = 1, note: str = "") -> None:
-        """``count`` more units are done."""
+        """Count ``count`` more finished units."""
         self._done += count
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=self._done, note=note)

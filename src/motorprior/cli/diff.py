@@ -1,4 +1,4 @@
-"""``motorprior diff``: what is different between two priors."""
+"""``motorprior diff``: the differences between two priors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motorprior.cli.console import table
 from motorprior.report.prior_difference import difference
 
 DIFFERENT = 1
-"""Exit code."""
+"""Exit code for priors that differ."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,6 @@ def _text(value: Any) -> str:
 
 
 def _change(one: Any, other: Any) -> str:
-    """Of two numbers, relative to the first."""
+    """Change between two numbers, relative to the first."""
     numbers = [isinstance(value, int | float) and not isinstance(value, bool) for value in (one, other)]
     return f"{100 * (other - one) / abs(one):+.1f} %" if all(numbers) and one else ""

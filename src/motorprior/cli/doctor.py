@@ -1,4 +1,4 @@
-"""``motorprior doctor``: what a robot's port says, before anything moves."""
+"""``motorprior doctor``: diagnosis of a robot before it moves."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from motorprior.robots.load import load_robot
 
 @dataclass(frozen=True)
 class Doctor:
-    """Listen to a robot and judge: frames, age, IMU, joints, currents, battery. Sends nothing, unless --idle."""
+    """Check a robot's telemetry: frames, age, IMU, joints, currents, battery. Sends nothing, unless --idle."""
 
     choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
     """The robot."""
     seconds: float = 3.0
-    """Time to listen [s]."""
+    """Duration of the check [s]."""
     idle: bool = False
     """Take the current from the motors first, so that legs can be moved by hand; a standing robot sinks."""
 

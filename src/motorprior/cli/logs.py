@@ -1,4 +1,4 @@
-"""``motorprior logs``: bring raw logs in, and look for what is wrong with them."""
+"""``motorprior logs``: import raw logs, and check logs for faults."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ RUN = {
 
 
 def parse(args: list[str]) -> object:
-    """The settings that a command line means.
+    """Parse a command line into settings.
 
     Raises:
         SystemExit: code 2 for a wrong command line, 0 after --help.
@@ -92,7 +92,7 @@ def parse(args: list[str]) -> object:
 
 
 def _outside(error: OSError | MemoryError) -> str:
-    """One line on what the machine refused."""
+    """One-line message for an error of the operating system."""
     if isinstance(error, MemoryError):
         detail = " ".join(str(error).split())
         return f"not enough memory{f' ({detail})' if detail else ''} -> use smaller numbers, or a larger machine"
@@ -108,7 +108,7 @@ def main() -> None:
     except MotorPriorError as error:
         CONSOLE.print(f"error: {error.on_command_line()}", style="bold red", markup=False, soft_wrap=True)
         raise SystemExit(2) from None
-    except (OSError, MemoryError) as error:  # what no check can foresee: a folder that goes away, a full memory
+    except (OSError, MemoryError) as error:  # not foreseeable by checks: a folder that disappears, a full memory
         CONSOLE.print(f"error: {_outside(error)}", style="bold red", markup=False, soft_wrap=True)
         raise SystemExit(2) from None
     except KeyboardInterrupt:

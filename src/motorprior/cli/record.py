@@ -1,4 +1,4 @@
-"""``motorprior record``: the motors of a robot show themselves, and a log keeps it."""
+"""``motorprior record``: excite the motors of a robot and record a log."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Record:
     choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
     """The robot; a virtual one hangs unless --standing."""
     settings: Annotated[RecordSettings, tyro.conf.arg(name="")] = field(default_factory=RecordSettings)
-    """What to play."""
+    """The excitation."""
 
 
 def run_record_command(config: Record) -> None:
-    """Record, and say where.
+    """Record, and print the path of the log.
 
     Raises:
         ConfigError: pyserial or msgpack is not installed.

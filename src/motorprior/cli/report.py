@@ -15,7 +15,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class MakeReport:
-    """Write the page of a demo's run folder anew, or one of policies that were trained."""
+    """Write the page of a demo's run folder again, or a page of trained policies."""
 
     run: tyro.conf.Positional[Path]
     """Folder that `motorprior demo` wrote, or that `motorprior walk` wrote policies into."""
@@ -24,7 +24,7 @@ class MakeReport:
 
 
 def run_report(config: MakeReport) -> None:
-    """Write the page and say where."""
+    """Write the page and print its path."""
     command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
     is_demo = (config.run / SETTINGS).is_file()
     print(build_report(config.run) if is_demo else build_walk_report(config.run, config.robot, command))

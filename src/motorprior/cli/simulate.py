@@ -1,4 +1,4 @@
-"""``motorprior simulate``: a simulated robot plays an excitation, as a motor log."""
+"""``motorprior simulate``: a motor log of a simulated robot under an excitation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motorprior.pipeline.simulate import Simulate, run_simulate
 
 @dataclass(frozen=True)
 class SimulateCommand(Simulate):
-    """Play an excitation on a simulated robot, fixed or hung in the air, and record a motor log."""
+    """Excite a simulated robot, fixed or hung in the air, and record a motor log."""
 
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
 

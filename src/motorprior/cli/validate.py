@@ -41,7 +41,7 @@ def show_fidelity(results: Results) -> None:
     figures = results.where(quantity=_DISTRIBUTION).to_figures()
     if figures:
         rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
-        table("Preset rollout on motors nobody trained on", ["figure", "value"], rows)
+        table("Preset rollout on held-out motors", ["figure", "value"], rows)
 
 
 def _show_table(title: str, results: Results, motors: str) -> None:

@@ -1,4 +1,4 @@
-"""``motorprior virtual-robot``: a robot that is not there, on a pseudo-terminal."""
+"""``motorprior virtual-robot``: a virtual robot on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class VirtualRobotCommand:
     robot: Virtual = field(default_factory=Virtual)
     """The robot."""
     link: Path | None = None
-    """Link to the pseudo-terminal, for a name that stays."""
+    """Path of a symbolic link to the pseudo-terminal."""
     json: Path | None = None
-    """File for what the robot went through, written when it ends."""
+    """File for the robot's statistics, written at its end."""
     seconds: float | None = None
     """Lifetime [s]; until Ctrl-C if not given."""
     with_parent: bool = False
@@ -31,7 +31,7 @@ class VirtualRobotCommand:
 
 
 def run_virtual_robot(config: VirtualRobotCommand) -> None:
-    """Live until Ctrl-C, or for the seconds that were asked for."""
+    """Run until Ctrl-C, or for ``seconds``."""
     life = serve(load_robot(config.kind), config.robot, config.link, config.seconds, config.with_parent, TERMINAL)
     if config.json is not None:
         write_json(config.json, life)

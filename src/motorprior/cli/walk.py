@@ -1,4 +1,4 @@
-"""``motorprior walk``: ARS trains a PMTG policy on motors drawn anew every episode."""
+"""``motorprior walk``: ARS trains a PMTG policy on motors drawn again for every episode."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
         if name == "deploy":
             command.add_argument("policy", type=Path, help="policy.safetensors")
         if settings is None:
-            command.add_argument("--seconds", type=float, default=SECONDS, help="time to listen [s]")
+            command.add_argument("--seconds", type=float, default=SECONDS, help="duration of the check [s]")
             command.add_argument("--idle", action="store_true", help=IDLE_FIRST)
         else:
             _add_options(command, settings)

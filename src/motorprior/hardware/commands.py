@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware import deploy, record
+from motorprior.hardware import deploy, excitation_run
 from motorprior.hardware.control_loop import Timing, clock_results
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
@@ -29,7 +29,7 @@ from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
 _RECOGNISED = 0.3
-"""Time to listen until telemetry proves that the device is a robot [s]."""
+"""Time in which telemetry must prove that the device is a robot [s]."""
 
 
 def the_port(port: str | None) -> str:
@@ -121,7 +121,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
             ask_to_arm(stop, settings.yes, STANDING if settings.standing else HUNG, say)
             facts.begin("record", port, settings, gains, link)
 
-        record.excite(
+        excitation_run.excite(
             link, targets, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
             confirm=confirm, status=say, timing=timing,
@@ -131,7 +131,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
 
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Diagnosis]:
-    """Listen and judge; sends nothing, or idle and nothing else.
+    """Check the telemetry of a robot; sends nothing, or only idle.
 
     Raises:
         ConfigError: less than a second.

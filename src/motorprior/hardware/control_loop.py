@@ -127,7 +127,7 @@ class ControlLoop:
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
             try:
-                self._link.listen(self._deadline)
+                self._link.receive(self._deadline)
                 measurement = self._link.check()
                 target = motion(measurement)
                 if target is None:

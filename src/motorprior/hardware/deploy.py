@@ -162,7 +162,7 @@ def rehearse(link: RobotLink, policy: Policy, stop: StopRequest, seconds: float,
     end = deadline + seconds
     while deadline < end and not stop():
         deadline += policy.control_dt
-        link.listen(deadline)
+        link.receive(deadline)
         measurement = link.check()
         target = walker(measurement)
         if not np.all(np.isfinite(target)):

@@ -20,10 +20,10 @@ class Diagnosis:
     """One line of a doctor's report.
 
     Attributes:
-        check: what was looked at.
-        finding: the figure.
-        well: whether it is as it should be.
-        remedy: what to do otherwise.
+        check: name of the check.
+        finding: the measured value.
+        well: whether the check passed.
+        remedy: what to do if it did not.
     """
 
     check: str
@@ -33,7 +33,7 @@ class Diagnosis:
 
 
 def examine(link: RobotLink, seconds: float) -> list[Diagnosis]:
-    """Listen for some seconds.
+    """Check the telemetry of some seconds.
 
     Args:
         link: idle.
@@ -45,7 +45,7 @@ def examine(link: RobotLink, seconds: float) -> list[Diagnosis]:
     started, before = time.monotonic(), link.stream.accepted
     ages, heard, worst_age = [], [], 0.0
     while time.monotonic() < started + seconds:
-        link.listen(time.monotonic() + 0.005)
+        link.receive(time.monotonic() + 0.005)
         latest = link.stream.latest
         if latest is not None:
             worst_age = max(worst_age, time.monotonic() - latest.sampled)
@@ -87,7 +87,7 @@ def _imu(heard: list[Telemetry], limits: SafetyLimits) -> Diagnosis:
             frozen.check(telemetry, 1e-3 * telemetry.ts)
     except RobotFault as fault:
         return Diagnosis("IMU", f"{finding}; {fault.problem}", False, fault.remedy or "")
-    remedy = "flash a firmware that reads the IMU; without it a fall cannot be seen"
+    remedy = "flash a firmware that reads the IMU; without it a fall cannot be detected"
     return Diagnosis("IMU", finding, is_imu_alive(last), remedy)
 
 

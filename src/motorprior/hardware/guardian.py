@@ -13,11 +13,15 @@ from pathlib import Path
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.framing import IDLE_FRAME
 
-_START, _SOON = 10.0, 0.005
-"""Longest start of an interpreter, and longest wait for one that was killed [s]."""
-_PIPE, _BEAT = 4096, 40 * b"."
-"""A pipe of one page [bytes], and beats that fill it in about a second when they are not read: a watchdog that sleeps
-is found out. Where pages are larger, or a pipe cannot be made smaller, it takes up to 16 s."""
+_START = 10.0
+"""Longest start of the watchdog's interpreter [s]."""
+_SOON = 0.005
+"""Longest wait for a killed watchdog process [s]."""
+_PIPE = 4096
+"""Capacity of the pipe [bytes], one page."""
+_BEAT = 40 * b"."
+"""Bytes of one beat. Unread beats fill the pipe in about a second, which reveals a watchdog that sleeps; it takes up to
+16 s where pages are larger or the pipe cannot be made smaller."""
 
 
 class Guardian:

@@ -41,7 +41,7 @@ class Tilt:
 
 
 class FrozenImu:
-    """An IMU that was alive repeats its values, or sends zeros: a fall would not be seen.
+    """An IMU that worked before repeats its values, or sends zeros, so that a fall would not be detected.
 
     `is_imu_alive` finds an IMU that never was alive. To have been alive takes ``imu_time``: one damaged
     frame of a firmware that reads no IMU does not count.

@@ -22,8 +22,11 @@ from motorprior.logs.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
-_IDLE_BURSTS, _IDLE_PAUSE = (30, 1, 1, 1), 0.01
-"""The first is longer than any command, of which a part may have been sent; the others are for lost frames [s]."""
+_IDLE_BURSTS = (30, 1, 1, 1)
+"""Number of idle commands in each burst. The first burst is longer than any command, of which a part may have been
+sent; the others are for lost frames."""
+_IDLE_PAUSE = 0.01
+"""Pause between bursts [s]."""
 _LAW_FIRST = 3
 """The first so many targets come with the gains: any command may get lost, and what a firmware holds before the first
 one is its own idea of a current limit. Later ones do not: no checksum guards them, and while the next target mends a
@@ -96,7 +99,7 @@ class RobotLink:
         """The (joints,) target in force [rad], None while idle."""
         return None if self._gate is None else self._gate.target
 
-    def listen(self, until: float) -> None:
+    def receive(self, until: float) -> None:
         """Read messages of the robot until ``until`` [s] on the monotonic clock; at least what is there already.
 
         Raises:
@@ -146,7 +149,7 @@ class RobotLink:
         gate = SafetyGate(self.robot, self.limits, kp, kd, max_current)
         self._forgiven.clear()
         self._guardian = Guardian(self._port.fileno(), self.limits.watchdog)
-        self.listen(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
+        self.receive(time.monotonic() + _CATCH_UP)  # what came while the watchdog started
         measurement = self.check()
         gate.take_hold(measurement.telemetry.pos, time.monotonic())
         self._gate, self.sent = gate, 0

@@ -75,7 +75,7 @@ class SerialBackend:
         """
         try:
             self._link.send(position_target, Mode.WALK)
-            self._link.listen(self._deadline)
+            self._link.receive(self._deadline)
             self._last = self._link.check()
         except RobotFault as fault:
             self._give_up(fault)

@@ -28,19 +28,19 @@ from motorprior.logs.robot_run import Mode
 from motorprior.robots.wire import Wire
 
 _FIRST_LOOK = 0.5
-"""Time to listen before arming [s]."""
+"""Duration of the check before arming [s]."""
 _FEWEST_FRAMES = 0.8
-"""Per control period of the robot's own clock, so that neither old frames out of a buffer nor a busy host count; the
-rest may get lost."""
+"""Least number of frames per control period of the robot's own clock, so that old frames from a buffer or a busy host
+have no influence; the rest may get lost."""
 _RANGE_SLACK = 0.1
-"""A joint may measure this far beyond its limits before arming [rad]: the end stops themselves are soft."""
+"""Angle by which a joint may be beyond its limits before arming [rad], as the end stops are soft."""
 _HOLD = 0.5
 _STILL = 0.1
-"""A joint that moves further than this [rad] in the first look is moved by something else: homing, or a hand."""
+"""Largest motion of a joint during the check before arming [rad]; more comes from homing or from a hand."""
 _NOT_TO_BE_TRUSTED = ("program error", "impossible command", "frozen IMU")
-"""Faults after which the motion that was playing, or its input, cannot be trusted to come to rest."""
+"""Faults after which the present motion, or its input, cannot be trusted to come to rest."""
 _QUICK = 0.1
-"""A first look is repeated if confirmation and compilation took longer than this [s]."""
+"""Longest time for confirmation and compilation [s] after which the check is not repeated."""
 
 
 class StopRequest:
@@ -101,7 +101,7 @@ class Gains:
     def of(
         cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
     ) -> Gains:
-        """The given ones, and the robot's own where None is given."""
+        """The given gains, with the robot's own in place of None."""
         return cls(
             wire.kp if kp is None else kp,
             wire.kd if kd is None else kd,
@@ -110,15 +110,15 @@ class Gains:
 
 
 def first_look(link: RobotLink, need_imu: bool) -> Measurement:
-    """Listen for half a second and refuse a robot that must not be armed.
+    """Check telemetry for half a second and refuse a robot that must not be armed.
 
     Raises:
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
             fault.
     """
-    link.listen(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
+    link.receive(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
     first, before = link.check().telemetry, link.stream.accepted
-    link.listen(time.monotonic() + 0.8 * _FIRST_LOOK)
+    link.receive(time.monotonic() + 0.8 * _FIRST_LOOK)
     measurement, robot = link.check(), link.robot
     telemetry, frames = measurement.telemetry, link.stream.accepted - before
     seconds, fewest = 1e-3 * (telemetry.ts - first.ts), _FEWEST_FRAMES / robot.control_dt
@@ -131,7 +131,7 @@ def first_look(link: RobotLink, need_imu: bool) -> Measurement:
     if need_imu and not is_imu_alive(telemetry):
         raise RobotFault(
             "no IMU",
-            "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be seen",
+            "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be detected",
             remedy="flash a firmware that reads the IMU, or give without_imu and stay within reach of the robot",
             argument="without_imu",
         )

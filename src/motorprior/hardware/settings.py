@@ -35,7 +35,7 @@ class DeploySettings:
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A]; the robot's own if not given.
-        without_imu: walk a robot whose IMU is not read: a fall is not seen.
+        without_imu: walk a robot whose IMU is not read: a fall is not detected.
         dry_run: compute everything and send nothing, for ``seconds`` or 5 s.
         yes: arm without asking.
     """
@@ -68,7 +68,7 @@ class RecordSettings:
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A]; the robot's own if not given.
         seed: of the random signals.
-        without_imu: record a standing robot whose IMU is not read: a fall is not seen.
+        without_imu: record a standing robot whose IMU is not read: a fall is not detected.
         yes: arm without asking.
     """
 

@@ -1,11 +1,11 @@
-"""The posterior of z for new motors, from seconds of log, with the network as it is.
+"""The posterior of z for new motors, from seconds of log; the network's weights stay fixed.
 
     minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·G(z)/T)⁻¹
 
-loss is the objective the prior was trained with, mean over N windows that do not overlap, G its Gauss-Newton matrix; T,
-the prior's own loss on its training motors, makes a window that is fitted as well as theirs count as one observation
-(a generalised posterior with a Laplace approximation). The descent is Adam on random subsets of the windows,
-then Gauss-Newton on all.
+loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
+temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
+observation (a generalised posterior with a Laplace approximation). U is minimised by Adam on random subsets of the
+windows, then by Gauss-Newton steps on all windows.
 """
 
 from __future__ import annotations
@@ -21,19 +21,23 @@ from motorprior.identification.network import Parameters
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 
-STEPS, BATCH = 300, 16
-"""Of the descent."""
+STEPS = 300
+"""Number of Adam steps."""
+BATCH = 16
+"""Windows per Adam step."""
 POLISHES = 6
-"""Gauss-Newton steps after the descent."""
-STARTS, SCREENED_WINDOWS = 48, 24
-"""Draws of each round of the search before the descent, judged by so many windows: there are many valleys."""
+"""Number of Gauss-Newton steps after Adam."""
+STARTS = 48
+"""Draws per round of the random search before Adam, needed because U has many local minima."""
+SCREENED_WINDOWS = 24
+"""Number of windows on which the random search evaluates a draw."""
 SEARCH_RADII = (1.0, 1.0, 0.5, 0.25, 0.12)
-"""Standard deviations of the rounds' draws."""
+"""Standard deviation of the draws in each round of the random search."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Of M motors, Z latents.
+    """Posterior of M motors with Z latents each.
 
     Attributes:
         mean: (M, Z).
@@ -49,7 +53,7 @@ class Posterior:
 
 
 def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
-    """(M, N, length, channels): windows whose free parts do not overlap, the history of each before it."""
+    """(M, N, length, channels) windows whose free parts do not overlap, each preceded by its history."""
     length = preset.history + preset.window
     starts, last = [], -preset.window
     for start in data.starts:
@@ -67,15 +71,15 @@ def adapt(
     steps: int = STEPS,
     start: np.ndarray | None = None,
 ) -> Posterior:
-    """Posterior of every motor in ``data``, whose scales must be the network's.
+    """Posterior of every motor in ``data``; its scales must be those of the network.
 
     Args:
         network: of the prior.
         data: logs of the new motors, stacked.
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
-        steps: Adam steps towards the mode.
-        start: (M, Z) where to start; from a search if not given.
+        steps: number of Adam steps.
+        start: (M, Z) initial latents; found by a random search if not given.
     """
     windows = jnp.asarray(tiled_windows(data, preset))
     fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
@@ -90,13 +94,13 @@ def adapt(
 def laplace_covariance(
     network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray, temperature: float
 ) -> np.ndarray:
-    """(M, Z, Z) covariance of motors whose modes z (M, Z) are known; see the module."""
+    """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
     windows = jnp.asarray(tiled_windows(data, preset))
     return _Fit(*motor_loss(network, preset, data.measured), windows, temperature).covariance(as_latents(z))
 
 
 def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
-    """(M, N) loss of every window that does not overlap the next, motors at latents z (M, Z)."""
+    """(M, N) loss of each of the non-overlapping windows, with the motors at latents z (M, Z)."""
     functions, parameters = motor_loss(network, preset, data.measured)
     windows = jnp.asarray(tiled_windows(data, preset))
     return np.asarray(functions.window_losses(parameters, as_latents(z), windows), np.float64)
@@ -104,7 +108,7 @@ def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z:
 
 @dataclass(frozen=True)
 class _Fit:
-    """What is minimised: compiled functions, the network's parameters, all windows (M, N, length, channels), and T."""
+    """The minimisation problem: compiled functions, network parameters, windows (M, N, length, channels), and T."""
 
     functions: MotorLoss
     parameters: Parameters
@@ -113,15 +117,15 @@ class _Fit:
 
     @property
     def count(self) -> int:
-        """N."""
+        """N, the number of windows per motor."""
         return self.windows.shape[1]
 
     def energies(self, z: jnp.ndarray) -> jnp.ndarray:
-        """(M,) U / N on all windows."""
+        """(M,) energy U / N on all windows."""
         return self.functions.energies(self.parameters, z, self.windows, self.temperature, float(self.count))
 
     def best_starts(self, latents: int) -> jnp.ndarray:
-        """(M, Z) by random search on evenly spread windows: draws about 0, then about the best so far, ever closer."""
+        """(M, Z) best of a random search on evenly spaced windows, with draws around the best so far, ever closer."""
         rng, motors = np.random.default_rng(0), self.windows.shape[0]
         picked = np.linspace(0, self.count - 1, min(SCREENED_WINDOWS, self.count)).astype(int)
         best, screened = jnp.zeros((motors, latents), jnp.float32), self.windows[:, picked]
@@ -134,7 +138,7 @@ class _Fit:
         return best
 
     def descend(self, start: jnp.ndarray, steps: int) -> jnp.ndarray:
-        """(M, Z) after Adam on random subsets of the windows, the same ones for every motor."""
+        """(M, Z) latents after Adam on random subsets of the windows, the same subsets for every motor."""
         rng = np.random.default_rng(1)
         picked = np.stack([rng.permutation(self.count)[: min(BATCH, self.count)] for _ in range(steps)])
         return self.functions.descend(
@@ -142,10 +146,10 @@ class _Fit:
         )
 
     def polish(self, start: jnp.ndarray, found: jnp.ndarray) -> jnp.ndarray:
-        """(M, Z): the better of ``start`` and ``found``, and POLISHES damped Gauss-Newton steps from there.
+        """(M, Z) latents after POLISHES damped Gauss-Newton steps from the better of ``start`` and ``found``.
 
-        A step is kept where it lowers the energy on all windows: the result is never worse than the start, whatever the
-        gradients of windows say in which a motor reaches the end of its backlash.
+        A step is kept only if it lowers the energy on all windows. So the result is never worse than the start, even
+        though gradients are unreliable in windows in which a motor reaches the end of its backlash.
         """
         values, others = self.energies(start), self.energies(found)
         z = jnp.where((others < values)[:, None], found, start)
@@ -163,7 +167,7 @@ class _Fit:
         return z
 
     def covariance(self, z: jnp.ndarray) -> np.ndarray:
-        """(M, Z, Z) Laplace approximation (I + P)⁻¹, negative curvature counted as none."""
+        """(M, Z, Z) Laplace approximation (I + N·G/T)⁻¹, with negative eigenvalues of G set to 0."""
         curvature = np.asarray(self.functions.curvatures(self.parameters, z, self.windows), np.float64)
         precision = curvature * self.count / self.temperature
         values, vectors = np.linalg.eigh(0.5 * (precision + precision.transpose(0, 2, 1)))

@@ -1,4 +1,4 @@
-"""The baselines, tuned with care: an ideal PD, and a PD with armature and delay fitted to the bench logs."""
+"""Baselines fitted to the bench log: a PD with its gains alone, and a PD with armature and delay."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rmse
 
 EVALUATIONS = 200
+"""Largest number of evaluations of the objective."""
 _SEGMENTS = 5
-"""Segments of the log that the fit replays: one of each excitation of the bench's wide preset."""
+"""Number of log segments that the fit replays: one per excitation of the bench's preset ``rollout``."""
 
 
 def trials(log: MotorLog, count: int) -> list[tuple[Trial, np.ndarray]]:
-    """The first ``count`` segments of a bench log as trials, each with the joint_pos (steps, n) it gave."""
+    """The first ``count`` segments of a bench log as trials, each with its recorded joint_pos (steps, n) [rad]."""
     found = []
     for part in list(log.segments())[:count]:
         assert part.external_torque is not None and part.load_inertia is not None
@@ -30,28 +31,28 @@ def trials(log: MotorLog, count: int) -> list[tuple[Trial, np.ndarray]]:
 
 
 GAINS = ("kp", "kd", "torque_limit")
-"""What an ideal PD may choose."""
+"""Constants that are fitted for an ideal PD."""
 EVERYTHING = (*GAINS, "armature", "delay")
-"""What the tuned PD may choose besides."""
+"""Constants that are fitted for the tuned PD."""
 _START = {"armature": 0.001, "delay": 0.008}
 
 
 def fit_pd(
     log: MotorLog, nominal: IdealPd, free: tuple[str, ...], progress: Callable[[int], None] | None = None
 ) -> IdealPd:
-    """One PD for all motors with the least closed-loop error on the bench log.
+    """Fit one PD, shared by all motors, with the least closed-loop error on the bench log.
 
     Nelder-Mead over the logarithms of the ``free`` constants; the objective is the mean over motors of the joint
     RMSE [rad] when the log's commands and loads are replayed on the dynamometer.
 
     Args:
-        log: of a bench.
-        nominal: where kp, kd and torque_limit start; armature and delay start at 1 g·m² and 8 ms if free.
-        free: GAINS or EVERYTHING; the rest stays nominal.
+        log: a bench log.
+        nominal: initial kp, kd and torque_limit; armature and delay, if free, start at 0.001 kg·m² and 0.008 s.
+        free: GAINS or EVERYTHING; the other constants stay nominal.
         progress: called after every evaluation.
 
     Returns:
-        A PD for one motor, to be repeated for as many as are simulated.
+        A PD of one motor; `repeated` copies it for several.
     """
     cases, count = trials(log, _SEGMENTS), log.num_joints
     first = np.log([_START.get(name, float(getattr(nominal, name)[0])) for name in free])
@@ -76,7 +77,7 @@ def _simplex(first: np.ndarray) -> np.ndarray:
 
 
 def repeated(model: IdealPd, num_motors: int) -> IdealPd:
-    """The first motor of ``model``, ``num_motors`` times."""
+    """``num_motors`` copies of the first motor of ``model``."""
     return IdealPd.uniform(
         num_motors, model.kp[0], model.kd[0], model.torque_limit[0], model.armature[0], model.delay[0]
     )

@@ -1,14 +1,15 @@
-"""The loaded joint simulated with a learned motor over windows of a log, differentiable.
+"""Differentiable closed-loop simulation of a loaded joint with a learned motor, over windows of a log.
 
-From the recorded state at the window's start, step by step as on the dynamometer (`bench.loaded_joint`), with torque
-from the model's own history. Before the start the model follows the recorded joint, so that its history and the hidden
-state of a grey box (rotor, backlash, delayed commands) are those of the log.
+The simulation starts from the recorded state and advances as on the dynamometer (`bench.loaded_joint`); the torque
+depends on the simulated history, not the recorded one. During the warm-up before the start the model follows the
+recorded joint, so that its history and a grey box's hidden state (rotor, backlash, delayed commands) match the log.
 
-Where the log's encoders are on the rotors, the rotor follows the record before the start, while the joint hangs on it
-by its gear, and the rotor is what is compared afterwards. All angles are the encoder's then, so that encoder_zero is
-without effect. The backlash is the central motor's: a rotor sees so little of it that a fit would absorb errors of the
-loads in it (on virtual robots log backlash was 0.58 off, at a claimed standard deviation of 0.08). The log holds no
-information on either. Only a grey box has a rotor; a network takes the reading for the joint's.
+If the log's encoders are on the rotors, the rotor follows the recording during the warm-up, with the joint attached to
+it by the gear, and afterwards rotor angles are compared. All angles are then encoder angles, so that encoder_zero has
+no effect, and the backlash is fixed at that of the central motor: an encoder on the rotor measures it so weakly that a
+fit would absorb errors of the loads in it (on virtual robots the log of the backlash was 0.58 off, at an estimated
+standard deviation of 0.08). Such a log identifies neither. Only a grey box has a rotor; a network takes the reading as
+the joint's angle.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jn
 
 
 class _Memory(NamedTuple):
-    """Newest first: (B, K) scaled errors and velocities, commands [rad]; and the grey box's state."""
+    """History (B, K), newest first, of scaled errors, scaled velocities and commands [rad]; state of the grey box."""
 
     errors: jnp.ndarray
     velocities: jnp.ndarray
@@ -49,11 +50,11 @@ def _fill(row: jnp.ndarray, length: int) -> jnp.ndarray:
 
 
 def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_rotor: bool = False) -> Rollout:
-    """A function (parameters, windows (B, rows, channels), z (B, Z)) -> errors of position, velocity and torque.
+    """Build the function (parameters, windows (B, rows, channels), z (B, Z)) -> position, velocity and torque errors.
 
-    All (steps, B), simulated less recorded [rad], [rad/s], [N·m], over the free rows: positions and velocities of all
-    but the first, the torques that lead there. ``bounded`` limits what each window adds to a gradient (for training, in
-    reverse mode). ``at_rotor``: the windows' positions and velocities are those of the rotors.
+    The errors are simulated minus recorded, each (steps, B) [rad], [rad/s], [N·m], over the free rows: positions and
+    velocities of all rows but the first, and the torques that lead to them. ``bounded`` limits the gradient of each
+    window (for training, in reverse mode). ``at_rotor`` marks windows whose positions and velocities are the rotors'.
     """
     taps, dt = np.asarray(preset.taps), preset.period
     limit = scales["torque_limit"] / scales["torque_scale"]
@@ -99,8 +100,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
             memory, torque, damping = actuate(parameters, bias, motor, memory, row[:, TARGET], q, dq)
             dq = next_velocity(dq, torque, row[:, EXTERNAL], inertia, damping, dt)
             q = q + dt * dq
-            seen = (memory.motor.rotor_pos, memory.motor.rotor_vel) if at_rotor else (q, dq)
-            return (q, dq, memory), (*seen, torque - damping * dq)
+            measured = (memory.motor.rotor_pos, memory.motor.rotor_vel) if at_rotor else (q, dq)
+            return (q, dq, memory), (*measured, torque - damping * dq)
 
         def follow(state, rows):
             row, following = rows

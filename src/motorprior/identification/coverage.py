@@ -1,4 +1,4 @@
-"""Predictive bands of new motors' trajectories, and whether they hold what they promise."""
+"""Prediction intervals of new motors' trajectories, and their measured coverage."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from motorprior.results import Result, Results
 
 DRAWS = 40
 REPEATS = 2
-"""Held-out trials per excitation: one held at 100 Hz, one not."""
+"""Number of held-out trials per excitation: one held at 100 Hz, one not."""
 LEVELS = (50, 90)
 COVERAGE_STREAM = 23
 
@@ -35,10 +35,11 @@ def predictive_draws(
 
 
 def band(draws: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper edge (...,) of the central ``level`` % of draws (D, ...).
+    """Lower and upper edge (...,) of the central ``level`` % prediction interval of draws (D, ...).
 
-    Between the ordered draws so that one more draw of the same distribution falls inside with that probability on
-    average (Weibull's positions, p·(D + 1)); the usual ones, p·(D - 1) + 1, promise 90 % and hold 86 % with D = 40.
+    Quantiles are interpolated at Weibull's plotting positions p·(D + 1): one more draw of the same distribution then
+    falls inside with probability ``level`` %, on average. The usual positions p·(D - 1) + 1 with D = 40 cover 86 %
+    instead of 90 %.
     """
     low, high = np.percentile(draws, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
     return low, high
@@ -52,10 +53,10 @@ def coverage(
     seed: int,
     preset: BenchPreset = HELD_OUT,
 ) -> Results:
-    """Share of the physical motors' held-out trajectories inside the central 50 and 90 % bands.
+    """Share of the physical motors' held-out trajectories inside the central 50 % and 90 % prediction intervals.
 
     Returns:
-        ``coverage50`` and ``coverage90`` over all motors, times and excitations, and per excitation.
+        ``coverage50`` and ``coverage90``, over all motors, times and excitations, and for each excitation alone.
     """
     rng, truth = np.random.default_rng([seed, COVERAGE_STREAM]), PhysicalActuator(motors)
     shares: dict[str, np.ndarray] = {}

@@ -1,10 +1,11 @@
-"""Is a motor prior a distribution of motors? Two-sample statistics of behaviour features, and the posterior's shape.
+"""Whether a motor prior matches a fleet: two-sample tests of behaviour features, and moments of the posteriors.
 
-Features of different units are standardised by what both samples hold together, without looking at who is who:
+Features of different units are standardised by the median and spread of the pooled samples, whatever their labels:
 
-    x' = (x - median) / (IQR / 1.349),   the standard deviation where the IQR is 0, 1 where that is 0 too,
+    x' = (x - median) / (IQR / 1.349)
 
-so that every result is invariant to the units of the features, and a permutation test stays exact.
+The standard deviation replaces a scale of 0, and 1 a standard deviation of 0. So every result is invariant to the
+units of the features, and the permutation test is exact.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _CLIP = 4.0
-"""Bound of a standardised feature in the classifier: one diverged motor must not be all it sees."""
+"""Bound on the magnitude of a standardised feature in the classifier, so that one diverged motor cannot dominate."""
 _RIDGE = 0.02
 """Penalty per training motor on the squared weights of the classifier."""
 _FOLDS, _REPEATS = 5, 4
@@ -22,7 +23,7 @@ _NEWTON_STEPS = 8
 
 
 def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both samples (n, F) and (m, F) in units of their pooled robust spread [-]; see the module."""
+    """Both samples (n, F) and (m, F), standardised by their pooled median and spread [-]; see the module docstring."""
     pooled = np.concatenate([a, b])
     low, middle, high = np.quantile(pooled, [0.25, 0.5, 0.75], axis=0)
     deviation = pooled.std(axis=0)
@@ -36,7 +37,7 @@ def _distances(points: np.ndarray) -> np.ndarray:
 
 
 def _energy(distances: np.ndarray, in_a: np.ndarray) -> np.ndarray:
-    """(P,) energy distances of P ways (P, N) to call some of the N points a and the others b.
+    """(P,) energy distances for P labellings (P, N) of N points as sample a (True) or b (False).
 
     2·E|X - Y| - E|X - X'| - E|Y - Y'| = -wᵀDw with w = 1/n on a, -1/m on b.
     """
@@ -46,19 +47,19 @@ def _energy(distances: np.ndarray, in_a: np.ndarray) -> np.ndarray:
 
 
 def energy_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Energy distance of two samples (n, F) and (m, F), standardised [-], without the square root.
+    """Squared energy distance of two standardised samples (n, F) and (m, F) [-].
 
-    2·E|X - Y| - E|X - X'| - E|Y - Y'| over all pairs, also of a point with itself (Székely & Rizzo, Energy statistics,
-    J. Stat. Plan. Inference 143, 2013): never negative, and above 0 by O(1/n + 1/m) for equal distributions;
-    `permutation_p_value` says what is to be expected.
+    2·E|X - Y| - E|X - X'| - E|Y - Y'|, averaged over all pairs, pairs of a point with itself included (Székely & Rizzo,
+    Energy statistics, J. Stat. Plan. Inference 143, 2013). It is never negative, and O(1/n + 1/m) for equal
+    distributions; `permutation_p_value` gives its significance.
     """
     return float(_energy(_distances(np.concatenate(standardise(a, b))), _labels(len(a), len(b))[None])[0])
 
 
 def permutation_p_value(a: np.ndarray, b: np.ndarray, seed: int, permutations: int = 200) -> float:
-    """Probability of so large an energy distance if a and b were of one distribution [-].
+    """p-value of the energy distance: the probability of one as large if a and b had one distribution [-].
 
-    (1 + number of permuted labellings at least as far apart) / (1 + permutations): uniform under the null.
+    (1 + number of permuted labellings with a distance at least as large) / (1 + permutations); uniform under the null.
     """
     distances = _distances(np.concatenate(standardise(a, b)))
     labels, rng = _labels(len(a), len(b)), np.random.default_rng(seed)
@@ -68,18 +69,18 @@ def permutation_p_value(a: np.ndarray, b: np.ndarray, seed: int, permutations: i
 
 
 def _labels(count_a: int, count_b: int) -> np.ndarray:
-    """(n + m,) True for the first sample."""
+    """(n + m,) labels, True for the first sample."""
     return np.arange(count_a + count_b) < count_a
 
 
 def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
-    """How well a classifier tells a motor of ``a`` (n, F) from one of ``b`` (m, F): area under the ROC curve [-].
+    """Area under the ROC curve of a classifier that separates motors of ``a`` (n, F) from those of ``b`` (m, F) [-].
 
-    0.5: not at all; 1: always (Lopez-Paz & Oquab, Revisiting Classifier Two-Sample Tests, ICLR 2017). Ridge
-    logistic regression on the standardised features, their squares and pairwise products sees differences of
-    location, scale and correlation. Cross-validated in stratified folds; the AUC of a fold is that of its
-    held-out motors, the result the mean over folds and repeats. For equal distributions it scatters around 0.5 by
-    1.0 to 1.4 times `auc_spread` (measured, 14 features, 64 and 256 motors).
+    0.5: inseparable; 1: always separable (Lopez-Paz & Oquab, Revisiting Classifier Two-Sample Tests, ICLR 2017). The
+    classifier is a ridge logistic regression on the standardised features, their squares and pairwise products, so
+    that it detects differences in location, scale and correlation. The result is the mean AUC of the held-out motors
+    over stratified cross-validation folds and repeats. For equal distributions its standard deviation around 0.5 is
+    1.0 to 1.4 times `auc_spread` (measured with 14 features, 64 and 256 motors).
 
     Raises:
         ValueError: a sample has fewer motors than folds.
@@ -98,23 +99,23 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
 
 
 def auc_spread(count_a: int, count_b: int) -> float:
-    """Standard deviation of an AUC of n against m motors of one distribution [-]: √((n + m + 1) / (12·n·m)).
+    """Standard deviation of the AUC of n against m motors of one distribution [-]: √((n + m + 1) / (12·n·m)).
 
-    That of a fixed score (Mann & Whitney, 1947); a cross-validated classifier's is somewhat larger.
+    It holds for a fixed score (Mann & Whitney, 1947); that of a cross-validated classifier is somewhat larger.
     """
     return float(np.sqrt((count_a + count_b + 1) / (12 * count_a * count_b)))
 
 
 def feature_auc(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(F,) P(a's value > b's) + P(equal)/2 of each feature alone [-]: below 0.5 where ``a`` is too low, above too high.
+    """(F,) AUC of each feature alone, P(a's value > b's) + P(equal)/2 [-]: below 0.5 where ``a`` has lower values.
 
-    Blind to a wrong spread or correlation, but it says where a `two_sample_auc` near 1 comes from.
+    It misses differences of spread and correlation, but shows which feature makes `two_sample_auc` large.
     """
     return np.array([area_under_curve(one, other) for one, other in zip(a.T, b.T, strict=True)])
 
 
 def area_under_curve(positive: np.ndarray, negative: np.ndarray) -> float:
-    """P(score of a positive > score of a negative) + P(equal)/2 [-], by ranks: the area under the ROC curve."""
+    """Area under the ROC curve, P(score of a positive > score of a negative) + P(equal)/2 [-], from ranks."""
     _, place, uses = np.unique(np.concatenate([positive, negative]), return_inverse=True, return_counts=True)
     middle_rank = np.cumsum(uses) - 0.5 * (uses - 1)
     n, m = len(positive), len(negative)
@@ -122,7 +123,7 @@ def area_under_curve(positive: np.ndarray, negative: np.ndarray) -> float:
 
 
 def _quadratic(features: np.ndarray) -> np.ndarray:
-    """(N, 1 + F + F·(F+1)/2): 1, the features, their squares and products, the latter to unit spread."""
+    """(N, 1 + F + F·(F+1)/2) columns: 1, the features, and their squares and products, scaled to unit spread."""
     first, second = np.triu_indices(features.shape[1])
     products = features[:, first] * features[:, second]
     products = (products - products.mean(axis=0)) / np.maximum(products.std(axis=0), 1.0)
@@ -130,9 +131,10 @@ def _quadratic(features: np.ndarray) -> np.ndarray:
 
 
 def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """(K,) weights of ridge logistic regression of (N,) labels on (N, K) features by Newton's method; 1 is column 0.
+    """(K,) weights of a ridge logistic regression of labels (N,) on features (N, K), by Newton's method.
 
-    Each class has half of the total weight, so that unequal samples do not move the intercept.
+    Column 0 of the features must be 1. Each class has half of the total weight, so that unequal sample sizes do not
+    shift the intercept.
     """
     penalty = np.full(features.shape[1], _RIDGE * len(features))
     penalty[0] = 1e-6
@@ -148,11 +150,11 @@ def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AggregatePosterior:
-    """The mixture of the training motors' posteriors, by its moments.
+    """Moments of the mixture of the training motors' posteriors.
 
     Attributes:
-        mean: (Z,) [-]; 0 for a prior that fits.
-        covariance: (Z, Z) [-]; the identity for a prior that fits.
+        mean: (Z,) [-]; 0 if the mixture equals the prior N(0, I).
+        covariance: (Z, Z) [-]; the identity if the mixture equals the prior.
         kl: KL(N(mean, covariance) ‖ N(0, I)) [nat].
     """
 
@@ -162,7 +164,7 @@ class AggregatePosterior:
 
 
 def aggregate_posterior_summary(mean: np.ndarray, log_var: np.ndarray) -> AggregatePosterior:
-    """Moments of 1/M·Σᵢ N(μᵢ, σᵢ²) with μ = ``mean`` (M, Z), log σ² = ``log_var`` (M, Z), and how far from N(0, I).
+    """Moments of 1/M·Σᵢ N(μᵢ, σᵢ²), with μ = ``mean`` and log σ² = ``log_var`` (both (M, Z)), and KL to N(0, I).
 
     mean = avg μ, covariance = diag(avg σ²) + avg (μ - mean)(μ - mean)ᵀ,
     kl = (tr covariance + |mean|² - Z - log det covariance) / 2 [nat].

@@ -1,7 +1,7 @@
-"""The geared motor of a grey box in JAX, for training: `actuator.geared_motor_step`, differentiable.
+"""The geared motor of a grey box in JAX, for training: a differentiable `actuator.geared_motor_step`.
 
-Shapes: B motors side by side; constants and states are (B,). Commands are a window, newest first, not the ring of
-`actuator.delay_line`: JAX's arrays cannot be written to, and the derivative by the delay needs no lookup this way.
+Shapes: B motors in parallel; constants and states are (B,). Past commands are an array, newest first, instead of the
+ring buffer of `actuator.delay_line`: JAX arrays are immutable, and so the derivative by the delay needs no lookup.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from motorprior.actuator.geared_motor_step import LOG_REACH, MotorState, array_a
 from motorprior.identification.network import Parameters
 
 LARGEST_SENSITIVITY = 3.0
-"""A window's gradient by the logarithms of its motor's constants counts at most so much: a motor that reaches the
-end of its backlash a step later has gradients that say nothing, and would rule the batch."""
+"""Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]. A motor that reaches the end
+of its backlash one step later has huge and meaningless gradients, which would dominate the batch."""
 _ARITHMETIC = array_arithmetic(jnp)
 
 Constants = dict[str, jnp.ndarray]
@@ -23,7 +23,7 @@ Constants = dict[str, jnp.ndarray]
 
 @jax.custom_vjp
 def _bounded_gradient(raw: jnp.ndarray) -> jnp.ndarray:
-    """Identity on (B, P); each row's gradient is finite and at most LARGEST_SENSITIVITY / B."""
+    """Identity on (B, P) whose gradient is clipped: per row finite, of norm at most LARGEST_SENSITIVITY / B."""
     return raw
 
 
@@ -45,22 +45,22 @@ def decode(parameters: Parameters, z: jnp.ndarray, bounded: bool) -> Constants:
     """(B,) constants by name for latents z (B, Z).
 
     Args:
-        parameters: of the grey box.
+        parameters: parameters of the grey box.
         z: latents.
-        bounded: limit what each row adds to a gradient; reverse mode only.
+        bounded: limit the gradient of each row; reverse mode only.
     """
-    slope = parameters["motor_slope"]  # (P,) in a training with a latent for each constant
+    slope = parameters["motor_slope"]  # (P,) if each constant has a latent of its own
     raw = parameters["motor_center"] + jnp.clip(z @ slope if slope.ndim == 2 else z * slope, -LOG_REACH, LOG_REACH)
     return geared_motor_step.decode(_bounded_gradient(raw) if bounded else raw, jnp)
 
 
 def at_rest(joint_pos: jnp.ndarray, joint_vel: jnp.ndarray) -> MotorState:
-    """Rotor above the joint and moving with it."""
+    """State in the middle of the backlash: the rotor at the joint's angle and velocity."""
     return MotorState(joint_pos, joint_vel, joint_vel, joint_vel, jnp.zeros_like(joint_pos))
 
 
 def delayed(commands: jnp.ndarray, delay: jnp.ndarray, dt: float) -> jnp.ndarray:
-    """(B,) position_target of ``delay`` [s] ago from commands (B, K), newest first, linear between steps."""
+    """(B,) position_target ``delay`` [s] ago, linearly interpolated in commands (B, K), newest first."""
     ages = jnp.arange(commands.shape[1])
     weight = jnp.maximum(0.0, 1.0 - jnp.abs(delay[:, None] / dt - ages))
     return jnp.sum(weight * commands, axis=1)
@@ -74,8 +74,8 @@ def advance(
     joint_vel: jnp.ndarray,
     dt: float,
 ) -> tuple[MotorState, jnp.ndarray, jnp.ndarray]:
-    """One step ``dt`` [s]: the new state, torque [N·m] and damping [N·m·s/rad] for the joint.
+    """Advance one step ``dt`` [s]; returns the new state, and torque [N·m] and damping [N·m·s/rad] on the joint.
 
-    ``target`` is the delayed command's mean over the step.
+    ``target`` is the mean of the delayed command over the step.
     """
     return step(step_constants(motor, dt, jnp), state, target, joint_pos, joint_vel, dt, _ARITHMETIC)

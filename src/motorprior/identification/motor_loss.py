@@ -1,7 +1,6 @@
-"""A motor's loss over all windows of its log and what fits need of it, compiled once per recipe and shape.
+"""Loss of a motor over all windows of its log, with its derivatives, compiled once per recipe and shape.
 
-The network's parameters are arguments: another prior of the same shape, or the same one in other latents, needs no
-second compilation.
+The network's parameters are arguments, so that another prior of the same shape needs no second compilation.
 """
 
 from __future__ import annotations
@@ -21,17 +20,19 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.windows import Measured
 
 LEARNING_RATE = 0.1
-"""Peak of the descent's cosine schedule."""
+"""Peak of Adam's cosine schedule."""
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 
 
 class MotorLoss:
-    """Functions of latents z (M, Z) and windows (M, N, length, channels) of M motors; energy is that of `adapt`.
+    """Compiled functions of latents z (M, Z) and windows (M, N, length, channels) of M motors.
+
+    The energy U is defined in `adapt`.
 
     Args:
         preset: recipe of the objective.
-        scales: of the network, by name.
-        measured: what the windows hold.
+        scales: the network's scales by name.
+        measured: which channels of the windows were measured.
     """
 
     def __init__(self, preset: Preset, scales: dict[str, float], measured: Measured):
@@ -65,13 +66,13 @@ class MotorLoss:
         self.losses = jax.jit(jax.vmap(loss, in_axes=each))
         """(parameters, z, windows) -> (M,) mean loss per window."""
         self.window_losses = jax.jit(jax.vmap(window_loss, in_axes=each))
-        """(parameters, z, windows) -> (M, N)."""
+        """(parameters, z, windows) -> (M, N) loss of each window."""
         self.screen = jax.jit(jax.vmap(jax.vmap(loss, in_axes=(None, 0, None)), in_axes=each))
-        """(parameters, candidates (M, K, Z), windows) -> (M, K)."""
+        """(parameters, candidates (M, K, Z), windows) -> (M, K) mean loss per window of each candidate."""
         self.energies = jax.jit(jax.vmap(energy, in_axes=with_numbers))
         """(parameters, z, windows, temperature, count) -> (M,) U / N."""
         self.slopes = jax.jit(jax.vmap(jax.grad(energy, argnums=1), in_axes=with_numbers))
-        """The same arguments -> (M, Z)."""
+        """(parameters, z, windows, temperature, count) -> (M, Z) gradient of U / N."""
         self.curvatures = jax.jit(curvatures)
         """(parameters, z, windows) -> (M, Z, Z) Gauss-Newton matrices of the loss."""
         self.descend = jax.jit(descend)
@@ -79,7 +80,7 @@ class MotorLoss:
 
 
 def motor_loss(network: LatentNetwork, preset: Preset, measured: Measured) -> tuple[MotorLoss, Parameters]:
-    """The compiled functions that fit a network, and its parameters, their first argument."""
+    """The compiled functions for a network, and the network's parameters, which are their first argument."""
     scales = tuple(float(getattr(network, name)) for name in _SCALES)
     return _compiled(preset, scales, measured), import_parameters(network)
 
@@ -90,5 +91,5 @@ def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> 
 
 
 def as_latents(z: np.ndarray) -> jnp.ndarray:
-    """Single precision, as everything here."""
+    """The latents as a float32 JAX array."""
     return jnp.asarray(z, jnp.float32)

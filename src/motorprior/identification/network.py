@@ -15,22 +15,24 @@ from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002
-"""Start of the decoded armature [kg·m²]."""
+"""Initial decoded armature [kg·m²]."""
 INITIAL_MOTOR = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
     "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
     "backlash": 0.015, "gear_damping": 0.03,
 }  # fmt: skip
-"""Start of a grey box's central motor, in SI units: a small geared servo."""
-MIXED_SPREAD, OWN_SPREAD = 0.1, 0.5
-"""Start of the logarithms' change per latent: every latent's on every constant, or each on its own."""
-NO_PLAY = 1e-5
-"""[rad]"""
+"""Initial constants of a grey box's central motor, in SI units: a small geared servo."""
+MIXED_SPREAD = 0.1
+"""Initial standard deviation of d log(constant) / d latent where every latent acts on every constant [-]."""
+OWN_SPREAD = 0.5
+"""Initial d log(constant) / d latent where each latent acts on its own constant [-]."""
+NO_BACKLASH = 1e-5
+"""Backlash of a motor that is fitted without one [rad]."""
 _RIGID = ("backlash", "gear_stiffness", "gear_damping")
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
-    """Glorot-scaled weights, zero biases, float32."""
+    """Initial parameters, float32: Glorot-scaled weights, zero biases."""
 
     def dense(rows: int, columns: int) -> jnp.ndarray:
         scale = 1.0 / np.sqrt(max(rows, 1))
@@ -48,13 +50,13 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32),
         "armature_slope": jnp.zeros(latents),
     }
-    if preset.grey_box:  # the network starts silent: the physics explain what they can
+    if preset.grey_box:  # the network starts at zero torque, so that the physics explain what they can
         center = np.array([np.log(INITIAL_MOTOR[name]) if name in INITIAL_MOTOR else 0.0 for name in PARAMETERS])
         slope = MIXED_SPREAD * rng.standard_normal((latents, len(PARAMETERS)))
         if preset.own_latents:
             slope = np.full(len(PARAMETERS), OWN_SPREAD)
         if preset.per_motor:
-            center[PARAMETERS.index("backlash")] = np.log(NO_PLAY)
+            center[PARAMETERS.index("backlash")] = np.log(NO_BACKLASH)
             slope = OWN_SPREAD * np.array([name not in _RIGID for name in PARAMETERS])
         parameters |= {"w3": jnp.zeros(neurons), "motor_center": jnp.asarray(center, jnp.float32)}
         parameters |= {"motor_slope": jnp.asarray(slope, jnp.float32)}
@@ -62,7 +64,7 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
 
 
 def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
-    """(B, Z) latents of the decoder for z (B, Z): z itself before a prior is standardised."""
+    """(B, Z) decoder latents of z (B, Z); equal to z until the prior is standardised."""
     return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
 
 
@@ -77,7 +79,7 @@ def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
 
 
 def import_parameters(network: LatentNetwork) -> Parameters:
-    """The pytree of a network that `export` made, float32."""
+    """The parameters, float32, of a network that `export` made."""
     names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
     values = {name: getattr(network, name) for name in names}
     if network.motor is not None:
@@ -88,7 +90,7 @@ def import_parameters(network: LatentNetwork) -> Parameters:
 
 
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
-    """The trained network for simulation."""
+    """The trained network, as simulations use it."""
     values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
     motor = None
     if preset.grey_box:

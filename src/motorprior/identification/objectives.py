@@ -1,4 +1,4 @@
-"""What identification minimises: the paper's torque regression, or the closed-loop rollout."""
+"""Objectives of identification: the paper's torque regression, and the closed-loop rollout."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, Measured
 
 POSITION_SCALE = 0.01
+"""Position error at which the rollout loss turns from quadratic to linear [rad]."""
 VELOCITY_SCALE = 0.3
+"""Velocity error at which the rollout loss turns from quadratic to linear [rad/s]."""
 TORQUE_SCALE = 0.3
-"""Errors [rad], [rad/s], [N·m] at which the rollout loss turns from quadratic to linear."""
+"""Torque error at which the rollout loss turns from quadratic to linear [N·m]."""
 
 Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
 """(parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals."""
@@ -26,13 +28,13 @@ Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
 
 @dataclass(frozen=True)
 class Objective:
-    """loss = weight·mean penalty(residuals).
+    """A loss of the form weight·mean penalty(residuals).
 
     Attributes:
-        residuals: scaled to order 1.
-        penalty: of one residual.
-        curvature: its second derivative.
-        weight: of the mean.
+        residuals: function that gives the residuals, scaled to order 1.
+        penalty: cost of a residual.
+        curvature: second derivative of the penalty.
+        weight: factor on the mean.
     """
 
     residuals: Residuals
@@ -41,14 +43,14 @@ class Objective:
     weight: float
 
     def loss(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
-        """Mean over windows (B, rows, channels) of motors with latents z (B, Z)."""
+        """Mean loss over windows (B, rows, channels) of motors with latents z (B, Z)."""
         return self.weight * jnp.mean(self.penalty(self.residuals(parameters, windows, z)))
 
     def gauss_newton(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
-        """(Z, Z) Gauss-Newton approximation of the loss's Hessian in the one latent z (Z,) of all windows.
+        """(Z, Z) Gauss-Newton approximation of the loss's Hessian in z (Z,), shared by all windows.
 
-        weight·mean of curvature(r)·∇r·∇rᵀ: never negative, and finite where a motor sticks or reaches the end of
-        its backlash.
+        weight·mean of curvature(r)·∇r·∇rᵀ: positive semidefinite, and finite even where a motor sticks or reaches the
+        end of its backlash.
         """
 
         def residuals(latent: jnp.ndarray) -> jnp.ndarray:
@@ -64,13 +66,13 @@ def kl_to_standard_normal(mean: jnp.ndarray, log_var: jnp.ndarray) -> jnp.ndarra
 
 
 def torque_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
-    """Mean squared error of the torque, one step, divided by torque_scale²: the paper's loss.
+    """The paper's loss: mean squared one-step error of the torque, divided by torque_scale².
 
     Args:
         preset: recipe.
-        scales: of the inputs and the torque.
-        measured: with torques, always.
-        bounded: no meaning here; see `rollout_objective`.
+        scales: scales of the inputs and the torque.
+        measured: must include torques.
+        bounded: unused here; see `rollout_objective`.
     """
     del bounded, measured
     taps = np.asarray(preset.taps)
@@ -87,18 +89,18 @@ def torque_objective(preset: Preset, scales: dict[str, float], measured: Measure
 
 
 def huber(x: jnp.ndarray) -> jnp.ndarray:
-    """√(1 + x²) - 1: quadratic near 0, linear far out, so that one lost window does not rule a batch."""
+    """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
     return jnp.sqrt(1.0 + x**2) - 1.0
 
 
 def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
-    """Simulate the loaded joint over the window and compare positions and velocities, and torques if the log has them.
+    """The rollout loss: errors of simulated positions and velocities, and of torques if the log has them.
 
     Args:
         preset: recipe.
-        scales: of the inputs and the torque.
-        measured: what the windows hold.
-        bounded: limit what each window adds to a gradient: for training, in reverse mode only.
+        scales: scales of the inputs and the torque.
+        measured: which channels of the windows were measured.
+        bounded: limit the gradient of each window; for training, in reverse mode only.
     """
     rollout = closed_loop(preset, scales, bounded, measured.at_rotor)
 

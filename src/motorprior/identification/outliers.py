@@ -1,14 +1,15 @@
-"""Whether new motors lie among those a prior was trained on: their latents, found without the prior's pull.
+"""Outlier test by latents: whether new motors lie inside the prediction interval of the training motors.
 
-The loss of a fit tells little: motors of one fleet differ in it by a factor of two. So every new motor is fitted once
-more, by `adapt`, under a Gaussian WIDER times as wide as the training motors, in the decoder's own latents (of preset
-rollout the logarithms of the constants), downhill from where the prior had it (a search of its own would end in other
-valleys), and compared with the training motors, M with mean m and deviation s,
+The loss of a fit has little power: it differs by a factor of two between motors of one fleet. So every new motor is
+fitted a second time, by `adapt`, with a prior WIDER times as wide as the training motors, so that it hardly shrinks the
+estimate. The fit is in decoder latents (for preset rollout the logarithms of the constants) and starts from the
+posterior mean, since a new random search could end in another local minimum. The result is compared with the M
+training motors, of mean m and standard deviation s,
 
-    t = (found - m) / (s·√(1 + 1/M + v)),   P = min(1, Z·min over latents of P(|Student's t with M - 1| > |t|))
+    t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, Z·min over latents of P(|Student's t with M - 1| > |t|))
 
-where v·s² is the variance that the fit leaves: the prediction interval of one more motor, Bonferroni over Z latents.
-Powerful where a log says much of the constant that is odd; a motor whose odd constant its log does not show passes.
+where v·s² is the posterior variance of the second fit: this is the prediction interval of one more motor, with a
+Bonferroni correction over Z latents. The test has power only for constants that the log identifies.
 """
 
 from __future__ import annotations
@@ -26,22 +27,22 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 
 WIDER = 3.0
-"""Deviation of the fit's Gaussian, in deviations of the training motors."""
+"""Standard deviation of the second fit's prior, in standard deviations of the training motors."""
 _SMALLEST = 1e-9
-"""Deviation of a latent in which the training motors do not differ."""
+"""Standard deviation assumed for a latent in which the training motors do not differ."""
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Of M motors.
+    """Result of the test for M motors.
 
     Attributes:
-        chance: (M,) P, the chance that one more motor of the fleet lies as far out.
-        latent: M names of each motor's oddest latent.
-        deviation: (M,) its t.
+        p_value: (M,) p, the probability that one more motor of the fleet lies as far out.
+        latent: M names, of the latent with the smallest p-value of each motor.
+        deviation: (M,) t of that latent.
     """
 
-    chance: np.ndarray
+    p_value: np.ndarray
     latent: tuple[str, ...]
     deviation: np.ndarray
 
@@ -54,12 +55,12 @@ def outliers(
     preset: Preset,
     temperature: float,
 ) -> Outliers:
-    """How far from the training motors each motor of ``data`` is.
+    """Test each motor of ``data`` against the training motors.
 
     Args:
-        network: of the prior.
-        trained: (M, Z) the training motors' posterior means, M >= 2.
-        found: (N, Z) the new motors', from `adapt`.
+        network: network of the prior.
+        trained: (M, Z) posterior means of the training motors, M >= 2.
+        found: (N, Z) posterior means of the new motors, from `adapt`.
         data: logs of the new motors.
         preset: the prior's recipe.
         temperature: as for `adapt`.
@@ -71,15 +72,15 @@ def outliers(
     freed = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
     variance = WIDER**2 * np.diagonal(freed.covariance, axis1=1, axis2=2)
     deviation = WIDER * freed.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)
-    chances = 2.0 * student_t.sf(np.abs(deviation), len(known) - 1)
-    worst = chances.argmin(axis=1)
+    p_values = 2.0 * student_t.sf(np.abs(deviation), len(known) - 1)
+    worst = p_values.argmin(axis=1)
     rows, names = np.arange(len(worst)), latent_names(network)
-    chance = np.minimum(1.0, chances.shape[1] * chances[rows, worst])
-    return Outliers(chance, tuple(names[index] for index in worst), deviation[rows, worst])
+    p_value = np.minimum(1.0, p_values.shape[1] * p_values[rows, worst])
+    return Outliers(p_value, tuple(names[index] for index in worst), deviation[rows, worst])
 
 
 def latent_names(network: LatentNetwork) -> tuple[str, ...]:
-    """Of the decoder's latents: the constants' where each has one of its own."""
+    """Names of the decoder's latents: those of the constants where each constant has its own latent."""
     slope = None if network.motor is None else network.motor.slope
     if slope is not None and len(slope) == len(PARAMETERS) and np.array_equal(slope, np.diag(np.diag(slope))):
         return tuple(PARAMETERS)

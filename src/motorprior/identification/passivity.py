@@ -1,12 +1,12 @@
-"""What the residual network of a grey box adds to a motor that is switched off: measured, since it is not proven.
+"""Energy that the residual network of a grey box adds to a motor that is switched off.
 
-The physics of a grey box are passive: unpowered, they only take energy from the joint. The network is not: it
-is a function of errors and velocities that could push along. What it can do at most is bounded,
+The physics of a grey box are passive: unpowered, they only take energy from the joint. The network, a function of
+errors and velocities, is not proven to be passive. Its torque is bounded, since a softsign is below 1,
 
     |torque| <= bound = min(torque_limit, torque_scale·(|b3| + Σ|w3|)),
 
-since a softsign is below 1, so that over a cycle it adds at most bound·travel, and a joint cannot be driven faster than
-bound/viscous_damping. What it does do on the joint's cycles is `residual_work`.
+so that over a cycle it adds at most bound·travel, and it cannot drive a joint faster than bound/viscous_damping. Its
+actual work on cycles of the joint is measured by `residual_work`.
 """
 
 from __future__ import annotations
@@ -21,28 +21,30 @@ from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 
-AMPLITUDES, FREQUENCIES = (0.02, 0.1, 0.3, 0.6), (0.5, 1.0, 2.0, 4.0)
-"""Of the sinusoids that move the joint [rad], [Hz]: from within the play to a trot's fastest."""
+AMPLITUDES = (0.02, 0.1, 0.3, 0.6)
+"""Amplitudes of the joint's sinusoidal motion [rad]: from within the backlash to those of a trot."""
+FREQUENCIES = (0.5, 1.0, 2.0, 4.0)
+"""Frequencies of the joint's sinusoidal motion [Hz]: up to those of a fast trot."""
 CYCLES = 3
-"""The first settles; the others count."""
+"""Number of cycles; the first is for settling, the others are evaluated."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Mean work per cycle on the joint of n motors [J]: of the network, and of rotor, gear and friction (< 0)."""
+    """Mean work per cycle on the joints of n motors [J], by the network, and by rotor, gear and friction (< 0)."""
 
     network: np.ndarray
     physics: np.ndarray
 
 
 def residual_bound(network: LatentNetwork) -> float:
-    """Largest torque of the network [N·m], whatever it is shown."""
+    """Largest torque of the network for any input [N·m]."""
     linear = network.torque_scale * (abs(float(network.b3)) + float(np.abs(network.w3).sum()))
     return min(network.torque_limit, linear)
 
 
 def switched_off(actuator: LatentActuator, physics_dt: float) -> ActuatorArrays:
-    """Arrays of a grey box whose servo has no gains: rotor, gear, friction and the network are left."""
+    """Arrays of a grey box with servo gains of 0: rotor, gear, friction and the network remain."""
     arrays = actuator.arrays(physics_dt)
     for name in ("kp", "kd_over_kp"):  # the second row holds kd itself
         arrays.parameters[SCALES + PARAMETERS.index(name)] = 0.0
@@ -55,7 +57,7 @@ def cycle_work(actuator: LatentActuator, amplitude: float, frequency: float) -> 
     steps = round(CYCLES / frequency / dt)
     angle = 2 * np.pi * frequency * dt * np.arange(steps + 1)
     q = amplitude * np.sin(angle)
-    dq = np.diff(q, prepend=q[0] - (q[1] - q[0])) / dt  # dq[k] led to q[k], as in an engine
+    dq = np.diff(q, prepend=q[0] - (q[1] - q[0])) / dt  # the step with dq[k] ends at q[k], as in an engine
     arrays, count = switched_off(actuator, dt), actuator.num_motors
     still, torque, work = np.zeros(count), np.zeros(count), np.zeros((2, count))
     reset_actuator(arrays, still, np.full(count, q[0]))
@@ -69,9 +71,10 @@ def cycle_work(actuator: LatentActuator, amplitude: float, frequency: float) -> 
 
 
 def residual_work(actuator: LatentActuator) -> float:
-    """Most that the network adds per cycle over what the physics take, over motors, AMPLITUDES and FREQUENCIES [-].
+    """Largest work of the network per cycle over the work taken by the physics [-].
 
-    Below 1 no cycle of these gains energy; negative, the network brakes everywhere.
+    The maximum is over motors, AMPLITUDES and FREQUENCIES. Below 1 none of these cycles gains energy; below 0 the
+    network brakes in all of them.
     """
     works = [cycle_work(actuator, amplitude, frequency) for amplitude in AMPLITUDES for frequency in FREQUENCIES]
     return max(float(np.max(work.network / np.maximum(-work.physics, 1e-12))) for work in works)

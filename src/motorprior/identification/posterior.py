@@ -1,4 +1,4 @@
-"""The posterior of the training motors: standardised latents, and how well each motor's log knows them."""
+"""The posteriors of the training motors in standardised latents."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from motorprior.identification.windows import TrainingData
 def standard_posterior(
     network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Network, means and log-variances (M, Z) in latents in which the motors together are N(0, I).
+    """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
 
-    The variances are the diagonal of the Laplace approximation that `adapt` makes of a new motor's posterior, with the
-    motors' own mean loss as temperature.
+    The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
 
     Args:
-        network: trained.
+        network: trained network.
         data: the motors' logs.
-        preset: of the training.
-        mean: (M, Z) latents found for the motors.
+        preset: recipe of the training.
+        mean: (M, Z) latents of the motors after training.
     """
     network, mean = standardised(network, mean)
     if mean.size == 0:

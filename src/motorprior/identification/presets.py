@@ -10,30 +10,30 @@ from motorprior.exceptions import ConfigError
 
 @dataclass(frozen=True)
 class Preset:
-    """One recipe.
+    """Recipe of an identification.
 
     Attributes:
         objective: ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop).
         period: sample period of the network [s].
-        taps: ages of the history inputs in periods.
+        taps: ages of the history inputs [periods].
         has_armature: decode an armature from z for the engine.
-        grey_box: decode the constants of a geared motor from z; the network adds what they leave over.
+        grey_box: decode the constants of a geared motor from z; the network adds a residual torque.
         num_latents: size of z; 0 gives one network for all motors.
-        num_neurons: per hidden layer.
-        kl_weight: of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, mean over motors, beside a loss of order 1; without
-            noise only its ½|μ|² is left.
+        num_neurons: neurons per hidden layer.
+        kl_weight: weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of
+            order 1; without noise only its term ½|μ|² matters.
         warm_up: steps before a window in which the motor follows the recorded joint, so that its hidden state settles;
-            a short one teaches too little friction, with which a wrong state is forgotten sooner.
+            a short warm-up biases friction low, since a wrong initial state then decays sooner.
         window: steps of a rollout (1 for torque regression).
-        noisy: draw z from the motors' posteriors in training, as the paper does; otherwise it is their mean. Noise
-            hides what the logs say only faintly, such as dry friction beside viscous.
+        noisy: draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise
+            masks weakly identified differences, such as that between dry and viscous friction.
         batch: windows per Adam step.
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
-        own_latents: each latent scales one of the 14 constants; otherwise the decoder mixes them.
-        per_motor: every motor has constants of its own, one latent each, without backlash or network.
-        standardise: after the training each latent becomes N(0, 1) among the training motors, and their posteriors a
-            Laplace approximation (`posterior`).
+        own_latents: each latent scales one of the 14 constants; otherwise every latent acts on every constant.
+        per_motor: fit every motor by itself, one latent per constant, without backlash or network.
+        standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
+            posteriors by a Laplace approximation (`posterior`).
     """
 
     objective: str
@@ -56,17 +56,19 @@ class Preset:
 
     @property
     def history(self) -> int:
-        """Steps of a window before its first free one."""
+        """Number of steps in a window before the first free one."""
         return max(self.taps[-1], self.warm_up)
 
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
-# Baselines: one_motor is rollout without a latent: the best single set of constants. per_motor fits a servo with
-# delay, friction and rotor, but no backlash, to every motor by itself (in the manner of PACE, Bjelonic et al., 2025).
-# latent_network is rollout without the physics: the network gives all of the torque, z also the armature; one_network
-# is that without a latent. actuator_net is the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps,
-# softsign, torque regression. paper_wide is the control between paper and rollout: the paper's loss on rollout's data,
-# clock and taps.
+# Baselines.
+# one_motor: rollout without latents, the best single set of constants.
+# per_motor: a servo with delay, friction and rotor, but no backlash, fitted to every motor by itself (in the manner of
+#     PACE, Bjelonic et al., 2025).
+# latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
+# one_network: latent_network without latents.
+# actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
+# paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": Preset(
@@ -98,11 +100,11 @@ MODELS = (
     Model("actuator_net", "actuator net", "#7d4fa8"),
     Model("paper_wide", "paper, wide", "#e08a1e"),
 )
-"""How the motors of each recipe are shown; not part of the recipe, whose fields are the key of what it has made."""
+"""Label and colour of each recipe in pictures; not fields of `Preset`, since those identify a finished training."""
 
 
 def identification_preset(name: str) -> Preset:
-    """The recipe of that name.
+    """The preset of that name.
 
     Raises:
         ConfigError: unknown name.

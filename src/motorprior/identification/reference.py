@@ -1,4 +1,4 @@
-"""What a prior knows about its own errors, from the logs it was trained on: the yardstick for new motors."""
+"""Reference statistics of a prior's errors on its training motors, against which new motors are tested."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from motorprior.identification.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
 
 LEVELS = tuple(range(5, 100, 5))
-"""Percentiles of the closed-loop residual that are kept."""
+"""Percentiles of the closed-loop residual that are saved [%]."""
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
-"""Upper bounds of the joint's speed [rad/s] in each pool of residuals: a model errs more where a motor moves."""
-PIECE = 1.0
-"""Logs are taken as pieces of so many seconds [s], each with a mean loss of its own."""
+"""Upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed."""
+BLOCK = 1.0
+"""Duration of the blocks that a log is divided into, each with its own mean loss [s]."""
 _SEGMENTS = 20
+"""Number of log segments replayed for the residuals."""
 _LEAST = {
     "mean": 1e-12, "log_mean": -math.inf, "log_std": 0.0, "motors": 1.0, "pieces": 1e-6, "piece_variance": 0.0,
 }  # fmt: skip
-"""Smallest values of the ``loss_…`` of `reference_metrics`; one that is missing is nan, and not above them."""
+"""Smallest valid values of the ``loss_…`` metrics; a missing metric reads as nan and fails the comparison."""
 
 
 def reference_metrics(
@@ -35,14 +36,14 @@ def reference_metrics(
     """Errors of the training motors at their posterior means.
 
     Returns:
-        ``loss_log_mean`` and ``loss_log_std``: of the logarithm of a motor's mean window loss, over the
-        ``loss_motors`` motors; ``loss_mean``: mean window loss of all; ``loss_pieces``: pieces of PIECE per motor, and
-        ``loss_piece_variance``: variance of their mean losses within a motor, over its mean squared; the same with the
-        ending ``_without_torque`` if the log has torques,
-        for new motors whose log has none. For a prior trained in closed loop also ``residual_p05_SPEED`` …
-        ``residual_p95_SPEED``: percentiles of the log's joint_pos - that of the simulation, measured in the same place
-        [rad], when the log's commands and loads are replayed from rest, for every pool of SPEEDS of the simulated
-        joint.
+        ``loss_log_mean`` and ``loss_log_std``: mean and standard deviation, over the ``loss_motors`` motors, of the
+        logarithm of a motor's mean window loss. ``loss_mean``: mean window loss of all motors. ``loss_pieces``: number
+        of blocks per motor. ``loss_piece_variance``: variance of the blocks' mean losses within a motor, over the
+        motor's mean loss squared. If the log has torques, the same with the ending ``_without_torque``, for new motors
+        whose log has none.
+        For a prior trained in closed loop also ``residual_p05_SPEED`` … ``residual_p95_SPEED``: percentiles of
+        recorded - simulated joint_pos [rad], both read by the same encoder, when the log's commands and loads are
+        replayed from rest, for every pool of SPEEDS of the simulated joint.
     """
     metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":
@@ -54,31 +55,31 @@ def reference_metrics(
 
 
 def ending(has_torque: bool) -> str:
-    """Of the metrics' names for logs with or without torques."""
+    """Ending of the metrics' names for logs with or without torques."""
     return "" if has_torque else "_without_torque"
 
 
-def pieces(windows: int, preset: Preset) -> float:
-    """How many pieces of PIECE the ``windows`` of a log are."""
-    return windows / _windows_per_piece(preset)
+def num_blocks(windows: int, preset: Preset) -> float:
+    """Number of blocks, not necessarily whole, in a log of so many ``windows``."""
+    return windows / _windows_per_block(preset)
 
 
-def _windows_per_piece(preset: Preset) -> int:
-    return max(1, round(PIECE / (preset.window * preset.period)))
+def _windows_per_block(preset: Preset) -> int:
+    return max(1, round(BLOCK / (preset.window * preset.period)))
 
 
 def loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[str, float]:
     """The ``loss_…`` of `reference_metrics`, from window losses (M, N) in the order of the log."""
-    motor, length = losses.mean(axis=1), _windows_per_piece(preset)
+    motor, length = losses.mean(axis=1), _windows_per_block(preset)
     count = losses.shape[1] // length
-    cut = losses[:, : count * length].reshape(len(losses), count, length).mean(axis=2)
-    within = np.mean(cut.var(axis=1, ddof=1) / cut.mean(axis=1) ** 2) if count > 1 else 0.0
+    blocks = losses[:, : count * length].reshape(len(losses), count, length).mean(axis=2)
+    within = np.mean(blocks.var(axis=1, ddof=1) / blocks.mean(axis=1) ** 2) if count > 1 else 0.0
     return {
         f"loss_mean{name_ending}": float(motor.mean()),
         f"loss_log_mean{name_ending}": float(np.log(motor).mean()),
         f"loss_log_std{name_ending}": float(np.log(motor).std(ddof=1)) if len(motor) > 1 else 0.0,
         f"loss_motors{name_ending}": float(len(motor)),
-        f"loss_pieces{name_ending}": pieces(losses.shape[1], preset),
+        f"loss_pieces{name_ending}": num_blocks(losses.shape[1], preset),
         f"loss_piece_variance{name_ending}": float(within),
     }
 
@@ -98,26 +99,26 @@ def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]
 
 
 def measured_pos(simulated: Response, log: MotorLog) -> np.ndarray:
-    """(steps, n) what the encoders of ``log`` would have read of a simulated motion [rad]."""
+    """(steps, n) simulated angles as the encoders of ``log`` would read them [rad]."""
     return simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos
 
 
 def _percentiles(pool: str) -> list[str]:
-    """Names of the metrics, in the order of LEVELS."""
+    """Names of a pool's residual metrics, in the order of LEVELS."""
     return [f"residual_p{level:02d}_{pool}" for level in LEVELS]
 
 
 def _pool(joint_vel: np.ndarray) -> np.ndarray:
-    """Index into SPEEDS."""
+    """Index into SPEEDS for velocities [rad/s]."""
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
 
 
-def knows_its_errors(metrics: dict[str, float], closed_loop: bool) -> bool:
-    """Whether `surprise`, with either `ending`, and in closed loop `draw_residuals` can compute with a prior's metrics.
+def has_reference_metrics(metrics: dict[str, float], closed_loop: bool) -> bool:
+    """Whether a prior's metrics suffice for `loss_p_value` and, if trained in closed loop, for `draw_residuals`.
 
     Args:
-        metrics: of the prior.
-        closed_loop: whether it was trained in closed loop.
+        metrics: metrics of the prior.
+        closed_loop: whether the prior was trained in closed loop.
     """
     if "loss_mean" not in metrics:
         return False
@@ -127,25 +128,25 @@ def knows_its_errors(metrics: dict[str, float], closed_loop: bool) -> bool:
     ) and (not closed_loop or all(name in metrics for pool in SPEEDS for name in _percentiles(pool)))
 
 
-def surprise(metrics: dict[str, float], losses: np.ndarray, count: float, which: str = "") -> np.ndarray:
-    """(M,) probability that a motor of the prior's fleet fits its log as badly: small means unlike anything known.
+def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, name_ending: str = "") -> np.ndarray:
+    """(M,) one-sided p-value of the fits: probability that a motor of the prior's fleet has a loss as large [-].
 
-    One-sided; refusing below α has a false-alarm rate of about α. Mean losses are log-normal over motors, and so is
-    the mean of n pieces of a motor's log about its own, with the moments of a sum (Fenton & Wilkinson):
+    A test at level α has a false-alarm rate of about α. Mean losses are modelled as log-normal over motors, and the
+    mean over n blocks of one motor's log as log-normal too, with the moments of a sum (Fenton & Wilkinson):
 
-        log loss ~ N(m - v/2, s² + v),   v = log(1 + V/n) - log(1 + V/N) or 0 if that is less
+        log loss ~ N(m - v/2, s² + v),   v = max(0, log(1 + V/n) - log(1 + V/N))
 
-    with m, s from logs of N pieces and V the variance of a piece. s is known from as many motors as were
-    trained on: Student's t with a degree of freedom less than them, s² (1 + 1/motors).
+    where m and s come from logs of N blocks, and V is the variance of a block. Since s is estimated from the training
+    motors, the test uses Student's t with motors - 1 degrees of freedom and s²·(1 + 1/motors).
 
     Args:
-        metrics: of the prior.
-        losses: (M,) mean window loss of the new motors at their own posterior means.
-        count: n, pieces in a new log; see `pieces`.
-        which: `ending` of the metrics to compare with.
+        metrics: metrics of the prior.
+        losses: (M,) mean window loss of the new motors at their posterior means.
+        count: n, number of blocks in the new log; see `num_blocks`.
+        name_ending: `ending` of the metrics to compare with.
     """
     m, s, motors, whole, variance = (
-        metrics[f"loss_{name}{which}"] for name in ("log_mean", "log_std", "motors", "pieces", "piece_variance")
+        metrics[f"loss_{name}{name_ending}"] for name in ("log_mean", "log_std", "motors", "pieces", "piece_variance")
     )
     added = max(0.0, math.log1p(variance / count) - math.log1p(variance / whole))
     spread = math.sqrt(max(s**2 * (1 + 1 / motors) + added, 1e-12))
@@ -153,9 +154,9 @@ def surprise(metrics: dict[str, float], losses: np.ndarray, count: float, which:
 
 
 def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
-    """Residuals [rad] for simulated speeds [rad/s] of any shape, with the percentiles of their pools.
+    """Draw residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
 
-    Linear between the percentiles, and as far again beyond the last.
+    The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
     """
     pool, quantile, out = _pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
     for index, name in enumerate(SPEEDS):

@@ -1,15 +1,16 @@
-"""Latents in which the training motors together are N(0, I), so that a draw of N(0, I) is a motor like them.
+"""Latents in which the training motors are distributed as N(0, I), so that a draw of N(0, I) is a motor of their fleet.
 
-A training leaves the motors anywhere: on other scales, skew, in a box. A Gaussian copula (`actuator.copula`) is put
-before the decoder: each latent keeps the distribution that it has among the training motors, from their quantiles, and
-the correlations R of the normal scores are shrunk, since few motors always look correlated,
+After training, the motors' latents have arbitrary location, scale and shape. A Gaussian copula (`actuator.copula`) is
+put before the decoder: each latent keeps its marginal distribution over the training motors, by their quantiles,
+and the correlations R of the normal scores are shrunk, since samples of few motors show spurious correlation,
 
     (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
     w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
 
-for scores x standardised with the n - 1 deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005). So each
-latent alone is N(0, 1) among the training motors; what correlation the shrinkage takes away they keep. The motors stay
-what they are. With few motors there are no quantiles: a latent is scaled by mean and standard deviation alone.
+for scores x standardised with the n - 1 standard deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005).
+So each latent alone is N(0, 1) over the training motors; a correlation that the shrinkage removes from the copula
+remains between their latents. The decoded motors do not change. Fewer than MOTORS_AT_LEAST motors give no reliable
+quantiles: their latents are scaled by mean and standard deviation alone.
 """
 
 from __future__ import annotations
@@ -22,22 +23,22 @@ from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.latent import LatentNetwork
 
 MOTORS_AT_LEAST = 8
-"""With fewer motors quantiles and correlations would be mostly chance."""
+"""Least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error."""
 MOTORS_TO_TRUST = 24
-"""Of fewer motors the draws are a guess: the outer quantiles are extrapolated, independence is assumed."""
+"""Least number of motors for reliable draws; with fewer, outer quantiles are extrapolated and independence assumed."""
 _RISE = 1e-6
-"""Smallest slope of a latent over its score."""
+"""Smallest slope of a latent over its normal score."""
 
 
 def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwork, np.ndarray]:
-    """The same motors in latents in which they are together N(0, I).
+    """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
 
     Args:
-        network: trained, without a copula.
+        network: trained network without a copula.
         mean: (M, Z) latents of the training motors.
 
     Returns:
-        The network and the new latents; as given if there are none.
+        The network and the new latents; both unchanged if Z = 0.
     """
     motors, latents = mean.shape
     if latents == 0:

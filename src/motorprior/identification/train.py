@@ -1,8 +1,8 @@
-"""Fit a motor prior: one network, and per motor a mean and a log-variance of z.
+"""Fit a motor prior: one network, and a mean and a log-variance of z per motor.
 
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
-z_i = μ_i + exp(½·log_var_i)·ε,  ε ~ N(0, I), the paper's; or, where a preset is not ``noisy``, z_i = μ_i, and the
-variances are found afterwards (`posterior`).
+with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
+the variances are computed afterwards (`posterior`).
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData, draw
 
 CHUNK = 100
-"""Adam steps between two reports of progress."""
+"""Adam steps per compiled call, after which progress is reported."""
 CHECKPOINT_EVERY = 5
-"""Chunks between two checkpoints."""
+"""Number of chunks between two checkpoints."""
 Progress = Callable[[int, int, float], None]
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A trained network with every training motor's posterior, (M, Z) each.
+    """A trained network with the posteriors of the training motors, mean and log_var (M, Z).
 
-    ``losses``: every CHUNK steps; ``aggregate_kl``: of all posteriors together to N(0, I) [nat].
+    ``losses`` holds the mean loss of every CHUNK steps; ``aggregate_kl`` is the KL divergence of the mixture of all
+    posteriors from N(0, I) [nat].
     """
 
     network: LatentNetwork
@@ -47,14 +48,14 @@ class Identified:
 
 
 class Checkpoints(Protocol):
-    """Where an interrupted training continues."""
+    """Storage of the state from which an interrupted training continues."""
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """What `save` was last given in this very training, or None."""
+        """The last state that this training saved, or None."""
         ...
 
     def save(self, state: dict[str, np.ndarray]) -> None:
-        """Keep it, instead of what was kept before."""
+        """Save the state in place of the previous one."""
         ...
 
 
@@ -65,7 +66,7 @@ def identify(
     progress: Progress | None = None,
     checkpoints: Checkpoints | None = None,
 ) -> Identified:
-    """Train. Same data, preset and seed give the same bytes, interrupted and resumed or not.
+    """Train a prior. The same data, preset and seed give the same bytes, also after an interruption.
 
     Raises:
         MotorPriorError: the loss became NaN or infinite.
@@ -104,12 +105,12 @@ def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Pa
 
 
 def _flat(state: Any) -> dict[str, np.ndarray]:
-    """The arrays of a pytree by number."""
+    """The arrays of a pytree, named by number."""
     return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
 
 
 def _resume(state: Any, checkpoints: Checkpoints | None) -> tuple[Any, list[float]]:
-    """The state to begin with, and the losses of the chunks that are done."""
+    """The initial or last saved state, and the losses of the finished chunks."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is None:
         return state, []
@@ -127,7 +128,7 @@ def _finite(loss: float, step: int) -> float:
 
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
-    """A jitted function that makes one chunk of Adam steps and returns the mean loss."""
+    """Compile a function that makes one chunk of Adam steps and returns their mean loss."""
     objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
@@ -136,10 +137,10 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
         if preset.noisy:
             z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
-        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # the data would say nothing about it
+        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # only noise makes the data constrain it
         kl = jnp.mean(kl_to_standard_normal(mean, spread))
         network = trainable["network"]
-        if preset.per_motor:  # the constants are the motors' own; nothing is shared
+        if preset.per_motor:  # shared parameters stay fixed
             network = jax.lax.stop_gradient(network)
         return objective.loss(network, windows, z) + preset.kl_weight * kl
 

@@ -1,4 +1,4 @@
-"""Closed-loop fidelity on the bench: how far a model's joint is from the physical motor's, on held-out excitation."""
+"""Closed-loop fidelity on the bench: joint errors of models against physical motors, on held-out excitation."""
 
 from __future__ import annotations
 
@@ -18,32 +18,41 @@ from motorprior.signals import rmse
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Several models of the same motors; it predicts the mean of the trajectories they simulate, each in its own loop.
+    """Several models of the same motors, each simulated in closed loop; the prediction is their mean trajectory.
 
-    A prediction, not an actuator: a simulated robot cannot be in several states at once.
+    It is not an actuator, since a simulated robot has only one state.
     """
 
     members: tuple[Actuator, ...]
 
 
 ModelOfMotors = Callable[[np.ndarray], Actuator]
-"""Gives a model of the motors at these indices."""
+"""Function from indices of motors to an actuator that models them."""
 Prediction = Callable[[np.ndarray], Actuator | Ensemble]
-"""The same, for models that only predict, too."""
+"""Function from indices of motors to an actuator or an ensemble that models them."""
 
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
-"""1 s each; loads inside the training range; seeds never used for training, and the chirp a kind that no preset of
-the bench has."""
-HELD_OUT_SEED, BENCH_STREAM = 7_000_000, 17
-"""Together they mark random streams that no training uses."""
+"""Held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench."""
+HELD_OUT_SEED = 7_000_000
+"""Seed of the held-out random streams, never used for training."""
+BENCH_STREAM = 17
+"""Tag of the random stream of held-out bench trials."""
 FLOOR_OFFSET = 0.004
-"""The floor: the physical motors again, started so far off [rad]."""
+"""Initial position offset of the floor, a second simulation of the same physical motors [rad]."""
 _REPEATS = 4
+"""Trials per excitation."""
 RESPONSE = tuple(field.name for field in fields(Response))
 
 
 def held_out_trials(kind: str, motors: int, seed: int, preset: BenchPreset = HELD_OUT) -> list[Trial]:
-    """Trials of one excitation for all motors, every second one held at 100 Hz; ``preset`` is HELD_OUT for a robot."""
+    """Trials of one excitation for all motors, every second one held at 100 Hz.
+
+    Args:
+        kind: name of the excitation.
+        motors: number of motors.
+        seed: seed of the trials.
+        preset: HELD_OUT, or its version for a robot.
+    """
     code = preset.kinds.index(kind)
     return [
         trial(
@@ -63,7 +72,7 @@ def bench_errors(
 ) -> dict[str, dict[str, np.ndarray]]:
     """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
 
-    ``physical`` is the floor: the true motors, started FLOOR_OFFSET off.
+    ``physical`` is the floor: the true motors simulated again from a start FLOOR_OFFSET away.
     """
     truth, index = PhysicalActuator(motors), np.arange(len(motors))
     errors: dict[str, dict[str, np.ndarray]] = {}
@@ -79,7 +88,7 @@ def bench_errors(
 
 
 def respond(model: Actuator | Ensemble, case: Trial) -> Response:
-    """What the model says of a trial."""
+    """The response that the model predicts in a trial."""
     if not isinstance(model, Ensemble):
         return run(model, case)
     answers = [run(member, case) for member in model.members]
@@ -92,19 +101,19 @@ def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray
 
 
 def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, answer: Response) -> np.ndarray:
-    """Torque the network gives when it is shown the true history: open loop, one step, as the paper fits it.
+    """Torque of the network on the true history, in open loop and one step ahead, as the paper fits it.
 
     Args:
-        network: sampled at its own period; ``case.dt`` must be that period.
+        network: the network; its period must be ``case.dt``.
         z: (n, Z) latents of the trial's motors.
-        case: commands.
+        case: commands of the trial.
         answer: the physical motors' response.
 
     Returns:
-        (steps, n) torque on the joint [N·m], mean of the step that follows: the actuator's less its damping and
-        armature(z)·acceleration. NaN until the history is full. A grey box is shown velocities of half a step before,
-        as an engine shows them, and its forces are those at the time of the positions: the mean is that of two rows,
-        and the last row is NaN.
+        (steps, n) torque on the joint [N·m], averaged over the following step: the actuator's torque minus its damping
+        and minus armature(z)·acceleration. NaN until the history is full. A grey box gets velocities of half a step
+        earlier, as in an engine, and its forces belong to the time of the positions, so that the average is over two
+        rows and the last row is NaN.
     """
     actuator, velocity = LatentActuator(network, z), answer.joint_vel
     shown = velocity if network.motor is None else 0.5 * (velocity + np.concatenate([velocity[:1], velocity[:-1]]))

@@ -1,4 +1,4 @@
-"""Training data: motor logs as stacked arrays, and random windows of them that never cross a segment."""
+"""Training data: motor logs as stacked arrays, and random windows that never cross the end of a segment."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from motorprior.logs.motor_log import MotorLog
 
 @dataclass(frozen=True)
 class Measured:
-    """What a log says of a motor besides its targets.
+    """Which channels of a log were measured, and where.
 
     Attributes:
-        torque: joint_torque.
-        at_rotor: joint_pos and joint_vel are those of an encoder on the rotor, to which the gear's backlash is
-            invisible; the joint's own otherwise.
+        torque: whether the log has joint_torque.
+        at_rotor: whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
+            backlash, instead of one on the joint.
     """
 
     torque: bool
@@ -27,14 +27,14 @@ class Measured:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """M motors, R rows each.
+    """Logs of M motors with R rows each.
 
     Attributes:
         series: (M, R, 6) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
-            has none), external_torque, load_inertia. For a rollout the velocities are those of half a period before
-            and the torques means about the sample, as a semi-implicit step takes them.
+            has none), external_torque, load_inertia. For a rollout the velocities are those of half a period earlier
+            and the torques are averages centred on the sample, as a semi-implicit step needs them.
         starts: (S,) first rows of the windows that lie inside one segment.
-        measured: what the log has.
+        measured: measured channels.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
     """
 
@@ -50,10 +50,11 @@ _REMEDIES = {
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)
 MEANS = (VEL, TORQUE, EXTERNAL)
+"""Channels of `TrainingData.series` that are averaged with the row before for a rollout."""
 
 
 def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
-    """Stack a bench log for training; for a rollout a log of positions without velocities and torques will do.
+    """Stack a bench log for training; a rollout needs no velocities or torques.
 
     Raises:
         LogError: wrong sample period, a missing channel, or segments shorter than a window.
@@ -82,7 +83,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
 
 
 def _velocities(log: MotorLog) -> np.ndarray:
-    """(R, M) joint velocities [rad/s] of a log of positions: second-order differences within segments."""
+    """(R, M) joint velocities [rad/s] by second-order differences of the positions within segments."""
     found = np.zeros_like(log.joint_pos)
     for part in log.segment_slices():
         if part.stop - part.start > 2:
@@ -91,9 +92,9 @@ def _velocities(log: MotorLog) -> np.ndarray:
 
 
 def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
-    """(R, M, 6) with velocities and torques as means of their row and the one before in the segment.
+    """(R, M, 6) series whose velocities and torques are averaged with the row before in the segment.
 
-    A log's velocity at t becomes that at t - dt/2, its torques, means from t to t + dt, those about t.
+    A velocity at t becomes that at t - dt/2; torques averaged over t to t + dt become averages centred on t.
     """
     before = series.copy()
     for part in log.segment_slices():
@@ -134,7 +135,7 @@ def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
 
 
 def _scales(log: MotorLog, where: str) -> dict[str, float]:
-    """Standard deviations of the inputs and the torque; the torque limit has 20 % of room."""
+    """Standard deviations of the inputs and the torque; the torque limit is 1.2 times the largest torque."""
     assert log.joint_vel is not None
     scales = {"error_scale": np.std(log.position_target - log.joint_pos), "velocity_scale": np.std(log.joint_vel)}
     scales |= {"torque_scale": 1.0, "torque_limit": 3.0}

@@ -1,4 +1,4 @@
-"""What the compiled walking code knows of a robot; sizes of observation, action and policy follow from it."""
+"""Arrays of a robot for the compiled walking code, and the sizes of observation, action and policy."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from motorprior.robots.robot import Robot
 
 MODULATION = 4
-"""Last entries of an action: frequency, intensity, height and swing/stance ratio of the trot."""
+"""Number of the last entries of an action: frequency, intensity, height and swing/stance ratio of the trot."""
 TILT_READINGS = 4
-"""First entries of an observation: roll, pitch and their rates; the joints follow, then the phase."""
+"""Number of the first entries of an observation: roll, pitch and their rates; the joints follow, then the phase."""
 PHASE_READINGS = 2
 
 
 class Body(NamedTuple):
-    """Of a robot with n joints and L legs; see `robots.robot.Robot` for units and sources."""
+    """Arrays of a robot with n joints and L legs; see `robots.robot.Robot` for sources."""
 
     nominal_pose: np.ndarray
-    """(n,) [rad]"""
+    """(n,) joint angles of the nominal pose [rad]"""
     lower: np.ndarray
-    """(n,) [rad]"""
+    """(n,) lower joint limits [rad]"""
     upper: np.ndarray
-    """(n,) [rad]"""
+    """(n,) upper joint limits [rad]"""
     legs: np.ndarray
     """(L, 3) int64: joints of abduction, hip and knee"""
     phases: np.ndarray
-    """(L,) in [0, 1)"""
+    """(L,) phases of the legs in the trot's cycle, in [0, 1)"""
     swing: float
     """amplitude of the hip at full intensity [rad]"""
     stance_extension: float
@@ -41,7 +41,7 @@ class Body(NamedTuple):
     highest: float
     """height of a base that has taken off [m]"""
     reference_torque: float
-    """[N·m]"""
+    """torque that the reward's penalty counts as 1 [N·m]"""
 
 
 def body_of(robot: Robot) -> Body:

@@ -1,4 +1,4 @@
-"""One control step around the physics, compiled: what comes before it and what comes after it.
+"""One control step, compiled: the part before the physics and the part after it.
 
 The Gymnasium env (by its `GaitController`) and the compiled rollout call these two and nothing else, so they agree bit
 for bit:

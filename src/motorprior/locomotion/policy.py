@@ -123,7 +123,7 @@ class Policy:
         control_dt: control period [s] in training.
         robot: name of the robot.
         joint_names: the joints in the order of residuals and observed angles.
-        provenance: whatever tells how it was trained; JSON values only.
+        provenance: settings of its training; JSON values only.
     """
 
     weights: np.ndarray
@@ -137,7 +137,7 @@ class Policy:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, where: str | Path | None = None) -> None:
-        """Refuse a policy that is none.
+        """Refuse an invalid policy.
 
         Raises:
             ArtifactError: a wrong shape or a value that is not finite.

@@ -1,4 +1,4 @@
-"""The walking task: what the policy sees, what it is paid for, and when an episode ends.
+"""The walking task: observation, reward, and the end of an episode.
 
 Observation, clipped displacement and limits: jietan/puppersim (Apache-2.0). The reward for staying up, the
 lighter torque penalty and the penalties for not going straight are ours: without the first two a fall pays.

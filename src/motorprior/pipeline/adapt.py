@@ -67,7 +67,7 @@ class Judged:
 
     Attributes:
         chance: (M,) that a motor of the prior's fleet seems as odd: twice the smaller of the chances that it fits its
-            log as badly (`reference.surprise`) and that it lies as far out (`outliers`).
+            log as badly (`reference.loss_p_value`) and that it lies as far out (`outliers`).
         reason: M times what is oddest.
     """
 
@@ -95,28 +95,28 @@ def judge(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found:
         LogError, ArtifactError: see `adapt_to`.
     """
     from motorprior.identification.outliers import outliers
-    from motorprior.identification.reference import pieces, surprise
+    from motorprior.identification.reference import loss_p_value, num_blocks
 
     preset, data, temperature, which = _prepared(prior, path, log, where)
-    badly = surprise(prior.metrics, found.loss, pieces(found.windows, preset), which)
+    badly = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason = ["it fits its log badly"] * len(badly)
     if len(prior.mean) < 2:
         return Judged(badly, tuple(reason))
     far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
-    for motor in np.flatnonzero(far.chance < badly):
+    for motor in np.flatnonzero(far.p_value < badly):
         reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
-    return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.chance)), tuple(reason))
+    return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.p_value)), tuple(reason))
 
 
 def _prepared(
     prior: MotorPrior, path: str | Path, log: MotorLog, where: str
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics that a log is judged by."""
-    from motorprior.identification.reference import ending, knows_its_errors
+    from motorprior.identification.reference import ending, has_reference_metrics
     from motorprior.identification.windows import training_data
 
     preset = recipe_of(prior, path)
-    if prior.network.num_latents == 0 or not knows_its_errors(prior.metrics, preset.objective == "rollout"):
+    if prior.network.num_latents == 0 or not has_reference_metrics(prior.metrics, preset.objective == "rollout"):
         raise ArtifactError(
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
         )

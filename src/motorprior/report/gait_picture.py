@@ -103,7 +103,7 @@ def _draw_frame(axes: Axes, skeleton: Skeleton, legs: np.ndarray, chassis: np.nd
 
 
 def _side(skeleton: Skeleton, right: bool) -> list[int]:
-    """Legs of one side; the camera looks from the right."""
+    """Legs of one side; the camera is on the right."""
     return [leg for leg, is_right in enumerate(skeleton.is_right) if is_right is right]
 
 

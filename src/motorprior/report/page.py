@@ -1,4 +1,4 @@
-"""The report: one HTML page that needs nothing but itself, from pictures, tables and paragraphs."""
+"""The report: one self-contained HTML page of pictures, tables and paragraphs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SMALL_SVG = 24_000
 
 @dataclass(frozen=True)
 class Picture:
-    """An image file with the text under it and, for who cannot see it, instead of it."""
+    """An image file with its caption and its alternative text."""
 
     caption: str
     alt: str
@@ -59,7 +59,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter: what it shows in one sentence, then paragraphs, pictures and tables. Text is plain text."""
+    """A section: a one-sentence summary, paragraphs, pictures and tables, all as plain text."""
 
     title: str
     lead: str
@@ -121,7 +121,7 @@ def render(report: Report) -> str:
 
 
 def write_report(path: Path, report: Report) -> None:
-    """Write the page, complete or not at all."""
+    """Write the page atomically."""
     write_text(path, render(report))
 
 
@@ -235,7 +235,7 @@ def aligned(values: Sequence[Cell]) -> list[str]:
 
 
 def _common_decimals(values: Sequence[float]) -> int | None:
-    """Decimals for a column: 3 digits of the largest, 2 of the smallest; None where they are worlds apart."""
+    """Decimals for a column: 3 digits of the largest value, 2 of the smallest; None if these differ too much."""
     sizes = [abs(value) for value in values if value]
     if not sizes or max(sizes) >= 1e6 or max(sizes) / min(sizes) > 1e4:
         return None

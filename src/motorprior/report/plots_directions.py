@@ -1,4 +1,4 @@
-"""Which directions of a latent space matter: those along which the motors it stands for behave most differently."""
+"""Principal directions of a latent space: those along which the decoded motors' behaviour varies most."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.behaviour import behaviours
 
 STEP = 0.5
-"""Nudge of a latent either way, in standard deviations of the prior."""
+"""Step of a latent for central differences, in standard deviations of the prior."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Directions:
 
 
 def behaviour_directions(network: LatentNetwork) -> Directions:
-    """The two principal directions of how the bench features (`bench.behaviour`) answer to z.
+    """The two principal directions of the bench features (`bench.behaviour`) as functions of z.
 
-    Slopes at z = 0 by central differences of STEP, each feature in units of its own spread under z ~ N(0, I), which to
-    first order is the length of its row of slopes. Latents that are standardised all have variance 1: how far the
-    motors spread along them says nothing about what they do.
+    Slopes at z = 0 by central differences of STEP, each feature divided by its standard deviation under z ~ N(0, I),
+    which to first order is the norm of its row of slopes. Standardised latents all have variance 1, so that the spread
+    of motors along a latent says nothing about its effect.
     """
     nudges = STEP * np.eye(network.num_latents)
     found = behaviours(LatentActuator(network, np.concatenate([nudges, -nudges]))).values
@@ -41,7 +41,7 @@ def behaviour_directions(network: LatentNetwork) -> Directions:
 
 
 def principal_directions(slopes: np.ndarray) -> Directions:
-    """Of (F, Z) slopes of F features, Z >= 2; features that no latent moves are left out."""
+    """Principal directions of slopes (F, Z) of F features, Z >= 2; constant features are left out."""
     spread = np.linalg.norm(slopes, axis=1)
     moved = slopes[spread > 0] / spread[spread > 0, None]
     _, strength, rows = np.linalg.svd(moved, full_matrices=True)
@@ -55,7 +55,7 @@ def principal_directions(slopes: np.ndarray) -> Directions:
 def best_explained(points: np.ndarray, values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
     """The ``count`` of the values (M,) that are most nearly linear in points (M, D), by R², best first.
 
-    Those that are the same for every motor are left out.
+    Values that are the same for every motor are left out.
     """
     basis = np.column_stack([np.ones(len(points)), points])
 

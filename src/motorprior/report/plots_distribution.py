@@ -1,4 +1,4 @@
-"""Is the motor prior's population that of the physical motors? Quantiles against quantiles, one panel per feature."""
+"""Quantile-quantile plots of behaviour features: motors of a prior against physical motors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BAND = (0.05, 0.95)
 _BAND_COLOR = "#cfd4da"
 _RESAMPLES = 400
 _ROOM = 1.0
-"""A sample may leave the other's span by so many spans; what lies further is drawn on the edge."""
+"""Margin of the axes beyond one sample's span, in spans; values further out are drawn on the edge."""
 
 
 def feature_quantiles(
@@ -40,9 +40,9 @@ def feature_quantiles(
 ) -> Figure:
     """Quantiles (1 to 99 %) of each feature of ``a`` over those of ``b``, with the identity and a 90 % band.
 
-    On the line: equal distributions. Beside it: a bias. Flatter or steeper than it: too little or too much spread.
-    The band holds each quantile of 90 % of the samples of a's size if both were of b's distribution (b resampled
-    with replacement twice, in a's and in b's size). A cross on the edge lies beyond the picture.
+    On the identity: equal distributions. Shifted from it: a bias. Flatter or steeper: too little or too much spread.
+    The band contains each quantile with 90 % probability if both samples came from b's distribution (b resampled with
+    replacement twice, in a's and in b's size). A cross on the edge marks a value beyond the axes.
 
     Args:
         names: F features.

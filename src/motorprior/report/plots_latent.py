@@ -1,4 +1,4 @@
-"""Picture of the latent space: where the training motors lie, and what the directions mean."""
+"""Picture of the latent space: the training motors, coloured by their physical parameters."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ _COLUMNS = 2
 def latent_map(
     mean: np.ndarray, log_var: np.ndarray, parameters: Mapping[str, np.ndarray], directions: Directions | None
 ) -> Figure:
-    """The training motors in the latent space, coloured by what they physically are.
+    """The training motors in the latent space, coloured by their physical parameters.
 
-    Two latents or more: the plane of the two directions, seen from the prior's origin, so that the prior N(0, I)
-    stays a round unit normal; ellipses are one posterior σ, circles one and two σ of the prior. One latent: each
-    parameter over it. None: a note.
+    Two latents or more: orthogonal projection onto the plane of the two directions through the origin, in which the
+    prior is N(0, I) too; ellipses are one posterior σ, circles one and two σ of the prior. One latent: each parameter
+    over it. None: a note.
 
     Args:
         mean: (M, Z) posterior means.
@@ -97,7 +97,7 @@ def _on_the_plane(
 
 
 def _ellipses(axes: Axes, points: np.ndarray, log_var: np.ndarray, directions: np.ndarray) -> None:
-    """One σ of each posterior, seen along the plane: covariance Wᵀ diag(exp(log_var)) W."""
+    """One-σ ellipse of each posterior, projected onto the plane: covariance Wᵀ diag(exp(log_var)) W."""
     covariance = np.einsum("zi,mz,zj->mij", directions, np.exp(log_var), directions)
     variance, axis = np.linalg.eigh(covariance)
     sigma = np.sqrt(variance)
@@ -139,7 +139,7 @@ def _along_one_latent(axes: Axes, mean: np.ndarray, log_var: np.ndarray, values:
 
 
 def _note(text: str) -> Figure:
-    """A figure that says why there is nothing to see."""
+    """A figure with a text in place of a plot."""
     figure = new_figure(1.0)
     axes = figure.add_subplot()
     style(axes)

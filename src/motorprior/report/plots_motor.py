@@ -1,4 +1,4 @@
-"""Pictures of one motor: what it was told, what it did, what the actuator models say it should have done."""
+"""Pictures of one motor: its commands, its response, and the responses of the actuator models."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def excitation_and_response(
     external_torque: np.ndarray | None,
     title: str,
 ) -> Figure:
-    """What a motor was told and what it did: angle, velocity, torque.
+    """Commands and response of a motor: angle, velocity, torque.
 
     Args:
         time: (T,) [s].

@@ -62,8 +62,8 @@ def fidelity_bars(table: Mapping[str, Mapping[str, float]]) -> Figure:
     Metrics of one unit, read from the ``[...]`` at the end of their names, share a panel.
 
     Args:
-        table: per metric ("closed loop, steps [rad]") the value of each model. What is not finite
-            is said in words.
+        table: per metric ("closed loop, steps [rad]") the value of each model. A value that is
+            not finite is printed as a word.
     """
     units: dict[str, list[str]] = {}
     for metric in table:
@@ -157,7 +157,7 @@ def transfer_bars(own: Mapping[str, tuple[float, float]], twin: Mapping[str, tup
     describe(speed, x="forward speed [m/s]", y="trained on")
     describe(upright, x="share of time upright [-]")
     handles = [Patch(color=_pale(MUTED)), Patch(color=MUTED)]
-    labels = ["pale: the simulation it was trained in", "full: the twin, motors nobody trained on"]
+    labels = ["pale: the simulation it was trained in", "full: the twin, held-out motors"]
     figure.legend(handles, labels, loc="outside lower left", ncols=2, fontsize=TEXT, frameon=False)
     return figure
 

@@ -1,4 +1,4 @@
-"""How every picture of the report looks: one colour and one dash per actuator model, sizes, axes, files.
+"""Style of all pictures of the report: one colour and one dash per actuator model, sizes, axes, files.
 
 Everything is set on the artists themselves: nothing global changes, so two threads may draw at once.
 """
@@ -40,7 +40,7 @@ MODEL_LABELS = {
     "paper_wide": "paper, wide",
     "rollout": "rollout",
 }
-"""What the reader sees."""
+"""Label of each actuator model."""
 
 MODEL_DASHES: dict[str, tuple[float, ...]] = {
     "oracle": (5, 1.5),
@@ -48,7 +48,7 @@ MODEL_DASHES: dict[str, tuple[float, ...]] = {
     "tuned_pd": (4, 1.2, 1, 1.2),
     "one_network": (3, 1.5),
 }
-"""Line pattern in units of the line width, so that nobody needs the colour; the others are solid."""
+"""Line patterns in units of the line width, so that lines differ without colour; the others are solid."""
 
 OTHER_COLOR = "#7d4fa8"
 INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
@@ -145,7 +145,7 @@ def legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
 def fit_y(axes: Axes, trusted: list[np.ndarray], others: list[np.ndarray], room: float = 0.6) -> None:
     """Limits that show ``trusted`` whole and ``others`` as far as ``room`` times that span beyond it.
 
-    A model that diverges then leaves the picture instead of flattening everybody else.
+    So a model that diverges leaves the picture instead of flattening the others.
     """
     low, high = span(trusted)
     reach = max(high - low, 1e-6)
@@ -192,7 +192,7 @@ def most_used(images: list[Image.Image], count: int) -> np.ndarray:
 def with_palette(image: Image.Image, palette: np.ndarray) -> Image.Image:
     """The RGB image in these colours (K,), K <= 256: each pixel takes the nearest one.
 
-    Pillow's own `quantize` looks colours up coarsely, which turns white into almost white.
+    Pillow's own `quantize` matches colours coarsely, which turns white into almost white.
     """
     colors, place = np.unique(_pixels(image), return_inverse=True)
     gap = _channels(colors)[:, None, :] - _channels(palette)[None, :, :]

@@ -1,4 +1,4 @@
-"""What is different between two motor priors: header, constants, motors, weights."""
+"""Differences between two motor priors: header, constants, motors, weights."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FLEET_DRAWS = 256
 
 @dataclass(frozen=True)
 class Difference:
-    """What is not the same in two priors.
+    """Differences between two priors, A and B.
 
     Attributes:
         header: dotted key -> (value in A, value in B) of all entries that differ; None where one has no such entry.

@@ -62,7 +62,7 @@ def bench(run: Path) -> list[Section]:
         "The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
         "limit, a delay and a velocity filter; its encoder sits on the rotor. No two motors are alike.",
     )
-    return [Section("Bench: motors show themselves", lead, body, tuple(pictures))]
+    return [Section("Bench: excitation and response", lead, body, tuple(pictures))]
 
 
 def identify(run: Path) -> list[Section]:
@@ -78,7 +78,7 @@ def identify(run: Path) -> list[Section]:
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
         "training never saw the physical parameters that colour the dots. Of all directions of z the map shows the two "
         "along which motors behave most differently on the standard bench (gain, lag, friction, stall, speed), and of "
-        "all constants those that the two tell best, the clearest first.",
+        "all constants those that the two directions explain best, by R², best first.",
     )
     shown = picture(figure, f"The {len(prior.mean)} training motors in the latent space.", "latent map")
     return [
@@ -243,7 +243,7 @@ def transfer(run: Path, robot: Robot) -> list[Section]:
         ),
     ]
     table = Table(TRANSFER_COLUMNS, tuple(tuple(row) for row in transfer_rows(results)), "24 motor draws of 5 s each.")
-    lead = "Every policy where it was trained, and on a twin nobody trained on: unseen physical motors, 1 kHz, noise."
+    lead = "Every policy where it was trained, and on the held-out twin: unseen physical motors, 1 kHz physics, noise."
     body = (
         "The twin's draws are the same for every policy. The ideal PD has the gains, and the tuned PD the gains, "
         "armature and delay, with the least closed-loop error on the bench. Policies of one condition differ by "

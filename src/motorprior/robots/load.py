@@ -73,9 +73,13 @@ _GAIT = Schema(
     {field.name: number(-10.0, 1e9) for field in fields(Gait)}, _SEE, frozenset(f.name for f in fields(Gait))
 )
 _USUAL_LOAD = 0.8
-"""Of the torque limit: the reference torque where none is given."""
-_LOWEST, _HIGHEST, _HUNG = 0.3, 3.5, 2.0
-"""Heights of a fallen, a failed and a hung robot's base, in standing heights."""
+"""Default reference torque, as a share of the torque limit [-]."""
+_LOWEST = 0.3
+"""Height of the base below which a robot has fallen [standing heights]."""
+_HIGHEST = 3.5
+"""Height of the base above which the simulation has failed [standing heights]."""
+_HUNG = 2.0
+"""Height of a hung robot's base [standing heights]."""
 
 
 def load_robot(name_or_path: str | Path) -> Robot:

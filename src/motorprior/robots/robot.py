@@ -1,4 +1,4 @@
-"""A robot as data: joints, legs, poses, model, clocks and wire. Whoever needs a robot gets one handed in."""
+"""Description of a robot as data: joints, legs, poses, model, clocks and wire."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motorprior.robots.model import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
 
 GRAVITY = 9.81
-"""[m/s²]"""
+"""Gravitational acceleration [m/s²]."""
 Encoder = Literal["joint", "rotor"]
 
 

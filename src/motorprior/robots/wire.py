@@ -22,7 +22,7 @@ class SafetyLimits:
             below 0.15.
         tilt_time: for so long [s]: one damaged frame is no fall.
         imu_time: an IMU that repeats itself for so long [s] is frozen: a sensor has noise.
-        tracking_error: between a joint and its target seen through a first-order lag of kd/kp [rad]. Five policies on
+        tracking_error: between a joint and its target after a first-order lag of kd/kp [rad]. Five policies on
             twelve twins each exceeded 0.45 for at most 0.2 s.
         tracking_time: for so long [s].
         stuck_motion: a joint that moved less than this [rad] while its lagged target moved by ``stuck_target`` ...

@@ -1,7 +1,7 @@
-"""Augmented Random Search, version V2-t, as ask and tell over a flat vector of parameters.
+"""Augmented Random Search, version V2-t, with an ask-and-tell interface over a flat vector of parameters.
 
 Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for reinforcement
-learning", algorithm 2. Noise travels as seeds: any worker can draw direction k of iteration i for itself.
+learning", algorithm 2. Noise is sent as seeds, from which any worker can draw direction k of iteration i.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class ArsConfig:
         num_top_directions: b, best directions that the update uses.
         step_size: α.
         delta_std: ν, standard deviation of the perturbation of each parameter.
-        seed: of all noise, not negative.
+        seed: seed of all noise, not negative.
     """
 
     num_directions: int = 16
@@ -66,19 +66,19 @@ class Moments:
 
     @classmethod
     def empty(cls, size: int) -> Moments:
-        """Of no observation at all."""
+        """Moments of no observations."""
         return cls(0, np.zeros(size), np.zeros(size))
 
     @classmethod
     def of(cls, observations: np.ndarray) -> Moments:
-        """Of observations of shape (count, observation)."""
+        """Moments of observations of shape (count, observation)."""
         if len(observations) == 0:
             return cls.empty(observations.shape[1])
         mean = observations.mean(axis=0)
         return cls(len(observations), mean, np.square(observations - mean).sum(axis=0))
 
     def merge(self, other: Moments) -> Moments:
-        """Of both together (Chan, Golub, LeVeque 1983).
+        """Moments of both together (Chan, Golub, LeVeque 1983).
 
         d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.
         """
@@ -100,7 +100,7 @@ class Moments:
 class Candidate:
     """One perturbed parameter vector to try, M + sign · ν · δ(direction); sign +1, -1, or 0 for M itself.
 
-    It travels as these two numbers; `perturbed` makes the vector where it is tried.
+    Only these two numbers are sent to a worker; `perturbed` makes the vector there.
     """
 
     direction: int
@@ -152,11 +152,11 @@ class Ars:
     def tell(self, returns: np.ndarray, observation_moments: Sequence[Moments]) -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
 
-        σ_R is the standard deviation of those 2b returns. All returns alike teach nothing: M stays.
+        σ_R is the standard deviation of those 2b returns. If all returns are equal, M stays.
 
         Args:
             returns: shape (num_directions, 2), r⁺ and r⁻ of each direction.
-            observation_moments: of the episodes, merged in the order given: the same order, the same bytes.
+            observation_moments: moments of the episodes, merged in the given order; the same order, the same bytes.
 
         Raises:
             ConfigError: a wrong shape.
@@ -177,7 +177,7 @@ class Ars:
         self.iteration += 1
 
     def _checked(self, returns: np.ndarray) -> np.ndarray:
-        """Returns as float64, refused where they would spoil the parameters."""
+        """Returns as float64, with their shape checked and all finite."""
         returns = np.asarray(returns, dtype=np.float64)
         if returns.shape != (self.config.num_directions, 2):
             raise ConfigError(f"returns have shape {returns.shape}, wanted ({self.config.num_directions}, 2)")
@@ -189,7 +189,7 @@ class Ars:
         return returns
 
     def state(self) -> dict[str, np.ndarray]:
-        """Everything that `restore` needs but the config; plain arrays for `artifacts.write_tensors`."""
+        """State for `restore`, without the config, as arrays for `artifacts.write_tensors`."""
         return {
             "parameters": self.parameters.copy(),
             "iteration": np.array(self.iteration, dtype=np.int64),
@@ -200,7 +200,7 @@ class Ars:
 
     @classmethod
     def restore(cls, config: ArsConfig, state: Mapping[str, np.ndarray]) -> Ars:
-        """Continue a search; with the config it had, the bytes are those of a search never stopped.
+        """Continue a search; with the same config, the bytes are those of an uninterrupted search.
 
         Raises:
             ArtifactError: unknown or missing keys, or arrays that do not fit each other.

@@ -2,10 +2,10 @@
 
 Same bytes everywhere, on machines with the same processor features and libraries: code is compiled for the processor.
 
-A round of episodes is a list of tasks that share one thing, the policy they perturb. Both are small: noise and
-motors travel as seeds, and a worker draws them for itself. Results come back in the order of the tasks, whatever
-order they end in. The compiled episode releases the interpreter lock, so threads run on as many cores; an engine
-that holds it (PyBullet) needs processes.
+A round of episodes is a list of tasks with one shared object, the policy that they perturb. Both are small: noise and
+motors are sent as seeds, from which a worker draws them. Results are in the order of the tasks, whatever the order
+in which they finish. The compiled episode releases the interpreter lock, so that threads run on several cores; an
+engine that holds the lock (PyBullet) needs processes.
 """
 
 from __future__ import annotations
@@ -81,16 +81,16 @@ class ThreadExecutor:
 def make_executor(
     make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
 ) -> Executor:
-    """Workers of a kind; one thread is no thread.
+    """Make an executor; one thread is replaced by serial execution.
 
     Args:
         make_simulator: called once per worker; for Ray it must pickle.
-        workers: episodes at a time; "serial" has one.
+        workers: number of episodes at the same time; "serial" has one.
         kind: one after the other, threads of this process, or Ray's processes.
         address: of the Ray cluster to join; without one Ray starts on this machine only.
 
     Raises:
-        ConfigError: a kind that nobody knows, no worker, or Ray cannot be had.
+        ConfigError: unknown kind, fewer than one worker, or Ray is not available.
     """
     if kind not in get_args(Kind):
         raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}")

@@ -20,9 +20,11 @@ from motorprior.exceptions import ConfigError, SimulationFault
 Result = TypeVar("Result")
 RETRIES = 3
 """Times a chunk of tasks runs again after its worker or node was lost."""
-CHUNKS_PER_WORKER, MANY_CHUNKS = 4, 256
-"""Several chunks per worker even out episodes of different lengths; beyond MANY_CHUNKS starting them costs the
-driver more than that saves (docs/scaling.md), and each worker gets one."""
+CHUNKS_PER_WORKER = 4
+"""Number of chunks per worker; several balance episodes of different lengths."""
+MANY_CHUNKS = 256
+"""Number of chunks beyond which each worker gets one chunk, since starting more costs the driver more time than the
+balance saves (docs/scaling.md)."""
 _REMEDY = "read Ray's logs; finished iterations are kept"
 _SIMULATORS: dict[str, Any] = {}
 """In a worker process: the simulator of the executor it last worked for."""
@@ -94,7 +96,7 @@ class RayExecutor:
 
 
 def chunk_size(tasks: int, workers: int) -> int:
-    """Tasks that travel together."""
+    """Number of tasks in a chunk."""
     chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
     return max(1, -(-tasks // chunks))
 
@@ -126,7 +128,7 @@ def _join(ray: Any, workers: int, address: str | None) -> None:
 
 
 def _require_answer(address: str) -> None:
-    """Refuse an address where nobody listens; Ray itself would try for minutes.
+    """Refuse an address that accepts no connection; Ray itself would try for minutes.
 
     Raises:
         ConfigError: not HOST:PORT, or no connection.

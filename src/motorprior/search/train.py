@@ -1,4 +1,4 @@
-"""Train a walking policy: ARS over episodes whose motors are drawn anew."""
+"""Train a walking policy: ARS over episodes, each with newly drawn motors."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from motorprior.search.executor import Executor
 
 CONTEST_EVERY, CONTEST_DRAWS = 10, 16
 CONTEST = 2**32 - 1
-"""Stands where training seeds have the iteration."""
+"""Number in the seeds of contests where training seeds have the iteration."""
 REMEMBERED = 100_000
-"""Observations; a dozen iterations of the default search add as many."""
+"""Number of observations that the statistics of a start policy count as; about those of a dozen default iterations."""
 
 
 class EpisodeLike(Protocol):
-    """What training needs to know of an episode."""
+    """Attributes of an episode that training uses."""
 
     total: float
     steps: int
@@ -55,7 +55,7 @@ class Round:
 
     @classmethod
     def of(cls, search: Ars) -> Round:
-        """The present one."""
+        """The round of the search's present state."""
         moments = search.observations
         return cls(search.parameters, moments.mean, moments.std(), search.config, search.iteration)
 
@@ -80,7 +80,7 @@ class Champion:
 
     @classmethod
     def none_yet(cls, num_joints: int) -> Champion:
-        """Loses against every policy."""
+        """A champion that loses against every policy."""
         size, worst = observation_size(num_joints), -float(np.finfo(np.float64).max)
         return cls(np.zeros((action_size(num_joints), size + 1)), np.zeros(size), np.ones(size), worst, 0)
 
@@ -96,7 +96,7 @@ class Champion:
 
     @classmethod
     def restore(cls, state: Mapping[str, np.ndarray]) -> Champion:
-        """What `state` gave."""
+        """The champion from the arrays of `state`."""
         weights, mean, std = (state[f"champion_{name}"] for name in ("weights", "mean", "std"))
         return cls(weights, mean, std, float(state["champion_score"]), int(state["champion_iteration"]))
 

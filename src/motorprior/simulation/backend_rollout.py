@@ -1,6 +1,6 @@
 """A whole walking episode on any backend: the Gymnasium loop, with the interpreter between control steps.
 
-On `MujocoBackend` it gives bit for bit what the compiled `rollout.WalkSimulator` gives.
+On `MujocoBackend` the results equal those of the compiled `rollout.WalkSimulator` bit for bit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which engine walks: one place that knows what each is made of and what it can do."""
+"""Choice of the physics engine of an episode, with the abilities and limits of each."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Scene:
     terrain: Terrain = field(default_factory=Terrain)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse settings that the engine does not support."""
         if self.engine not in ENGINES:
             raise ConfigError(f"engine {self.engine!r} is unknown", remedy=f"use one of {ENGINES}")
         if self.engine == "pybullet":

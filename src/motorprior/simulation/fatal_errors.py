@@ -1,8 +1,8 @@
-"""What happens when MuJoCo meets a fatal error inside compiled code: the results are saved, then the process ends.
+"""Handler of MuJoCo's fatal errors in compiled code: the results are saved, then the process ends.
 
-Called through its Python bindings MuJoCo raises; called by address it has no one to raise to, ``mju_error`` must
-not return, and by default it would end the process there and then. The handler here first lets whoever has
-results to lose save them, and says in one line what happened.
+Called through its Python bindings MuJoCo raises an exception. Called by address it cannot; ``mju_error`` must not
+return, and by default ends the process at once. The handler first calls the registered functions that save results,
+and prints the error in one line.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -20,16 +20,16 @@ from motorprior.simulation.mj_call import library
 EXIT_CODE = 2
 _RESCUES: list[Callable[[], str]] = []
 _DYING = threading.Lock()
-"""Taken by the first thread that dies, and never given back."""
+"""Lock held by the first thread with a fatal error until the process ends."""
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 
 
 @contextmanager
 def saved_on_fatal_error(rescue: Callable[[], str]) -> Iterator[None]:
-    """While inside: call ``rescue`` before a fatal error of MuJoCo ends the process.
+    """Within this context, call ``rescue`` before a fatal error of MuJoCo ends the process.
 
     Args:
-        rescue: saves what there is, from whichever thread the error is in; returns what the user should know.
+        rescue: saves the results so far, in the thread of the error; returns a message for the user.
     """
     _RESCUES.append(rescue)
     try:
@@ -39,14 +39,14 @@ def saved_on_fatal_error(rescue: Callable[[], str]) -> Iterator[None]:
 
 
 def install_handler() -> None:
-    """Make this the handler of MuJoCo's fatal errors, in the whole process."""
+    """Install the handler of MuJoCo's fatal errors, for the whole process."""
     pointer = ctypes.c_void_p.in_dll(library(), "mju_user_error")
     pointer.value = ctypes.cast(_end_process, ctypes.c_void_p).value
 
 
 @_HANDLER
 def _end_process(message: bytes) -> None:
-    """It must not return: MuJoCo would go on with a broken state."""
+    """Save, report and end the process; it must not return, as MuJoCo would continue with an invalid state."""
     _DYING.acquire()  # a second thread waits here until the first has ended the process
     kept = "nothing was being kept"
     try:

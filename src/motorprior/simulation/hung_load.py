@@ -1,17 +1,17 @@
-"""What every motor of a hung robot has to carry: inverse dynamics, one joint at a time.
+"""Loads of the motors of a hung robot, by inverse dynamics, one joint at a time.
 
 With the chassis fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's own belongs to its motor)
-and b gravity and Coriolis torques. For joint j that is a bench of its own, `MotorLog`'s known load:
+and b gravity and Coriolis torques. For joint j this has the form of a bench with the known loads of a `MotorLog`:
 
     J_j·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k - (M_jj - J_j)·q̈_j)
     load_inertia     external_torque
 
-A torque from the motor's current is none of the joint's: the gear's friction and the rotor lie between (on the virtual
-robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's.
+A torque computed from the motor's current is not the torque on the joint, because of the gear's friction and the rotor
+(on the virtual robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's torque.
 
-J_j is the mean of M_jj over the segment: an inertia that changes with the pose is no bench's. The angles are those of
-the rotors' encoders, which differ from the joints' by the gear's play and twist and by the encoder's zero: the loads
-are as wrong as that.
+J_j is the mean of M_jj over the segment, since the inertia of a bench is constant. The angles are those of the rotors'
+encoders, which differ from the joints' by the gear's backlash and twist and by the encoder's zero; the loads have the
+corresponding errors.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -29,7 +29,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.model import build_model
 
 LEVEL = 0.15
-"""A body that leans by more than this [rad], by its median, is not level: it would turn gravity by a seventh."""
+"""Largest median roll or pitch of a body that counts as level [rad]; it shifts a seventh of gravity sideways."""
 
 
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:

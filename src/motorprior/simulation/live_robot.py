@@ -1,4 +1,4 @@
-"""The twin, one millisecond after the other: a robot on physical motors whose gains may change while it moves."""
+"""A robot on physical motors, advanced by milliseconds, whose gains may change while it moves."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -17,9 +17,9 @@ from motorprior.simulation.model import FLOOR
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step, read_joints
 
 IMU_NOISE = (0.002, 0.01)
-"""Standard deviation of attitude [rad] and rates [rad/s]; assumption, a MEMS sensor at 100 Hz."""
+"""Standard deviations of the noise on attitude [rad] and on rates [rad/s]; assumed for a MEMS sensor at 100 Hz."""
 _BLOCKED = 50.0
-"""Damping [N·m·s/rad] of a joint that something holds fast."""
+"""Damping of a blocked joint [N·m·s/rad]."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,11 @@ class LiveRobot:
         _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
 
     def position(self) -> np.ndarray:
-        """(2,) where the base is on the ground [m]."""
+        """(2,) horizontal position of the base [m]."""
         return np.zeros(2) if self._hung else self._world.data.qpos[:2].copy()
 
     def state(self) -> LiveState:
-        """What the sensors and an observer see now."""
+        """The present sensor readings and the true pose of the base."""
         data, measured = self._world.data, np.zeros(self._robot.num_joints)
         read_joints(self._world.arrays, self._arrays, measured)
         noise = self._rng.standard_normal(6)

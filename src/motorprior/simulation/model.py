@@ -20,8 +20,10 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.model import GeneratedModel
 from motorprior.robots.robot import GRAVITY, Robot
 
-CONTACT_TIME, CONTACT_DT = 0.02, 0.001
-"""Time constant of a foot's contact, MuJoCo's default, and longest step at which it is damped critically [s]."""
+CONTACT_TIME = 0.02
+"""Time constant of a foot's contact [s], MuJoCo's default."""
+CONTACT_DT = 0.001
+"""Longest physics step at which a foot's contact is critically damped [s]."""
 FLOOR = "floor"
 
 

@@ -1,6 +1,6 @@
-"""What everybody does first: a Python loop over ``mj_step`` with a network in numpy or TorchScript.
+"""Reference for speed: a Python loop over ``mj_step`` with a network in numpy or TorchScript.
 
-Here only to be measured against (`motorprior speed`): the same learned motors, one interpreted call of the
+It serves only for comparison (`motorprior speed`): the same learned motors, one interpreted call of the
 network and one of MuJoCo per physics step. The step of a grey box's geared motors is the compiled one, so that only
 loop and network are compared.
 """

@@ -1,8 +1,7 @@
-"""Other robots in every episode: what may differ, how far, and one draw of it. Off by default.
+"""Domain randomization: ranges of robot and surroundings, and one draw of them per episode. Off by default.
 
-Ranges go in, one `Conditions` per episode comes out; both engines apply it without building the robot anew.
-The motors of an episode are drawn elsewhere (`DrawMotors`) and from another stream, so that turning a range on
-changes no motor.
+One `Conditions` is drawn per episode; both engines apply it without building the robot again. The motors of an episode
+are drawn elsewhere (`DrawMotors`) from another random stream, so that enabling a range changes no motor.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from motorprior.locomotion.sensing import Sensors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
 
 LONGEST_DELAY = 0.2
-"""[s]"""
+"""Largest delay of sensors and commands [s]."""
 _STREAM, _SENSOR_STREAM = 0xD12A, 0x5E50
 Range = tuple[float, float]
 
@@ -44,10 +43,10 @@ class Randomization:
     com: float = 0.0
     """Largest shift of the chassis' centre of mass along each axis [m]."""
     gravity_tilt: float = 0.0
-    """Largest angle between gravity and the vertical [rad]: a slope, seen from the robot. Its IMU does not see it:
-    roll and pitch are observed against the ground."""
+    """Largest angle between gravity and the normal of the ground [rad], which has the effect of a slope. Roll and pitch
+    are still observed relative to the ground."""
     encoder_offset: float = 0.0
-    """Largest error of each encoder's zero [rad]; the motor's own loop sees it too."""
+    """Largest error of each encoder's zero [rad]; it also acts in the motor's own control loop."""
     joint_noise: float = 0.0
     """Standard deviation of white noise on the observed joint angles [rad]."""
     tilt_noise: float = 0.0
@@ -83,11 +82,11 @@ class Randomization:
                 )
 
     def as_json(self) -> dict[str, object]:
-        """For the record of a run."""
+        """JSON values for the settings of a run."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
-        """The robot and its surroundings in the episode of this seed."""
+        """Draw the conditions of the robot and its surroundings in the episode of this seed."""
         if self == _NOTHING:
             return nominal_conditions(robot)
         rng = np.random.default_rng([_STREAM, seed])
@@ -117,7 +116,7 @@ class Randomization:
         return force
 
     def sensors(self, robot: Robot, seed: int, episode_steps: int) -> Sensors:
-        """How the policy's sensors err in the episode of this seed."""
+        """Draw the sensor errors in the episode of this seed."""
         if not (self.sensor_delay[1] or self.joint_noise or self.tilt_noise or self.rate_noise):
             return perfect_sensors()
         count = readings(robot.num_joints)
@@ -138,7 +137,7 @@ def _is_range(value: Any, least: float, most: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """One draw, in the order of the robot's joints and of its model's links."""
+    """One draw of the ranges, in the order of the robot's joints and of its model's links."""
 
     armature: np.ndarray
     """(joints,) added [kg·m²]"""

@@ -1,4 +1,4 @@
-"""Play given position targets on a simulated robot and record what every joint does."""
+"""Replay of given position targets on a simulated robot, recording every joint's motion."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def replay(
     """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
 
     Args:
-        world: the robot; it is reset first.
+        world: simulated robot; it is reset first.
         actuator: one motor per joint.
         targets: position targets.
         start: joint angles at the beginning; the nominal pose if not given.
         lead_in: (L, joints) targets held before the recording begins.
-        tolerate_fault: return the recording even if the simulation broke down in it.
+        tolerate_fault: return the recording even if the simulation diverged in it.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.

@@ -1,7 +1,7 @@
 """A whole walking episode in one compiled call: policy, generator, motors, physics, reward, end.
 
-It calls the same compiled pieces in the same order as `locomotion.env.WalkEnv` on `MujocoBackend`, and
-gives bit for bit what they give; only the interpreter is missing.
+It calls the same compiled functions in the same order as `locomotion.env.WalkEnv` on `MujocoBackend`, without the
+interpreter between them, and gives the same results bit for bit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fa
 
 @dataclass(frozen=True)
 class WalkConfig:
-    """An episode.
+    """Settings of an episode.
 
     Attributes:
         episode_steps: control steps at most.
@@ -49,11 +49,11 @@ class WalkConfig:
 
 @dataclass(frozen=True)
 class Episode:
-    """What happened.
+    """Outcome of an episode.
 
     Attributes:
         total: sum of rewards [m].
-        steps: control steps until the fall or the end of time.
+        steps: control steps until the fall or the time limit.
         displacement: (2,) forward and left [m].
         fault: 0 or a key of `world.FAULTS`.
         count: observations; mean and m2 (observations,) are their Welford statistics.
@@ -73,7 +73,7 @@ class Episode:
 
 
 class Walker(NamedTuple):
-    """What one walking robot needs besides world and motors; state and scratch."""
+    """State and scratch memory of one walking robot, besides world and motors."""
 
     observation: np.ndarray
     action: np.ndarray
@@ -84,7 +84,7 @@ class Walker(NamedTuple):
 
 
 def new_walker(num_joints: int) -> Walker:
-    """Of a robot that has not walked yet."""
+    """Initial state of a robot."""
     actions = action_size(num_joints)
     sizes = (observation_size(num_joints), actions, actions, actions, num_joints, num_joints)
     return Walker(*(np.zeros(size) for size in sizes))
@@ -167,7 +167,7 @@ def _episode(
 def checked_policy(
     num_joints: int, weights: np.ndarray, mean: np.ndarray, std: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, mean and standard deviation that compiled code can read; see `locomotion.policy.Policy` for shapes.
+    """Weights, mean and standard deviation as arrays for compiled code; shapes as in `locomotion.policy.Policy`.
 
     Raises:
         ConfigError: another shape, or a number that is not finite.

@@ -1,6 +1,6 @@
-"""How fast each way of simulating an episode is, and how much of it is the physics engine itself.
+"""Speed of each way of simulating an episode, and the share of the physics engine in it.
 
-Everything is measured side by side in one process, interleaved, as medians; only the ratios mean anything.
+All ways are timed interleaved in one process, and compared by medians; only the ratios are meaningful.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, t
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step
 
-STEPS, SLOW_STEPS = 500, 100
-"""Control steps of an episode, and of one where the interpreter is in the loop."""
+STEPS = 500
+"""Control steps of a compiled episode."""
+SLOW_STEPS = 100
+"""Control steps of an episode with the interpreter in the loop."""
 THREADS, REPEATS, LEAST_REPEATS = 2, 7, 5
 EPISODES_PER_THREAD = 6
 

@@ -10,9 +10,11 @@ from scipy.ndimage import gaussian_filter
 from motorprior.exceptions import ConfigError
 
 HIGHEST = 0.05
-"""[m]; the robot stands 0.17 m high."""
-START_RADIUS, BLEND = 0.25, 0.25
-"""Level around the origin [m], and the width over which the bumps begin [m]."""
+"""Largest roughness [m]; the robot stands 0.17 m high."""
+START_RADIUS = 0.25
+"""Radius of the level ground around the origin [m]."""
+BLEND = 0.25
+"""Width over which the bumps grow from level ground to their full height [m]."""
 _STREAM = 0x7E44
 
 

@@ -25,10 +25,14 @@ FAULTS = {
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
 }
-"""Fault numbers of `BackendState` and what they mean."""
-FURTHEST, FASTEST, FASTEST_TURN = 1e3, 1e2, 1e3
-"""Base position [m], its speed [m/s], and speed of base and joints [rad/s] beyond which there is no physics: far above
-any motion of the robot, far below what its motors' gains make of a step that is too long for them."""
+"""Meaning of the fault numbers of `BackendState`."""
+FURTHEST = 1e3
+"""Base position [m] beyond which a simulation counts as diverged."""
+FASTEST = 1e2
+"""Base speed [m/s] beyond which a simulation counts as diverged."""
+FASTEST_TURN = 1e3
+"""Angular speed of base or joints [rad/s] beyond which a simulation counts as diverged: far above any motion of the
+robot, far below the speeds that a physics step too long for the motors' gains leads to."""
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
 _SINGULAR = int(_WARNING.mjWARN_INERTIA)
@@ -102,9 +106,9 @@ class WorldArrays(NamedTuple):
     applied: np.ndarray
     """(nv,) generalized force, the last are the joints'"""
     damping: np.ndarray
-    """(joints,) the model's own implicit damping of the joints [N·m·s/rad], a view"""
+    """(joints,) implicit damping of the joints in the model [N·m·s/rad], a view"""
     passive: np.ndarray
-    """(joints,) the share of it that is no motor's [N·m·s/rad]"""
+    """(joints,) part of the damping that does not come from motors [N·m·s/rad]"""
     torque: np.ndarray
     """(joints,) scratch"""
     encoder_offset: np.ndarray
@@ -122,12 +126,12 @@ class WorldArrays(NamedTuple):
 
 
 def _links(conditions: Conditions) -> np.ndarray:
-    """All that changes the model but its joints."""
+    """The conditions that change the model, except those of joints."""
     return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
 
 def _keep_quiet(message: str) -> None:
-    """MuJoCo would write MUJOCO_LOG.TXT into the user's folder; faults are read from the state instead."""
+    """Ignore a warning; otherwise MuJoCo would write MUJOCO_LOG.TXT. Faults are found from the state instead."""
 
 
 class World:
@@ -196,7 +200,7 @@ class World:
         return motors
 
     def _apply(self, conditions: Conditions) -> None:
-        """Put masses, friction and gravity of these conditions into the model; nothing is compiled anew."""
+        """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
         wanted = _links(conditions)
         if np.array_equal(wanted, self._applied):
             return
@@ -239,7 +243,7 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 @njit(cache=True, nogil=True, inline="always")
 def control_steps_late(delay: int, substep: int, substeps: int) -> int:
-    """How many control steps ago the targets were given that are in force, in every engine.
+    """Age of the targets in force, in control steps; the same in every engine.
 
     Args:
         delay: age of the targets in force [physics steps].
@@ -275,8 +279,8 @@ def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
     """Whether a state is not finite or beyond FURTHEST, FASTEST or FASTEST_TURN: fault 1, in every engine.
 
     Args:
-        qpos: base position (3,) [m] and quaternion (4,), joint angles [rad]; of a fixed robot only these.
-        qvel: velocity of the base (3,) [m/s], angular (3,) [rad/s], of the joints [rad/s]; likewise.
+        qpos: base position (3,) [m], base quaternion (4,) and joint angles [rad]; only angles for a fixed robot.
+        qvel: base velocity (3,) [m/s], angular velocity (3,) [rad/s] and joint velocities [rad/s]; likewise.
     """
     free = qpos.shape[0] > qvel.shape[0]
     for index in range(qpos.shape[0]):
@@ -291,7 +295,7 @@ def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
 
 @njit(cache=True, nogil=True, inline="always")
 def find_fault(world: WorldArrays) -> int:
-    """0, or the key of FAULTS of what went wrong since the reset."""
+    """Key of FAULTS of the fault since the reset, or 0."""
     if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
         return 2
     for kind in _BAD:

@@ -1,4 +1,4 @@
-"""Names of the quantities that stages measure, and the order of every table."""
+"""Names of the measured quantities, and their order in every table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BENCH_METRICS = {
 }
 ROBOT_METRICS = ("standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
 COLUMNS = (*BENCH_METRICS, *ROBOT_METRICS)
-"""Joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have the first only."""
+"""Joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's."""
 
 MODELS = (
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
@@ -19,4 +19,4 @@ MODELS = (
 )  # fmt: skip
 """Actuator models in the order of every table."""
 CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")
-"""What a policy was trained on, in the order of every table."""
+"""Actuator models on which policies are trained, in the order of every table."""

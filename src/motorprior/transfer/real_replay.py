@@ -1,4 +1,4 @@
-"""Replay the commands of a robot's logs on a simulated one and compare joint angles."""
+"""Replay of the commands in a real robot's log on a simulated robot, to compare joint angles."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
 
 COMMAND_PERIOD = 0.002
-"""Commands are held on this grid [s]; the logs' own rows come every 1.5-10 ms."""
+"""Period of the grid on which commands are held [s]; the rows of the logs are 1.5-10 ms apart."""
 _LEAD_IN = 1.0
-"""Before the commands begin, a free robot stands in its nominal pose and a fixed one holds its first target, so long
-[s], as the real ones did."""
+"""Time before the first command [s], in which a free robot stands in its nominal pose and a fixed one holds its first
+target, as the real robots did."""
 
 
 @dataclass(frozen=True)
 class LogReplay:
-    """One log on one set of motors.
+    """One log replayed on one set of motors.
 
     Attributes:
-        joint_pos: (rows, joints) simulated angle [rad] at the log's (kept) times: that of the encoder on the rotor for
-            physical motors and grey boxes, the shaft's for models without a rotor.
+        joint_pos: (rows, joints) simulated angle [rad] at the times of the prepared log: that of the encoder on the
+            rotor for physical motors and grey boxes, that of the joint for models without a rotor.
         rmse: (joints,) joint RMSE [rad], start included; NaN for joints that were not excited.
     """
 
@@ -57,7 +57,7 @@ def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
 def replay_log(log: MotorLog, robot: Robot, actuator: Actuator, prepared: MotorLog) -> LogReplay:
     """Simulate the commands of ``log`` and compare with the measurements of ``prepared``.
 
-    Angles count as ±2π at most: where motors make the simulation break down, the error is large but finite.
+    Simulated angles are limited to ±2π, so that the error stays finite if the simulation diverges.
     """
     physics_dt = (
         min(LONGEST_STEP, robot.twin_physics_dt) if isinstance(actuator, PhysicalActuator) else robot.physics_dt

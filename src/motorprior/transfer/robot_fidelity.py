@@ -1,7 +1,7 @@
-"""Closed-loop fidelity inside the robot: modelled motors against the same physical ones.
+"""Closed-loop fidelity inside the robot: modelled motors compared with the same physical motors.
 
-Known trot targets, held at 100 Hz for 2 s, standing on the ground and hung in the air. The truth runs at
-the twin's 1 kHz; the floor is the truth again, started 4 mrad off.
+All follow the same trot targets, held at 100 Hz for 2 s, standing on the ground and hung in the air. The true motors
+run at the twin's 1 kHz; the floor is a second simulation of them, started 4 mrad away.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ DRAWS = 12
 ROBOT_STREAM = 19
 STEPS = 200
 CUTOFF = 20.0
-"""Torque above this frequency [Hz] counts as chatter."""
+"""Frequency above which torque counts as chatter [Hz]."""
 FAULT_RMSE = np.pi
-"""Charged [rad] where a model makes the simulation break down."""
+"""RMSE assigned to a model whose simulation diverges [rad]."""
 
 
 @dataclass(frozen=True)
 class RobotFidelity:
-    """Per draw of motors, arrays of shape (draws,), by model.
+    """Errors by model, as arrays of shape (draws,) over draws of motors.
 
     Attributes:
-        rmse: of the joint angles [rad].
+        rmse: RMSE of the joint angles [rad].
         torque_hf: RMS of the torque above 20 Hz, mean over joints [N·m].
-        displacement_error: of the base after 2 s [m]; zero when hung.
+        displacement_error: error of the base's displacement after 2 s [m]; zero when hung.
     """
 
     rmse: dict[str, np.ndarray]
@@ -47,9 +47,9 @@ class RobotFidelity:
 
 
 def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
-    """(steps, joints) targets [rad] of a random trot that the physical robot performs without falling.
+    """(steps, joints) targets [rad] of a random trot.
 
-    1-1.75 Hz, intensity 0.25-0.55, height 0-0.25; open loop, stronger trots roll the robot over.
+    1-1.75 Hz, intensity 0.25-0.55, height 0-0.25: bounds within which the robot does not roll over in open loop.
     """
     frequency, intensity = rng.uniform(1.0, 1.75), rng.uniform(0.25, 0.55)
     height, ratio = rng.uniform(0.0, 0.25), float(np.exp(rng.uniform(-0.3, 0.3)))
@@ -59,7 +59,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 def robot_fidelity(
     robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], hung: bool, seed: int
 ) -> RobotFidelity:
-    """Compare every model, and the floor, over DRAWS draws of as many of the motors as the robot has joints."""
+    """Compare every model, and the floor, over DRAWS draws of one motor per joint."""
     fast = World(WorldConfig.of(robot, hung=hung))
     fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, hung=hung))
     rows: dict[str, list[tuple[float, float, float]]] = {}
@@ -87,7 +87,7 @@ def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: R
 
 
 def compare(model: Replay, truth: Replay, control_dt: float) -> tuple[float, float, float]:
-    """RMSE at the control steps' ends [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
+    """RMSE at the ends of control steps [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = control_dt * len(model.measured_joint_pos) / len(model.joint_torque)
     chatter = float(high_frequency_rms(model.joint_torque, period, CUTOFF).mean())

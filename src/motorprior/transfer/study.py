@@ -1,4 +1,4 @@
-"""The transfer study: a policy in its own simulation and on the twin."""
+"""Transfer study: a policy walks in the simulation it was trained in, and on the twin."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from motorprior.transfer.twin import DURATION_STEPS
 
 DRAWS = 24
 STUDY_SEED = 90_000_000
-"""First seed of the study's episodes; training seeds are hashed and never reach it by counting."""
+"""First seed of the study's episodes, outside the range of the training episodes' seeds."""
 
 
 @dataclass(frozen=True)
 class Walking:
-    """How a policy walks, means over DRAWS motor draws of 5 s each.
+    """Means over DRAWS draws of motors, each walking for 5 s.
 
     Attributes:
-        speed: forward displacement over the full time [m/s]; a fall stops the clock of distance, not of time.
-        upright: share of the time before a fall.
+        speed: forward displacement divided by 5 s, also after an earlier fall [m/s].
+        upright: share of the 5 s before a fall [-].
         drift: |sideways displacement| at the end [m].
     """
 
@@ -42,9 +42,9 @@ def evaluate(
     """Walk on DRAWS draws of motors.
 
     Args:
-        robot: that walks.
-        policy: what commands it.
-        simulator: where; its episodes must last DURATION_STEPS.
+        robot: the robot that walks.
+        policy: the policy.
+        simulator: simulator whose episodes last DURATION_STEPS.
         progress: called after every episode.
 
     Returns:

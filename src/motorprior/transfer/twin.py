@@ -1,4 +1,4 @@
-"""The twin: a virtual robot nobody trained on. Unseen physical motors, 1 kHz physics, noisy encoders."""
+"""The twin: a held-out virtual robot with held-out physical motors, 1 kHz physics and noisy encoders."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
 TWIN_STREAM = 0x7717
-"""Separates the twin's motors from those of every bench and every training episode."""
+"""Tag of the random stream of the twin's motors, used by no bench and no training episode."""
 ENCODER_NOISE = 0.001
 """Standard deviation of the twin's joint angle readings [rad]; assumption, 50 counts of the rotor's encoder."""
 DURATION_STEPS = 500
-"""5 s."""
+"""Control steps of a walk of 5 s."""
 
 
 def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:

@@ -161,8 +161,8 @@ class Firmware:
                 out += telemetry_frame(self._telemetry(), self._sizes)
         return bytes(out)
 
-    def pieces(self, milliseconds: int) -> Iterator[bytes]:
-        """Let time pass; yields the bytes sent meanwhile, one piece per telemetry period: noise hits each by itself."""
+    def frames(self, milliseconds: int) -> Iterator[bytes]:
+        """Advance the time; yields the bytes sent in each telemetry period, so that noise acts on each separately."""
         end, period = self.now + milliseconds, self._config.telemetry_period
         while self.now < end:
             yield self.advance(min(end - self.now, period - self.now % period))

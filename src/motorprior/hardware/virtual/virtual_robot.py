@@ -100,7 +100,7 @@ class VirtualRobot:
         data = self._read() if ready else b""
         now = time.monotonic()
         elapsed = int(1e3 * (now - self._switched_on)) - self.firmware.now
-        for piece in self.firmware.pieces(elapsed):
+        for piece in self.firmware.frames(elapsed):
             self._to_host.put(piece, now + LAG * self._lasts("lagging"))
         for piece in self._cutter.cut(data):
             self._to_robot.put(piece, now)

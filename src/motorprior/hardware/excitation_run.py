@@ -28,7 +28,7 @@ def excite(
     status: Callable[[str], None] = lambda _: None,
     timing: Timing | None = None,
 ) -> Timing:
-    """Look, arm, ramp to the nominal pose, play (steps, joints) targets [rad], and let go.
+    """Check, arm, ramp to the nominal pose, send the targets (steps, joints) [rad], and release the motors.
 
     Args:
         link: idle; it has the recorder, and the limits that the gate keeps.
