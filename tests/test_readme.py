@@ -101,6 +101,22 @@ def test_no_row_has_lost_its_table(page: Path):
     assert [rows[0] for rows in tables if len(rows) < 3 or not re.fullmatch(r"[|: -]+", rows[1].strip())] == []
 
 
+def test_the_library_section_runs_in_a_small_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    section = (ROOT / "README.md").read_text("utf-8").partition("## As a library")[2]
+    code = next(block for _, language, block in FENCE.findall(section) if language == "python")
+    sizes = {
+        "steps=10_000": "steps=300", "motors=32": "motors=3", 'preset="rollout"': 'preset="paper"',
+        'out="runs/my_prior"': 'out="runs/my_prior", steps=2', "iterations=200": "iterations=1, episode_steps=5",
+    }  # fmt: skip
+    for shown, small in sizes.items():
+        assert shown in code
+        code = code.replace(shown, small)
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    exec(code, names)
+    assert names["torque"].shape == (12,) and {row.quantity for row in names["table"]} == {"speed", "upright", "drift"}
+
+
 def test_commands_are_read_out_of_the_text():
     text = "```sh\n$ A=1 make demo ARGS='--seed 1'  # all\n"
     text += "motorprior bench \\\n  --out x > log && make test\n```\n"

@@ -125,6 +125,12 @@ def _assemble(values: dict[str, np.ndarray]) -> MotorParameters:
 def load_fleet(name_or_path: str | Path) -> Fleet:
     """Load a fleet that comes with a shipped robot, by name, or any fleet TOML by path.
 
+    Args:
+        name_or_path: ``"pupper_v2"``, ``"mixed"``, or a .toml file.
+
+    Returns:
+        A distribution per constant of a motor, in SI units.
+
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
     """

@@ -18,11 +18,15 @@ _ORDER = {"error": 0, "warning": 1, "info": 2}
 
 
 def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogReport:
-    """Run every check.
+    """Check clock, gaps, repeats, units, range, excitation, tracking and velocities of a log.
 
     Args:
         log: the log to look at; it must pass `checked`.
-        joint_limits: (J, 2) lowest and highest angle of each joint [rad]; None skips the check of range.
+        joint_limits: (J, 2) lowest and highest angle of each joint [rad], for example ``robot.limits``; None skips the
+            check of range.
+
+    Returns:
+        Findings, errors first, each with what was measured, its bound and a remedy; ``usable`` where there is no error.
 
     Raises:
         LogError: the log breaks a rule of `checked`, or the limits have another shape or order.

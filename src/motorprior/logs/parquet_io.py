@@ -31,6 +31,10 @@ _HEADER_KEYS = (
 def write_log(path: str | Path, log: MotorLog) -> None:
     """Check the log and write it; the file appears complete or not at all.
 
+    Args:
+        path: a .parquet file.
+        log: in SI units.
+
     Raises:
         LogError: the log breaks a rule of `checked`.
         ArtifactError: the file cannot be written.

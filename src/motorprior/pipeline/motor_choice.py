@@ -111,12 +111,13 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
         return (lambda rng: PhysicalActuator(motors.sample(count, rng))), min(LONGEST_STEP, robot.twin_physics_dt)
     if callable(motors):
         return motors, robot.physics_dt
-    if getattr(motors, "num_motors", None) != count:
+    given = getattr(motors, "num_motors", None)
+    if given != count:
+        problem = f"{str(motors)[:40]!r} is no prior, posterior, fleet or set of motors"
         raise ConfigError(
-            f"{str(motors)[:40]!r} is no prior, posterior, fleet or set of {count} motors",
-            remedy="draw one motor per joint, for example with MotorPrior.sample",
-            argument="motors",
-        )
+            problem if given is None else f"motors: {given} for the {count} joints of {robot.name}",
+            remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
+        )  # fmt: skip
     longest = min(LONGEST_STEP, robot.twin_physics_dt)
     return (lambda rng: motors), longest if isinstance(motors, PhysicalActuator) else robot.physics_dt
 

@@ -83,7 +83,13 @@ _HUNG = 2.0
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """A shipped robot by name, or a user's by the path of its TOML.
+    """Load a shipped robot by name, or a user's by the path of its TOML (docs/your-robot.md).
+
+    Args:
+        name_or_path: ``"pupper_v2"``, or a .toml file beside an MJCF or URDF.
+
+    Returns:
+        The frozen description: joints, limits, gains, poses, clocks, and legs where it has any.
 
     Raises:
         ArtifactError: an unknown name, a file that cannot be read, unknown or missing keys, or a model that does not

@@ -1,0 +1,38 @@
+"""From motor logs to a motor prior.
+
+python examples/log_to_prior.py                                  # a virtual bench of Pupper motors, for want of logs
+python examples/log_to_prior.py run.parquet --out runs/my_prior
+"""
+
+import argparse
+import sys
+
+import numpy as np
+
+import motorprior as mp
+
+parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser.add_argument("logs", nargs="*", help="motor logs with known loads, or other logs that mp.read_log reads")
+parser.add_argument("--robot", default="pupper_v2", help="a shipped robot, or the .toml file of yours")
+parser.add_argument("--motors", type=int, default=32, help="of the virtual bench")
+parser.add_argument("--samples", type=int, default=10_000, help="per motor of the virtual bench")
+parser.add_argument("--preset", default="rollout", help="rollout, or paper for a quick look")
+parser.add_argument("--steps", type=int, help="Adam steps; the preset's own number if not given")
+parser.add_argument("--out", default="runs/example_prior", help="folder of the prior; interrupted, it goes on there")
+args = parser.parse_args()
+
+robot = mp.load_robot(args.robot)
+logs = [mp.read_log(path, robot) for path in args.logs]
+if not logs:
+    logs = [mp.record_bench(robot, motors=args.motors, steps=args.samples, preset=args.preset)]
+for log in logs:
+    for finding in mp.check_log(log).findings:
+        print(f"{log.source}: {finding.severity}: {finding.message}")
+prior = mp.fit_prior(logs, args.preset, steps=args.steps, out=args.out, progress=mp.Lines(sys.stderr))
+print(f"{len(prior.mean)} motors, latents {prior.network.num_latents}, loss {prior.metrics['final_loss']:.4f}")
+
+rest = np.zeros(5)
+motors = mp.Motors(prior.sample(5, seed=0), dt=0.002, joint_pos=rest)
+for _ in range(20):  # 40 ms with the joints held still: later than every delay
+    torque, damping = motors.step(rest + 0.1, rest, rest)
+print("five new motors, held 0.1 rad off their target:", np.round(torque, 3), "N·m; damping", np.round(damping, 3))

@@ -1,0 +1,51 @@
+"""The examples run, each in its smallest size."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+import motorprior as mp
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, name: str, *words: object) -> None:
+    monkeypatch.setattr(sys, "argv", [name, *map(str, words)])
+    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+
+
+@pytest.fixture(scope="module")
+def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("prior")
+    with pytest.MonkeyPatch.context() as patch:
+        sizes = ("--preset", "paper", "--motors", 3, "--samples", 300, "--steps", 2)
+        run(patch, "log_to_prior.py", *sizes, "--out", out)
+    return out / "prior.safetensors"
+
+
+def test_logs_of_ones_own_become_a_prior(prior: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    mp.write_log(tmp_path / "mine.parquet", mp.record_bench(motors=2, steps=300, preset="paper", seed=3))
+    run(monkeypatch, "log_to_prior.py", tmp_path / "mine.parquet", "--preset=paper", "--steps=1", "--out", tmp_path)
+    out = capsys.readouterr().out
+    assert "2 motors" in out and "five new motors" in out
+    assert len(mp.MotorPrior.load(tmp_path / "prior.safetensors").mean) == 2
+
+
+def test_a_prior_drives_an_arm(prior: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    run(monkeypatch, "prior_into_your_model.py", prior, "--draws=2", "--seconds=0.1")
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["motors 0", "motors 1"]
+
+
+def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    out = tmp_path / "policy.safetensors"
+    run(monkeypatch, "prior_to_policy.py", prior, "--iterations=1", "--episode-steps=5", "--out", out)
+    assert mp.Policy.load(out).robot == "pupper_v2"
+    assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
+
+
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.py")), ids=lambda file: file.name)
+def test_an_example_is_short(file: Path):
+    assert len(file.read_text("utf-8").splitlines()) <= 40

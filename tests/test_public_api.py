@@ -1,0 +1,239 @@
+"""`import motorprior as mp`: the names, their documentation, that nothing heavy comes early, and the whole chain."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+
+import ast
+import inspect
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import motorprior as mp
+
+HEAVY = ("jax", "optax", "numba", "mujoco", "gymnasium", "scipy", "pyarrow", "matplotlib", "ray")
+LIGHT = (
+    *("Lines", "MotorLog", "Robot", "load_robot", "read_log", "write_log", "check_log"),
+    *("MotorPriorError", "LogError", "ArtifactError", "ConfigError", "SimulationFault"),
+)
+NAMES = [name for name in mp.__all__ if name != "__version__"]
+ROBOT = mp.load_robot("pupper_v2")
+
+
+def test_importing_brings_nothing_heavy_and_light_names_stay_light():
+    code = f"""if True:
+        import json, sys
+        import motorprior
+        heavy = lambda: [name for name in {HEAVY} if name in sys.modules]
+        found = {{"motorprior": heavy(), "modules": [n for n in sys.modules if n.startswith("motorprior.")]}}
+        for name in {LIGHT}:
+            getattr(motorprior, name)
+            found[name] = heavy()
+        print(json.dumps(found))
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert found == {name: [] for name in ("motorprior", "modules", *LIGHT)}
+
+
+def test_all_type_checkers_see_every_name_where_it_is():
+    tree = ast.parse(Path(mp.__file__).read_text("utf-8"))
+    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    seen = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname == alias.name  # the form that exports
+    }
+    assert seen == {name: f"motorprior.{module}" for name, module in mp._MODULES.items()}
+    assert len(set(mp.__all__)) == len(mp.__all__) == len(seen) + 1
+    assert dir(mp) == sorted(mp.__all__) and len(mp.__all__) <= 30
+
+
+def test_an_unknown_name_is_refused_with_those_that_are_close():
+    with pytest.raises(AttributeError, match="no attribute 'fit_priors'; did you mean fit_prior"):
+        getattr(mp, "fit_priors")  # noqa: B009
+    with pytest.raises(AttributeError, match=r"no attribute 'zzz'$"):
+        getattr(mp, "zzz")  # noqa: B009
+    with pytest.raises(ImportError, match="load_robots"):
+        exec("from motorprior import load_robots")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_public_name_is_documented(name: str):
+    thing = getattr(mp, name)
+    text = inspect.getdoc(thing)
+    assert text and not text.startswith(f"{name}("), "a docstring of its own, not the one that dataclass makes"
+    if inspect.isfunction(thing):
+        assert_described(thing, text)
+        return
+    for method, function in vars(thing).items():
+        function = getattr(function, "__func__", function)
+        if inspect.isfunction(function) and not method.startswith("_"):
+            assert inspect.getdoc(function), f"{name}.{method}"
+
+
+def assert_described(function, text: str) -> None:
+    parameters = list(inspect.signature(function).parameters)
+    arguments = text.partition("Args:")[2].partition("\n\n")[0]
+    assert [each for each in parameters if f"    {each}: " not in arguments] == []
+    assert "Raises:" in text
+    assert inspect.signature(function).return_annotation in (None, "None") or "Returns:" in text
+
+
+@pytest.fixture(scope="module")
+def log() -> mp.MotorLog:
+    return mp.record_bench(ROBOT, motors=3, steps=300, preset="paper")
+
+
+@pytest.fixture(scope="module")
+def prior(log: mp.MotorLog) -> mp.MotorPrior:
+    return mp.fit_prior(log, "paper", steps=2)
+
+
+def test_a_log_is_written_read_and_checked(log: mp.MotorLog, tmp_path: Path):
+    mp.write_log(tmp_path / "log.parquet", log)
+    read = mp.read_log(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(read.joint_pos, log.joint_pos)
+    assert mp.check_log(read).usable and read.robot == ROBOT.name
+
+
+def test_a_bench_is_that_of_the_stage(log: mp.MotorLog, tmp_path: Path):
+    from motorprior.pipeline.bench import Bench, run_bench
+
+    run_bench(Bench(tmp_path, preset="paper", motors=3, steps=300))
+    stage = mp.read_log(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(stage.joint_pos, log.joint_pos)
+    fleet = mp.load_fleet("pupper_v2")
+    np.testing.assert_array_equal(mp.record_bench(ROBOT, fleet, motors=3, steps=300, preset="paper").time, log.time)
+    with pytest.raises(mp.ConfigError, match="of robot 'other'"):
+        mp.record_bench(ROBOT, replace(fleet, robot="other"))
+
+
+def test_a_prior_is_that_of_the_stage_and_the_folder_keeps_it(log, prior: mp.MotorPrior, tmp_path: Path):
+    from motorprior.pipeline.identify import Identify, run_identify
+
+    mp.write_log(tmp_path / "log.parquet", log)
+    run_identify(Identify(tmp_path / "log.parquet", tmp_path / "stage", "paper", steps=2))
+    assert (tmp_path / "stage" / "prior.safetensors").read_bytes()
+    assert mp.MotorPrior.load(tmp_path / "stage" / "prior.safetensors").sha256() == prior.sha256()
+    lines = Notes()
+    kept = [mp.fit_prior(log, "paper", steps=2, out=tmp_path / "kept", progress=lines).sha256() for _ in range(2)]
+    assert kept == 2 * [prior.sha256()] and lines.started == ["identify paper: 2 Adam steps"], "once"
+    assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == ["prior.safetensors", "stage.json"]
+    changed = replace(log, joint_pos=log.joint_pos + 1e-3)
+    assert mp.fit_prior(changed, "paper", steps=2, out=tmp_path / "kept").sha256() != prior.sha256(), "another log"
+
+
+class Notes(mp.Lines):
+    """What is reported."""
+
+    def __init__(self):
+        super().__init__(sys.stderr)
+        self.started: list[str] = []
+
+    def start(self, name: str, total: int):
+        self.started.append(name)
+        return super().start(name, total)
+
+
+def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
+    both = mp.fit_prior([log, replace(log, joint_names=("a", "b", "c"))], "paper", steps=1)
+    assert len(both.mean) == 6
+    again = mp.fit_prior([log, log], "paper", steps=1)
+    assert len(again.mean) == 3 and again.metrics["minutes_of_log"] == pytest.approx(2 * 3 * 2.99 / 60)
+    overlapping = replace(log, joint_names=("motor_000", "b", "c"))
+    for logs, word in (
+        ([], "no log"),
+        ([log, overlapping], "share some joints"),
+        ([log, replace(log, robot="other")], "robot"),
+        ([log, replace(log, joint_torque=None)], "joint_torque"),
+        (
+            [log, replace(log.rows(slice(0, 250)), joint_names=("a", "b", "c"), segment=np.arange(250) // 125)],
+            "segments",
+        ),
+    ):
+        with pytest.raises(mp.LogError, match=word):
+            mp.fit_prior(logs, "paper", steps=1)
+
+
+def test_what_cannot_be_fitted_is_refused(log: mp.MotorLog):
+    with pytest.raises(mp.ConfigError, match="read them with read_log"):
+        mp.fit_prior("log.parquet")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(mp.ConfigError, match="no identification preset 'rolout'"):
+        mp.fit_prior(log, "rolout")
+    with pytest.raises(mp.LogError, match=r"period 0\.01 s"):
+        mp.fit_prior(log, "rollout")
+    with pytest.raises(mp.ConfigError, match="steps 0"):
+        mp.fit_prior(log, "paper", steps=0)
+
+
+def test_a_prior_becomes_motors_of_a_model_of_ones_own(prior: mp.MotorPrior, tmp_path: Path):
+    prior.save(tmp_path / "prior.safetensors")
+    motors = mp.MotorPrior.load(tmp_path / "prior.safetensors").sample(1, seed=3)
+    free = mp.Motors(motors, dt=0.002, joint_pos=np.zeros(1))
+    torque, damping = free.step(np.full(1, 0.1), np.zeros(1), np.zeros(1))
+    assert torque.shape == damping.shape == free.armature.shape == (1,)
+    text = '<body><joint name="hinge"/><geom size="0.02" pos="0.05 0 0"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    driven = mp.DrivenJoints(model, data, motors, ["hinge"])
+    for _ in range(10):
+        driven.drive(np.full(1, 0.3))
+        mujoco.mj_step(model, data)
+    assert data.qpos[0] != 0.0
+
+
+def test_adapted_motors_need_nothing_else(prior: mp.MotorPrior, tmp_path: Path):
+    new = mp.record_bench(ROBOT, motors=ROBOT.num_joints, steps=200, preset="paper", seed=5)
+    posterior = mp.adapt(prior, new, anyway=True)
+    motors = posterior.sample(ROBOT.num_joints, seed=1)
+    assert motors.z.shape == posterior.mean.shape == (ROBOT.num_joints, prior.network.num_latents)
+    posterior.save(tmp_path / "posterior.safetensors")
+    again = mp.MotorPosterior.load(tmp_path / "posterior.safetensors", prior).sample(ROBOT.num_joints, seed=1)
+    np.testing.assert_array_equal(again.z, motors.z)
+    joints = mp.simulate(ROBOT, posterior, np.tile(ROBOT.nominal_pose, (3, 1)), hung=True).joint_pos
+    assert joints.shape[1] == ROBOT.num_joints and np.isfinite(joints).all()
+    with pytest.raises(mp.LogError, match="period"):
+        mp.adapt(prior, mp.record_bench(ROBOT, motors=1, steps=400), anyway=True)
+
+
+def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
+    env = mp.make_env(ROBOT, motors=prior, episode_steps=3)
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == env.observation_space.shape
+    many = mp.make_vector_env(ROBOT, prior, num_envs=2)
+    assert many.reset(seed=0)[0].shape == (2, *observation.shape)
+    many.close()
+    fleet = mp.load_fleet("pupper_v2")
+    policies = [
+        mp.train_policy(ROBOT, motors, iterations=1, seed=0, workers=1, episode_steps=5) for motors in (prior, fleet)
+    ]
+    again = mp.train_policy("pupper_v2", prior, iterations=1, seed=0, workers=2, episode_steps=5)
+    np.testing.assert_array_equal(again.weights, policies[0].weights)
+    further = mp.train_policy(ROBOT, prior, iterations=1, workers=1, episode_steps=5, start=again)
+    assert further.provenance["own_return"] >= again.provenance["own_return"]
+    rows = mp.compare(ROBOT, {"prior": policies[0], "oracle": policies}, {"twin": fleet})
+    table = {(row.quantity, row.model, row.seed): (row.unit, row.value) for row in rows}
+    assert len(table) == len(rows) == 9 and {row.motor_set for row in rows} == {"twin"}
+    assert table["speed", "prior", 0] == table["speed", "oracle", 0] and table["drift", "oracle", 1][0] == "m"
+
+
+def test_what_does_not_fit_a_robot_is_refused(prior: mp.MotorPrior):
+    with pytest.raises(mp.ConfigError, match="robot 'other'"):
+        mp.train_policy(ROBOT, replace(prior, robot="other"), iterations=1)
+    with pytest.raises(mp.ConfigError, match="3 for the 12 joints"):
+        mp.simulate(ROBOT, prior.sample(3, seed=0), np.zeros((1, ROBOT.num_joints)))
+    with pytest.raises(mp.ConfigError, match="targets"):
+        mp.simulate(ROBOT, prior, np.zeros((1, 3)))
+    with pytest.raises(mp.ConfigError, match="no policies given"):
+        mp.compare(ROBOT, {}, {"twin": prior})
+    with pytest.raises(mp.ConfigError, match="workers 0"):
+        mp.train_policy(ROBOT, prior, workers=0)
