@@ -498,7 +498,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, one_error: Comm
 
 
 def test_a_report_needs_the_folder_of_a_demo(refused: Command, tmp_path: Path):
-    refused("report", tmp_path, words=(str(tmp_path), "demo.json", "motorprior demo"))
+    refused("report", tmp_path, words=(str(tmp_path), "policy.safetensors", "motorprior demo"))
     for text in ("{", "[]", '{"settings": {"seed": 1}, "command": ""}'):
         (tmp_path / "demo.json").write_text(text)
         refused("report", tmp_path, words=(str(tmp_path / "demo.json"),))
