@@ -74,7 +74,7 @@ def test_a_prior_that_misstates_its_training_is_not_adapted(folder: Path, tmp_pa
     for name, value in (("window", "abc"), ("window", 0), ("warm_up", 1.5)):
         recipe = trained.provenance["recipe"] | {name: value}
         replace(trained, provenance=trained.provenance | {"recipe": recipe}).save(path)
-        words = ("mine.safetensors", f"recipe: {name} = {value} is not")
+        words = ("mine.safetensors", f"recipe: {name} = {value!r} is not")
         refused("adapt", path, log, "--out", tmp_path / "out", words=words)
     without = {key: value for key, value in trained.metrics.items() if key != "residual_p50_slow"}
     replace(trained, metrics=without).save(path)
