@@ -41,6 +41,7 @@ from motorprior.identification.presets import identification_preset
 from motorprior.identification.validate import bench_errors
 from motorprior.pipeline.stage import code_digest, digest, fleet_files
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BENCH, RECIPE = bench_preset("adapt"), identification_preset("rollout")
 CENTER = {
@@ -196,7 +197,7 @@ def identity(settings: Settings) -> dict[str, Any]:
         "bench": repr(BENCH),
         "recipe": repr(RECIPE),
         "new": [NEW_MOTORS, NEW_SECONDS, POPULATION],
-        "fleet": [digest(path) for path in fleet_files(settings.fleet)],
+        "fleet": [digest(path) for path in fleet_files(PUPPER_V2, settings.fleet)],
         "adam_steps": settings.adam_steps,
     }
 

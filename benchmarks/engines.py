@@ -128,11 +128,15 @@ def convergence(prior: MotorPrior) -> dict[str, float]:
 
 def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     """Of one ARS iteration (32 episodes of up to 250 control steps, the second of a search) on one core."""
-    figures, walk = {}, WalkConfig()
+    figures, walk, config = {}, WalkConfig(), WorldConfig.of(PUPPER_V2, physics_dt=0.001)
     for kind in KINDS[:-1]:
         simulators = {
-            "mujoco": WalkSimulator(partial(motors_of, kind, prior), WorldConfig.of(PUPPER_V2, physics_dt=0.001), walk),
-            "pybullet": BackendSimulator(PUPPER_V2, PybulletBackend(partial(motors_of, kind, prior)), walk),
+            "mujoco": WalkSimulator(partial(motors_of, kind, prior), config, walk),
+            "pybullet": BackendSimulator(
+                PUPPER_V2,
+                PybulletBackend(partial(motors_of, kind, prior), config),
+                walk,
+            ),
         }
         for engine, simulator in simulators.items():
             search, executor = (

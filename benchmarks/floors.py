@@ -96,8 +96,8 @@ def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[floa
         motors, targets = load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng), trot_targets(PUPPER_V2, rng, STEPS)
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)
-        error, chatter, apart = compare(found, truth)
-        rows.append((error, chatter / compare(truth, truth)[1], apart))
+        error, chatter, apart = compare(found, truth, spec.CONTROL_DT)
+        rows.append((error, chatter / compare(truth, truth, spec.CONTROL_DT)[1], apart))
     error, ratio, apart = np.median(rows, axis=0)
     return float(error), float(ratio), float(apart)
 

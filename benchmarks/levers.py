@@ -10,21 +10,20 @@ the first second, against the shipped settings and against steps of 0.25 ms.
 import argparse
 import ctypes
 import json
-import re
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from typing import Any
 from unittest.mock import patch
 
 import mujoco
 import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.robots.pupper_v2 import mjcf as robot
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation import speed
+from motorprior.simulation import model, speed
 from motorprior.simulation.mj_call import library
+from motorprior.simulation.model import FLOOR
 from motorprior.simulation.replay import replay
 from motorprior.simulation.world import World, WorldConfig
 
@@ -35,45 +34,44 @@ FINE_DT = 0.00025
 REPEATS = 9
 
 
-def every_geom(**settings: object) -> str:
-    """The robot's MJCF with contacts between all geoms and the floor instead of four explicit pairs, else the same."""
-    text = ORIGINAL(**settings)
-    pairs = text[text.index("<contact>") : text.index("</contact>") + len("</contact>")]
-    contact = re.search(r'solref="[^"]*"', pairs)
-    assert contact is not None
-    same = f'friction="{spec.FOOT_FRICTION:.9g} 0.005 0.0001" {contact.group()}'
-    body, floor = 'contype="0" conaffinity="0" rgba="0.85', 'contype="0" conaffinity="0" rgba="0.9'
-    text = text.replace(pairs, "").replace(body, f'{same} contype="1" conaffinity="2" rgba="0.85')
-    return text.replace(floor, f'{same} contype="2" conaffinity="1" rgba="0.9')
+def every_geom(builder: Any, *settings: Any) -> None:
+    """Add the floor with contacts between it and all geoms instead of explicit pairs with the feet, else the same."""
+    FEET_ONLY(builder, *settings)
+    friction, solref = list(builder.pairs[0].friction), list(builder.pairs[0].solref)
+    for pair in list(builder.pairs):
+        builder.delete(pair)
+    for geom in builder.geoms:
+        geom.contype, geom.conaffinity = (2, 1) if geom.name == FLOOR else (1, 2)
+        geom.friction, geom.solref = [friction[0], *friction[2:4]], solref
 
 
-ORIGINAL = robot.mjcf
+FEET_ONLY = model._add_floor
 
 
 def option(**values: object) -> Callable[[mujoco.MjModel], None]:
     """Set fields of mjOption."""
 
-    def change(model: mujoco.MjModel) -> None:
+    def change(compiled: mujoco.MjModel) -> None:
         for name, value in values.items():
-            setattr(model.opt, name, value)
+            setattr(compiled.opt, name, value)
 
     return change
 
 
-def islands_on(model: mujoco.MjModel) -> None:
+def islands_on(compiled: mujoco.MjModel) -> None:
     """Let MuJoCo look for constraint islands."""
-    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    compiled.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 
-def critical_contacts(model: mujoco.MjModel) -> None:
+def critical_contacts(compiled: mujoco.MjModel) -> None:
     """MuJoCo's own damping ratio of the feet's contacts, whatever the step."""
-    model.pair_solref[:, 1] = 1.0
+    compiled.pair_solref[:, 1] = 1.0
 
 
 VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
-    "shipped": lambda model: None,
+    "shipped": lambda compiled: None,
     "islands on": islands_on,
-    "every geom collides": lambda model: None,
+    "every geom collides": lambda compiled: None,
     "contact damping ratio 1": critical_contacts,
     "sparse Jacobian": option(jacobian=int(mujoco.mjtJacobian.mjJAC_SPARSE)),
     "implicitfast": option(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)),
@@ -83,19 +81,19 @@ VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
     "solver CG": option(solver=int(mujoco.mjtSolver.mjSOL_CG)),
     "tolerance 1e-5": option(tolerance=1e-5),
     "at most 3 iterations": option(iterations=3),
-    "warm start off": lambda model: setattr(
-        model.opt, "disableflags", model.opt.disableflags | int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+    "warm start off": lambda compiled: setattr(
+        compiled.opt, "disableflags", compiled.opt.disableflags | int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
     ),
-    "joint limits off": lambda model: setattr(
-        model.opt, "disableflags", model.opt.disableflags | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    "joint limits off": lambda compiled: setattr(
+        compiled.opt, "disableflags", compiled.opt.disableflags | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     ),
-    "engine timers on": lambda model: None,
+    "engine timers on": lambda compiled: None,
 }
 
 
 def world_of(name: str, physics_dt: float = 0.002) -> World:
     """A world with one setting changed."""
-    swap = patch("motorprior.simulation.world.mjcf", every_geom) if name == "every geom collides" else nullcontext()
+    swap = patch.object(model, "_add_floor", every_geom) if name == "every geom collides" else nullcontext()
     with swap:
         world = World(WorldConfig.of(PUPPER_V2, physics_dt=physics_dt))
     VARIANTS[name](world.model)
@@ -123,7 +121,7 @@ def main() -> None:
     path = parser.parse_args().json
     clock = ctypes.c_void_p.in_dll(library(), "mjcb_time")
     ticking = clock.value  # what the Python bindings gave MuJoCo; a World takes it away
-    targets = speed.zero_policy_targets(200)
+    targets = speed.zero_policy_targets(PUPPER_V2, 200)
     fine = replay(world_of("shipped", FINE_DT), MOTORS, targets).joint_pos
     shipped = replay(world_of("shipped"), MOTORS, targets).joint_pos
     figures, works = {}, {}

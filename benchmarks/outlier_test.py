@@ -20,7 +20,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.record import bench_preset, record
 from motorprior.identification.validate import HELD_OUT_SEED, bench_errors
-from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
+from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.pipeline.validate import load_priors
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -62,10 +62,10 @@ def measure(path: Path) -> Results:
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
             found = adapt_to(prior, path, log, name)
-            chance = judge(prior, path, log, name, found).chance
+            p_value = outlier_test(prior, path, log, name, found).p_value
             model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
             error = bench_errors(motors, model, facts.seed)["impacts"]["model"]
-            noticed, rmse = float(np.mean(chance < FALSE_ALARMS)), 1e3 * float(np.median(error))
+            noticed, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
             rows.append(Result("noticed", "1", noticed, part=name, seconds=seconds))
             rows.append(Result("rmse_mrad", "mrad", rmse, part=name, seconds=seconds))
     return Results.of(rows)

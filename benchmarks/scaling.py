@@ -22,6 +22,7 @@ from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size
 from motorprior.search.train import Round, Task, advance, episode_seed, new_search, run_task
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
 
 EPISODE_STEPS, REPEATS = 250, 9
 
@@ -34,7 +35,7 @@ def draw(rng: np.random.Generator) -> IdealPd:
 
 def make_walker() -> WalkSimulator:
     """What a worker needs."""
-    return WalkSimulator(draw, walk=WalkConfig(EPISODE_STEPS))
+    return WalkSimulator(draw, WorldConfig.of(PUPPER_V2), WalkConfig(EPISODE_STEPS))
 
 
 def nothing(simulator: object, shared: object, task: int) -> int:

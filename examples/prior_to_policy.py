@@ -11,7 +11,7 @@ import motorprior as mp
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("prior")
 parser.add_argument("--robot", default="pupper_v2", help="a shipped robot with legs, or the .toml file of yours")
-parser.add_argument("--fleet", default="pupper_v2", help="physical motors of the twin that both policies walk on")
+parser.add_argument("--fleet", help="physical motors of the twin; the robot's own if not given")
 parser.add_argument("--iterations", type=int, default=200)
 parser.add_argument("--episode-steps", type=int, default=250, help="of 10 ms")
 parser.add_argument("--seed", type=int, default=0)
@@ -19,7 +19,7 @@ parser.add_argument("--out", default="runs/example_policy.safetensors")
 args = parser.parse_args()
 
 robot, progress = mp.load_robot(args.robot), mp.Lines(sys.stderr)
-prior, fleet = mp.MotorPrior.load(args.prior), mp.load_fleet(args.fleet)
+prior, fleet = mp.MotorPrior.load(args.prior), mp.load_fleet(args.fleet or robot.default_fleet)
 nominal = fleet.center(1)
 ideal = mp.IdealPd.uniform(robot.num_joints, nominal.kp[0], nominal.kd[0], nominal.torque_limit[0])
 policies = {
@@ -30,4 +30,4 @@ policies = {
 }
 policies["prior"].save(args.out)
 for row in mp.compare(robot, policies, {"twin": fleet, "prior": prior}, progress=progress):
-    print(f"trained on {row.model:8} on {row.motor_set:5}: {row.quantity} {row.value:.2f} {row.unit}")
+    print(f"trained on {row.model:8} on {row.motors:5}: {row.quantity} {row.value:.2f} {row.unit}")

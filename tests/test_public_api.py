@@ -222,7 +222,7 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     assert further.provenance["own_return"] >= again.provenance["own_return"]
     rows = mp.compare(ROBOT, {"prior": policies[0], "oracle": policies}, {"twin": fleet})
     table = {(row.quantity, row.model, row.seed): (row.unit, row.value) for row in rows}
-    assert len(table) == len(rows) == 9 and {row.motor_set for row in rows} == {"twin"}
+    assert len(table) == len(rows) == 9 and {row.motors for row in rows} == {"twin"}
     assert table["speed", "prior", 0] == table["speed", "oracle", 0] and table["drift", "oracle", 1][0] == "m"
 
 

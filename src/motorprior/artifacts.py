@@ -99,7 +99,7 @@ def read_json(path: Path) -> Any:
     except OSError as error:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it anew") from error
+        raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it again") from error
 
 
 def require_keys(
@@ -157,23 +157,23 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             names = file.keys()
             types = {name: file.get_slice(name).get_dtype() for name in names}
             if unknown := sorted(set(types.values()) - _DTYPES):
-                raise ArtifactError(f"a tensor is of type {unknown[0]}", where=path, remedy="write it anew")
+                raise ArtifactError(f"a tensor is of type {unknown[0]}", where=path, remedy="write it again")
             text = (file.metadata() or {}).get("motorprior")
             tensors = {name: file.get_tensor(name) for name in types}
     except (SafetensorError, OSError) as error:
         problem = f"not a complete safetensors file ({str(error)[:LONGEST_LIST]})"
-        raise ArtifactError(problem, where=path, remedy="write it anew") from error
+        raise ArtifactError(problem, where=path, remedy="write it again") from error
     if text is None:
         raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     for name, value in tensors.items():
         if (place := first_not_finite(value)) is not None:
-            raise ArtifactError(f"tensor {name}{place} is not finite", where=path, remedy="train it anew")
+            raise ArtifactError(f"tensor {name}{place} is not finite", where=path, remedy="train it again")
     try:
         header = parse_json(text)
     except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"its header is not JSON ({error})", where=path, remedy="write it anew") from error
+        raise ArtifactError(f"its header is not JSON ({error})", where=path, remedy="write it again") from error
     if not isinstance(header, dict):
-        raise ArtifactError("its header is not a table", where=path, remedy="write it anew")
+        raise ArtifactError("its header is not a table", where=path, remedy="write it again")
     return tensors, header
 
 

@@ -1,4 +1,7 @@
-"""The second waist: reset, step, close. MuJoCo, PyBullet, the virtual and the real robot implement it."""
+"""Interface of a robot, simulated or real: reset, step, close.
+
+MuJoCo, PyBullet, the virtual and the real robot implement it.
+"""
 
 from __future__ import annotations
 

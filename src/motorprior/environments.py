@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 
@@ -26,7 +26,7 @@ from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
+from motorprior.pipeline.motor_choice import ACTUATORS, ActuatorName, MotorChoice, MotorSource, drawn_from
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -38,7 +38,6 @@ from motorprior.simulation.vector_env import WalkVectorEnv
 from motorprior.simulation.world import WorldConfig
 
 ENV_ID = "motorprior/Walk-v0"
-ACTUATORS = ("prior", "pd", "fleet")
 _FILES = ("prior", "posterior")
 _NUMBERS = ("kp", "kd", "torque_limit", "armature", "delay", "roughness")
 
@@ -67,7 +66,7 @@ class EnvOptions:
         episode_steps: control steps until truncation.
 
     Raises:
-        ConfigError: an actuator that nobody knows, or a value of another type.
+        ConfigError: an unknown actuator, or a value of another type.
     """
 
     robot: str | Path | Robot = DEFAULT_ROBOT
@@ -112,7 +111,7 @@ class EnvOptions:
         """From keywords; None is what is not given.
 
         Raises:
-            TypeError: a keyword that nobody knows, ``render_mode`` among them: what libraries expect that try keywords.
+            TypeError: an unknown keyword, ``render_mode`` among them: what libraries expect that try keywords.
             ConfigError: see `EnvOptions`.
         """
         known = [each.name for each in fields(cls)]
@@ -143,7 +142,7 @@ class EnvOptions:
         for name in _FILES:
             file = getattr(self, name)
             values[name] = None if file is None else Path(file)
-        kind: Literal["prior", "pd", "fleet"] = self.actuator  # pyright: ignore[reportAssignmentType]
+        kind: ActuatorName = self.actuator  # pyright: ignore[reportAssignmentType]
         return MotorChoice(actuator=kind, **values)
 
 
@@ -161,7 +160,7 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | No
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
-        TypeError: an option that nobody knows.
+        TypeError: an unknown option.
     """
     scene = EnvOptions.of({"robot": robot, "motors": motors, **options}).scene()
     walk, sensors = scene.walk, partial(scene.walk.randomization.sensors, scene.robot)
@@ -190,7 +189,7 @@ def make_vector_env(
 
     Raises:
         ConfigError, ArtifactError: see `make_env`; or another engine than MuJoCo.
-        TypeError: an option that nobody knows.
+        TypeError: an unknown option.
     """
     scene = EnvOptions.of({"robot": robot, "motors": motors, **options}).scene()
     if scene.engine != "mujoco":

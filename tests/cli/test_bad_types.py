@@ -60,7 +60,7 @@ def test_a_prior_that_lacks_motors_of_its_bench_is_refused(
     path = tmp_path / "few.safetensors"
     replace(prior_of_bench, mean=latents, log_var=latents).save(path)
     for line in (("validate", path), ("walk", "--prior", path)):
-        refused(*line, "--out", tmp_path / "out", words=("few.safetensors", "identify it anew", *words))
+        refused(*line, "--out", tmp_path / "out", words=("few.safetensors", "identify it again", *words))
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_the_facts_of_a_bench_are_checked_like_a_fleet_file(refused: Command, tm
     facts = json.loads((copy / "bench.json").read_text())
     facts["parameters"]["delay"] = {"kind": "constant", "center": 1e6}
     (copy / "bench.json").write_text(json.dumps(facts))
-    words = ("bench.json", "delay", "from 0 to 1 s", "record the bench anew")
+    words = ("bench.json", "delay", "from 0 to 1 s", "record the bench again")
     refused("identify", copy, "--out", tmp_path / "out", words=words)
 
 

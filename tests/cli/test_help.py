@@ -34,7 +34,7 @@ from motorprior.pipeline.virtual_robot import Virtual
 
 COMMANDS = (
     *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "diff", "adapt"),
-    *("replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-robot", "report", "speed"),
+    *("simulate", "replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-robot", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 
@@ -121,4 +121,4 @@ def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
     assert isinstance(config, Demo)
     words = "motorprior demo --fleet mixed --logs FOLDER --seed 0 --motors 16 --bench-steps 1500"
     assert demo_command(config) == words
-    assert demo_command(Demo()) == "motorprior demo --fleet pupper_v2 --seed 0"
+    assert demo_command(Demo()) == "motorprior demo --seed 0"

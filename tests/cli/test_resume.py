@@ -63,7 +63,7 @@ def test_an_interrupted_walk_ends_at_the_same_bytes(
     assert sorted(path.name for path in out.iterdir()) == sorted((*RESULTS, MARKER))
 
 
-def test_a_walk_stopped_before_its_first_iteration_starts_anew(
+def test_a_walk_stopped_before_its_first_iteration_starts_again(
     motorprior: Command, ctrl_c: Callable, tmp_path: Path, whole_walk: Path
 ):
     line = (*WALK, "--workers", 1, "--out", tmp_path / "walk")

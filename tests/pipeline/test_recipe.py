@@ -66,7 +66,7 @@ def test_every_entry_is_tried():
 def test_a_recipe_with_a_wrong_entry_is_refused(prior_with: Callable[[Any], MotorPrior], name: str, value: object):
     with pytest.raises(ArtifactError) as error:
         recipe_of(prior_with(as_json(RECIPE) | {name: value}), PATH)
-    assert error.value.where == PATH and error.value.remedy == "identify it anew"
+    assert error.value.where == PATH and error.value.remedy == "identify it again"
     of_the_network = "not its network's" in error.value.problem
     of_the_window = name in ("window", "warm_up") and "are 100001 rows, beyond 100000" in error.value.problem
     shown = f"{value:.6g}" if isinstance(value, float) else repr(value)[:40]

@@ -68,7 +68,7 @@ def test_unfinished_work_on_other_settings_does_not_count(tmp_path: Path, clock:
     assert seconds_of(tmp_path) == pytest.approx(3.0)
 
 
-def test_a_stage_run_anew_gets_new_seconds(tmp_path: Path, clock: Clock):
+def test_a_stage_run_again_gets_new_seconds(tmp_path: Path, clock: Clock):
     work(clock, tmp_path, 40.0, {"stage": "walk"})
     assert not is_finished(tmp_path, WANTED)
     work(clock, tmp_path, 2.0)
@@ -88,7 +88,7 @@ def test_a_refusal_leaves_nothing_but_the_folder(tmp_path: Path, clock: Clock):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"seconds": 1.0}', '{"stage": "walk", "config": {"seed": 0}}'])
-def test_damaged_notes_are_begun_anew(tmp_path: Path, clock: Clock, text: str):
+def test_damaged_notes_are_begun_again(tmp_path: Path, clock: Clock, text: str):
     for name in (MARKER, UNFINISHED):
         (tmp_path / name).write_text(text)
     assert not is_finished(tmp_path, WANTED)
@@ -132,3 +132,8 @@ def test_without_a_list_nothing_is_known_to_belong(tmp_path: Path, text: str):
 def test_the_marker_says_what_was_asked_and_how_long_it_took(tmp_path: Path, clock: Clock):
     work(clock, tmp_path, 2.0)
     assert read_json(tmp_path / MARKER) == {**WANTED, "seconds": 2.0}
+
+
+def test_every_pattern_of_code_that_no_number_depends_on_matches_a_file():
+    package = Path(stage.__file__).parents[1]
+    assert [pattern for pattern in stage._NO_NUMBERS if not list(package.glob(pattern))] == []

@@ -1,4 +1,4 @@
-"""The first waist: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
+"""Interface of motors: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
 
 Every actuator model is data for compiled functions of its own. `Actuator.arrays` gives both;
 `torque_law.step_actuator` runs them. Shared conventions: error = position_target - joint_pos [rad];

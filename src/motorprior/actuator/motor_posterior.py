@@ -16,7 +16,7 @@ from motorprior.schema import TEXT, Header, Tensor, check_tensors, many, number
 
 LARGEST = 1e3
 """Bound of a latent and of its variance: N(0, 1) has none beyond 10."""
-_ANEW = "write it with `motorprior adapt`"
+_REMEDY = "write it with `motorprior adapt`"
 _HEADER = Header(
     "motor posterior",
     1,
@@ -26,7 +26,7 @@ _HEADER = Header(
         "seconds": number(above=0.0),
         "surprise": many(number(0.0, 1.0), least=1),
     },
-    _ANEW,
+    _REMEDY,
 )
 _TENSORS = {
     "mean": Tensor(("motors", "latents"), LARGEST),
@@ -100,7 +100,7 @@ class MotorPosterior:
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        check_tensors(tensors, _TENSORS, path, _ANEW, {"motors": len(header["joint_names"])})
+        check_tensors(tensors, _TENSORS, path, _REMEDY, {"motors": len(header["joint_names"])})
         covariance = tensors["covariance"]
         wrong = {
             "joint_names and surprise are not as many": len(header["surprise"]) != len(header["joint_names"]),
@@ -108,9 +108,11 @@ class MotorPosterior:
         }
         for problem, is_so in wrong.items():
             if is_so:
-                raise ArtifactError(problem, where=path, remedy=_ANEW)
+                raise ArtifactError(problem, where=path, remedy=_REMEDY)
         if header["prior_sha256"] != prior.sha256():
-            raise ConfigError("it is no posterior of this prior", where=path, remedy="adapt that prior to the log anew")
+            raise ConfigError(
+                "it is no posterior of this prior", where=path, remedy="adapt that prior to the log again"
+            )
         names, surprise = tuple(header["joint_names"]), tuple(header["surprise"])
         return cls(prior, tensors["mean"], covariance, names, header["seconds"], surprise)
 

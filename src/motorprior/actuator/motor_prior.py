@@ -23,7 +23,7 @@ UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
-_ANEW = "identify it anew with this version"
+_REMEDY = "identify it again with this version"
 _OLDEST_TAP = 10_000
 """Periods; every motor keeps so much history."""
 
@@ -49,7 +49,7 @@ _HEADER = Header(
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
         **dict.fromkeys(("provenance", "metrics"), TABLE),
     },
-    _ANEW,
+    _REMEDY,
 )
 SCHEMA_VERSION = _HEADER.version
 _LARGEST, _LARGEST_LOGARITHM = 1e4, 30.0
@@ -188,7 +188,7 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     check_metrics(header["metrics"], path)
     wanted = _MOTORS | _WEIGHTS
     wanted |= (_GREY_BOX if header["grey_box"] else {}) | (_COPULA if header["standardised"] else {})
-    sizes = check_tensors(tensors, wanted, path, _ANEW, {"inputs": 2 * len(header["taps"])})
+    sizes = check_tensors(tensors, wanted, path, _REMEDY, {"inputs": 2 * len(header["taps"])})
     if header["grey_box"]:
         check_central_motor(tensors["motor_center"], path)
     wrong = {
@@ -201,7 +201,7 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     }
     for problem, is_so in wrong.items():
         if is_so:
-            raise ArtifactError(problem, where=path, remedy=_ANEW)
+            raise ArtifactError(problem, where=path, remedy=_REMEDY)
 
 
 def _is_copula(tensors: dict[str, np.ndarray]) -> bool:

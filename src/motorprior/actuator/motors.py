@@ -25,7 +25,7 @@ class Motors:
         actuator: n motors, for example of `MotorPrior.sample`.
         dt: physics step [s].
         joint_pos: (n,) where they stand at rest in the beginning [rad].
-        position_target: (n,) what they were told until now [rad]; ``joint_pos`` if not given.
+        position_target: (n,) targets before the first step [rad]; ``joint_pos`` if not given.
 
     Raises:
         ConfigError: a step that these motors cannot be simulated at, or arrays that do not fit.
@@ -34,9 +34,9 @@ class Motors:
     def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
         self._shape, self._dt = (actuator.num_motors,), dt
         start = require_finite("joint_pos", joint_pos, self._shape)
-        told = start if position_target is None else require_finite("position_target", position_target, self._shape)
+        before = start if position_target is None else require_finite("position_target", position_target, self._shape)
         self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
-        reset_actuator(self._arrays, told, start)
+        reset_actuator(self._arrays, before, start)
 
     @property
     def armature(self) -> np.ndarray:

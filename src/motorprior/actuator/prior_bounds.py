@@ -26,7 +26,7 @@ LARGEST_SLOPE = 10.0
 """Of the logarithm of a motor's constant over a latent of N(0, 1)."""
 LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
 """A loss is of order 1; the square of any metric can be computed with."""
-_ANEW, _LONGEST_NAME = "identify it anew", 80
+_REMEDY, _LONGEST_NAME = "identify it again", 80
 
 
 def check_central_motor(center: np.ndarray, path: Path) -> None:
@@ -42,11 +42,11 @@ def check_central_motor(center: np.ndarray, path: Path) -> None:
     values: dict[str, float] = {}
     for name, raw in zip(PARAMETERS, center.tolist(), strict=True):
         value = values[name] = ZERO_SCALE * raw if name == "encoder_zero" else math.exp(raw)
-        require(name, value, number(*CENTRAL_MOTOR[name]), path, _ANEW, "motor_center")
+        require(name, value, number(*CENTRAL_MOTOR[name]), path, _REMEDY, "motor_center")
     rate = values["gear_damping"] / values["armature"]
     if rate > FASTEST_GEAR:
         problem = f"motor_center: gear_damping/armature = {rate:.3g} 1/s is above {FASTEST_GEAR:g} 1/s"
-        raise ArtifactError(problem, where=path, remedy=_ANEW)
+        raise ArtifactError(problem, where=path, remedy=_REMEDY)
 
 
 def check_metrics(metrics: dict[str, object], path: Path) -> None:
@@ -57,4 +57,4 @@ def check_metrics(metrics: dict[str, object], path: Path) -> None:
     """
     for name, value in metrics.items():
         most = LARGEST_LOSS if name.startswith("loss_") else LARGEST_METRIC
-        require(name[:_LONGEST_NAME], value, number(-most, most), path, _ANEW, "metrics")
+        require(name[:_LONGEST_NAME], value, number(-most, most), path, _REMEDY, "metrics")

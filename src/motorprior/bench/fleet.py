@@ -126,7 +126,7 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     """Load a fleet that comes with a shipped robot, by name, or any fleet TOML by path.
 
     Args:
-        name_or_path: ``"pupper_v2"``, ``"mixed"``, or a .toml file.
+        name_or_path: name of a shipped fleet, one of `Robot.fleets`, or the path of a .toml file.
 
     Returns:
         A distribution per constant of a motor, in SI units.

@@ -10,7 +10,7 @@ import tyro
 
 from motorprior.cli.console import TERMINAL, table
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.adapt import Adapt, Judged, run_adapt
+from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
 
 if TYPE_CHECKING:  # it imports JAX
     from motorprior.identification.adapt import Posterior
@@ -29,9 +29,9 @@ def adapt(config: AdaptCommand) -> None:
     run_adapt(config, TERMINAL, _show)
 
 
-def _show(log: MotorLog, found: Posterior, judged: Judged) -> None:
+def _show(log: MotorLog, found: Posterior, outliers: OutlierTest) -> None:
     rows = [
         [name, f"{loss:.3f}", f"{p_value:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
-        for name, loss, p_value, mean in zip(log.joint_names, found.loss, judged.chance, found.mean, strict=True)
+        for name, loss, p_value, mean in zip(log.joint_names, found.loss, outliers.p_value, found.mean, strict=True)
     ]
     table("Posterior of z", ["motor", "loss", "p-value", "mean"], rows)

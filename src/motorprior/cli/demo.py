@@ -11,7 +11,7 @@ from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
 from motorprior.pipeline.demo import FIGURES, Demo, DemoResult, run_demo
 
-_ALWAYS = ("fleet", "seed")
+_ALWAYS = ("seed",)
 _NO_MATTER = ("out", "workers")
 """What the result does not depend on."""
 
@@ -22,7 +22,7 @@ def demo(config: Demo, started: float | None = None) -> None:
 
 
 def demo_command(config: Demo) -> str:
-    """``motorprior demo`` with fleet, seed and every other option that is not the default; logs are in a FOLDER."""
+    """``motorprior demo`` with the seed and every other option that is not the default; logs are in a FOLDER."""
     words = ["motorprior", "demo"]
     for field in fields(Demo):
         value = getattr(config, field.name)

@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
         command = commands.add_parser(name)
         command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one there is if not given")
-        command.add_argument("--robot", default=DEFAULT_ROBOT, help="name of a shipped robot, or path of a .toml file")
+        command.add_argument("--kind", default=DEFAULT_ROBOT, help="which robot: a shipped one by name")
         if name == "deploy":
             command.add_argument("policy", type=Path, help="policy.safetensors")
         if settings is None:
@@ -94,7 +94,7 @@ def _run(arguments: dict[str, Any], say: Say) -> None:
     from motorprior.hardware.commands import require_well, run_deploy, run_doctor, run_record, the_port
 
     command, policy = arguments.pop("command"), arguments.pop("policy", None)
-    robot, port = load_robot(arguments.pop("robot")), the_port(arguments.pop("port"))
+    robot, port = load_robot(arguments.pop("kind")), the_port(arguments.pop("port"))
     if command == "deploy":
         results = run_deploy(robot, policy, port, DeploySettings(**arguments), say)
         for name, value in results.to_figures().items():

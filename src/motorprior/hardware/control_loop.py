@@ -87,7 +87,7 @@ def quantiles_ms(quantity: str, seconds: np.ndarray) -> Results:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot.
+    """Run motions on an armed robot.
 
     Attributes:
         timing: of the motion played last.

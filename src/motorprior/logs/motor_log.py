@@ -1,4 +1,4 @@
-"""`MotorLog`: what a motor was told and what it did, in SI units, checked before anyone computes with it."""
+"""`MotorLog`: commands and measured motion of motors, in SI units, checked before use."""
 
 from __future__ import annotations
 

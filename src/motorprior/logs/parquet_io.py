@@ -20,7 +20,7 @@ from motorprior.logs.motor_log import BASE_AXES, JOINT_SERIES, SIGN_CONVENTION, 
 
 SCHEMA_VERSION = 2
 METADATA_KEY = b"motorprior"
-REWRITE = "write the log anew with this version of motorprior"
+REWRITE = "write the log again with this version of motorprior"
 _OPTIONAL = ("segment", "base_orientation")
 _HEADER_KEYS = (
     *("schema_version", "units", "sign_convention", "robot", "motor"),

@@ -27,7 +27,7 @@ def read_log(path: str | Path, robot: Robot | None = None) -> MotorLog:
         The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
 
     Raises:
-        LogError: no such file, a format that nobody knows, or a damaged file; names row and column.
+        LogError: no such file, an unknown format, or a damaged file; names row and column.
         ConfigError: the format needs a robot and none was given.
     """
     path = Path(path)

@@ -62,16 +62,16 @@ def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """How odd the M motors of a log are.
+class OutlierTest:
+    """Whether the M motors of a log are like those of the prior's fleet.
 
     Attributes:
-        chance: (M,) that a motor of the prior's fleet seems as odd: twice the smaller of the chances that it fits its
-            log as badly (`reference.loss_p_value`) and that it lies as far out (`outliers`).
-        reason: M times what is oddest.
+        p_value: (M,) twice the smaller of two p-values, at most 1: that of the fit of its log
+            (`reference.loss_p_value`) and that of the distance of its constants (`outliers`).
+        reason: (M,) what deviates most.
     """
 
-    chance: np.ndarray
+    p_value: np.ndarray
     reason: tuple[str, ...]
 
 
@@ -88,7 +88,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
     return fit_posterior(prior.network, data, preset, temperature)
 
 
-def judge(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> Judged:
+def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:
     """Whether the motors that `adapt_to` ``found`` in this log are like those that the prior was trained on.
 
     Raises:
@@ -101,17 +101,17 @@ def judge(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found:
     badly = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason = ["it fits its log badly"] * len(badly)
     if len(prior.mean) < 2:
-        return Judged(badly, tuple(reason))
+        return OutlierTest(badly, tuple(reason))
     far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
     for motor in np.flatnonzero(far.p_value < badly):
         reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
-    return Judged(np.minimum(1.0, 2.0 * np.minimum(badly, far.p_value)), tuple(reason))
+    return OutlierTest(np.minimum(1.0, 2.0 * np.minimum(badly, far.p_value)), tuple(reason))
 
 
 def _prepared(
     prior: MotorPrior, path: str | Path, log: MotorLog, where: str
 ) -> tuple[Preset, TrainingData, float, str]:
-    """Recipe, data, temperature, and the `reference.ending` of the metrics that a log is judged by."""
+    """Recipe, data, temperature, and the `reference.ending` of the metrics of its outlier test."""
     from motorprior.identification.reference import ending, has_reference_metrics
     from motorprior.identification.windows import training_data
 
@@ -146,16 +146,16 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False) -> MotorPos
     """
     log = checked(log, where=log.source)
     found = adapt_to(prior, "the prior", log, log.source)
-    judged = judge(prior, "the prior", log, log.source, found)
+    outliers = outlier_test(prior, "the prior", log, log.source, found)
     if not anyway:
-        _require_like_the_fleet(log, judged, log.source)
-    return _posterior(prior, log, found, judged)
+        _require_like_the_fleet(log, outliers, log.source)
+    return _posterior(prior, log, found, outliers)
 
 
 def run_adapt(
     config: Adapt,
     progress: Progress = SILENT,
-    show: Callable[[MotorLog, Posterior, Judged], None] = lambda log, found, judged: None,
+    show: Callable[[MotorLog, Posterior, OutlierTest], None] = lambda log, found, outliers: None,
 ) -> None:
     """Adapt, unless the folder holds this very posterior already.
 
@@ -177,28 +177,28 @@ def run_adapt(
         return
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
         found = adapt_to(prior, config.prior, log, str(config.log))
-        judged = judge(prior, config.prior, log, str(config.log), found)
+        outliers = outlier_test(prior, config.prior, log, str(config.log), found)
         task.advance()
-    show(log, found, judged)
+    show(log, found, outliers)
     if not config.anyway:
-        _require_like_the_fleet(log, judged, config.log)
+        _require_like_the_fleet(log, outliers, config.log)
     with working(config.out, wanted, started):
-        _posterior(prior, log, found, judged).save(config.out / POSTERIOR)
+        _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
 
 
-def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, judged: Judged) -> MotorPosterior:
-    surprise = tuple(float(value) for value in judged.chance)
+def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:
+    surprise = tuple(float(value) for value in outliers.p_value)
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, surprise)
 
 
-def _require_like_the_fleet(log: MotorLog, judged: Judged, path: str | Path) -> None:
+def _require_like_the_fleet(log: MotorLog, outliers: OutlierTest, path: str | Path) -> None:
     bound = FALSE_ALARMS / log.num_joints
-    odd = zip(log.joint_names, judged.chance, judged.reason, strict=True)
-    unlike = [f"{name}: {reason}" for name, chance, reason in odd if chance < bound]
+    odd = zip(log.joint_names, outliers.p_value, outliers.reason, strict=True)
+    unlike = [f"{name}: {reason}" for name, p_value, reason in odd if p_value < bound]
     if unlike:
         raise LogError(
             f"motors are unlike any the prior was trained on ({'; '.join(unlike)}): one of its fleet is as odd with "
-            f"a chance below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
+            f"a p-value below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
             where=path,
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
             argument="anyway",

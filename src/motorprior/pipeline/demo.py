@@ -178,7 +178,7 @@ def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:
 
 
 def _page_so_far(out: Path) -> None:
-    """The page anew, unless it is younger than settings and every finished stage: drawing it takes seconds."""
+    """Write the page again, unless it is younger than settings and every finished stage: drawing it takes seconds."""
     page, sources = out / PAGE, (out / SETTINGS, *out.rglob(MARKER))
     if not page.is_file() or page.stat().st_mtime_ns < max(path.stat().st_mtime_ns for path in sources):
         build_report(out)

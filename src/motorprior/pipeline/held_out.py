@@ -1,4 +1,4 @@
-"""Fidelity on motors nobody trained on, how fast a prior adapts to them, and whether its draws are like them."""
+"""Fidelity on held-out motors, how fast a prior adapts to them, and whether its draws are like them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from motorprior.bench.record import bench_preset, preset_of_period, record
 from motorprior.identification.adapt import Posterior
 from motorprior.identification.validate import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, judge
+from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
@@ -39,7 +39,7 @@ def held_out_motors(facts: BenchFacts) -> MotorParameters:
 def held_out_log(
     robot: Robot, prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float
 ) -> MotorLog:
-    """A bench log of these motors at the prior's clock, with an excitation nobody trained on."""
+    """A bench log of these motors at the prior's clock, with a held-out excitation."""
     preset = preset_of_period(prior.network.period)
     preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
     preset = preset.for_robot(robot)
@@ -105,13 +105,13 @@ def adaptation(
     for length in sorted(seconds):
         log = held_out_log(robot, prior, motors, facts, length)
         found = known if length == ADAPTED_SECONDS else adapt_to(prior, path, log, _WHERE)
-        chance = judge(prior, path, log, _WHERE, found).chance
+        p_value = outlier_test(prior, path, log, _WHERE, found).p_value
         model: ModelOfMotors = lambda index, z=found.mean: LatentActuator(prior.network, z[index])  # noqa: E731
         error = bench_errors(motors, {"prior": model}, seed, preset)["impacts"]["prior"]
         measured = {
             "adapt_rmse_ratio": np.median(error) / np.median(train),
-            "adapt_false_alarms": np.mean(chance < FALSE_ALARMS),
-            "adapt_unlikely": np.mean(chance < UNLIKELY),
+            "adapt_false_alarms": np.mean(p_value < FALSE_ALARMS),
+            "adapt_unlikely": np.mean(p_value < UNLIKELY),
         }
         results += Results.of(
             Result(quantity, "1", float(value), motors="held_out", seconds=length)

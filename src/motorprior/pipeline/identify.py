@@ -158,7 +158,7 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
     data = _data(job)
     with working(out, wanted) as clock:
         _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted, clock)).save(out / PRIOR)
-        prior = MotorPrior.load(out / PRIOR)  # what nobody could load is no success
+        prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
         remove(out, CHECKPOINT)
     return prior
 

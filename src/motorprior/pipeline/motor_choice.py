@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from motorprior.schema import TEXT, Schema, maybe, number, one_of
 from motorprior.simulation.mujoco_backend import DrawMotors
 
 _LARGEST = 1e9
+ActuatorName: TypeAlias = Literal["prior", "pd", "fleet"]
+ACTUATORS: tuple[ActuatorName, ...] = get_args(ActuatorName)
+"""What motors can be: samples of a learned prior, an ideal PD, or physical motors of a fleet."""
 LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
@@ -50,7 +53,7 @@ def _require_all_motors(prior: MotorPrior) -> None:
     said = bench.get("motors") if isinstance(bench, dict) else None
     if said is not None and said != len(prior.mean):
         raise ArtifactError(
-            f"it has {len(prior.mean)} training motors, its bench {str(said)[:20]}", remedy="identify it anew"
+            f"it has {len(prior.mean)} training motors, its bench {str(said)[:20]}", remedy="identify it again"
         )
 
 
@@ -126,7 +129,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
 class MotorChoice:
     """The motors of every episode."""
 
-    actuator: Literal["prior", "pd", "fleet"] = "prior"
+    actuator: ActuatorName = "prior"
     """prior: samples of a learned prior; pd: an ideal PD; fleet: physical motors (the oracle)."""
     prior: Path | None = None
     """Prior file, for the actuator prior."""
@@ -253,12 +256,12 @@ _FILE_KEYS = tuple(f"{name}{ending}" for name in ("prior", "posterior") for endi
 """The absolute path; the path from the policy's folder, which is tried first, so that both can be moved; the digest."""
 _CHOICE = Schema(
     {
-        "actuator": one_of("prior", "pd", "fleet"),
+        "actuator": one_of(*ACTUATORS),
         **dict.fromkeys(("fleet", *_FILE_KEYS), maybe(TEXT)),
         **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-_LARGEST, _LARGEST))),
         **dict.fromkeys(("armature", "delay"), number(-_LARGEST, _LARGEST)),
     },
-    "train it anew",
+    "train it again",
     name="its motors",
 )
 
@@ -275,7 +278,7 @@ def choice_from_json(data: Any, policy: Path) -> MotorChoice:
         ConfigError: the prior is gone or is not the one the policy was trained on.
     """
     if not isinstance(data, dict):
-        raise ArtifactError("it does not say which motors it walked on", where=policy, remedy="train it anew")
+        raise ArtifactError("it does not say which motors it walked on", where=policy, remedy="train it again")
     _CHOICE.check(data, policy)
     fields = MotorChoice.__dataclass_fields__
     values: dict[str, Any] = {name: data[name] for name in fields}
@@ -291,5 +294,5 @@ def _find(name: str, data: dict[str, Any], policy: Path) -> Path:
             return path
     raise ConfigError(
         f"the {name} it was trained on, {data[name]}, is gone or has changed", where=policy,
-        remedy="put it back, or train the policy anew",
+        remedy="put it back, or train the policy again",
     )  # fmt: skip

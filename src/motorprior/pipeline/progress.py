@@ -1,4 +1,4 @@
-"""How far a stage is, and what a user should know meanwhile. Who shows it, and how, is not the pipeline's matter."""
+"""How far a stage is, and what a user should know meanwhile."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from motorprior.schema import TRUTH, Schema, integer, many, number, one_of
 
 LONGEST_WINDOW = 100_000
 """Rows, history included."""
-_ANEW = "identify it anew"
+_REMEDY = "identify it again"
 RECIPE = Schema(
     {
         "objective": one_of("torque", "rollout"),
@@ -29,7 +29,7 @@ RECIPE = Schema(
         "steps": integer(1, 10**9),
         "learning_rate": number(1e-12, 1e3),
     },
-    _ANEW,
+    _REMEDY,
     optional=frozenset(field.name for field in fields(Preset) if field.default is not MISSING),
     name="recipe",
 )
@@ -45,7 +45,7 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     """
     recipe: Any = prior.provenance.get("recipe")
     if not isinstance(recipe, dict):
-        raise ArtifactError("its provenance holds no recipe", where=where, remedy=_ANEW)
+        raise ArtifactError("its provenance holds no recipe", where=where, remedy=_REMEDY)
     RECIPE.check(recipe, where)
     preset = Preset(**{**recipe, "taps": tuple(recipe["taps"])})
     _require_fit(preset, prior, where)
@@ -58,7 +58,7 @@ def _require_fit(preset: Preset, prior: MotorPrior, where: str | Path) -> None:
         network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature,
     )  # fmt: skip
     if not fits or (named is not None and named.objective != preset.objective):
-        raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy=_ANEW)
+        raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy=_REMEDY)
     if preset.history + preset.window > LONGEST_WINDOW:
         problem = f"recipe: history and window are {preset.history + preset.window} rows, beyond {LONGEST_WINDOW}"
-        raise ArtifactError(problem, where=where, remedy=_ANEW)
+        raise ArtifactError(problem, where=where, remedy=_REMEDY)

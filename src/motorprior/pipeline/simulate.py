@@ -1,4 +1,4 @@
-"""A simulated robot plays position targets on motors of one's choice; an excitation so played is a motor log."""
+"""Simulate position targets on chosen motors; simulate an excitation and record it as a motor log."""
 
 from __future__ import annotations
 

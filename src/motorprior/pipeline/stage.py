@@ -32,8 +32,8 @@ _NEEDS = {"validate": ("adapt",)}
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
     *(f"pipeline/{name}.py" for name in ("progress", "stage", "demo", "report", "speed", "raw_logs")),
-    *("pipeline/train_policy.py", "pipeline/simulate.py", "pipeline/comparison.py", "transfer/measurement.py"),
-    *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py", "simulation/hung_load.py"),
+    *("pipeline/train_policy.py", "pipeline/comparison.py"),
+    *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
 )
 """What no stage computes with; a robot, real or virtual, is not part of any."""
 

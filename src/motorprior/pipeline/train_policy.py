@@ -35,7 +35,7 @@ def train_policy(
     start: Policy | None = None,
     progress: Progress = SILENT,
 ) -> Policy:
-    """Train a walking policy by augmented random search in MuJoCo, on motors drawn anew every episode.
+    """Train a walking policy by augmented random search in MuJoCo, on motors drawn for every episode.
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.

@@ -54,7 +54,7 @@ class Validate:
     seed: int = 0
     """Draws the held-out excitation."""
     held_out: bool = True
-    """Measure on motors nobody trained on, too, and whether the prior's draws are like them (a minute more)."""
+    """Measure on held-out motors, too, and whether the prior's draws are like them (a minute more)."""
     adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
     """Lengths of log [s] from which held-out motors are adapted to."""
     robot: str = DEFAULT_ROBOT

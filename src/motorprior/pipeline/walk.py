@@ -1,4 +1,4 @@
-"""ARS trains a PMTG policy on motors drawn anew every episode."""
+"""ARS trains a PMTG policy on motors drawn for every episode."""
 
 from __future__ import annotations
 

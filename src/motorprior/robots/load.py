@@ -1,13 +1,13 @@
-"""A robot by name, or from a user's TOML beside his MJCF or URDF.
+"""A robot by name, or from a user's TOML beside their MJCF or URDF.
 
     name = "go2"                     # short; priors, policies and logs carry it
-    motor = "GO-M8010-6"             # name of the motors
+    motor = "Unitree GO2 joint motor" # name of the motors
     model = "go2.xml"                # MJCF or URDF beside this file
     actuators = "remove"             # take the model's own actuators out; without it they are refused
     base = "free"                    # or "fixed"
     nominal_pose = [0.0, 0.9, -1.8]  # [rad]: a number, one per joint of a leg, or one per joint
-    kp = 25.0                        # [N·m/rad] and
-    kd = 0.5                         # [N·m·s/rad] at the joint: the same three forms
+    kp = 30.0                        # [N·m/rad] and
+    kd = 0.8                         # [N·m·s/rad] at the joint: the same three forms
     torque_limit = 23.7              # [N·m]
     encoder = "joint"                # or "rotor"
 
@@ -24,6 +24,7 @@ of `Gait`.
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from dataclasses import fields
 from pathlib import Path
@@ -36,6 +37,7 @@ from motorprior.robots.shipped import SHIPPED
 from motorprior.robots.user_model import UserModel
 from motorprior.schema import TABLE, TEXT, Field, Schema, many, number, one_of
 
+_NAMED = re.compile(r"[A-Za-z0-9_-]+")
 _SEE = "see docs/your-robot.md"
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
 _POSITIVE, _ANY = number(1e-9, 1e9), number(-1e9, 1e9)
@@ -50,7 +52,8 @@ _ROBOT = Schema(
         "joints": many(TEXT, 1),
         "load_inertia": many(_POSITIVE, 2),
         **dict.fromkeys(("nominal_pose", "kp", "kd", "torque_limit"), _PER_JOINT),
-        **dict.fromkeys(("foot_friction", "reference_torque", *_CLOCKS), _POSITIVE),
+        **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
+        **dict.fromkeys(_CLOCKS, number(1e-5, 1.0)),
         **dict.fromkeys(("legs", "gait"), TABLE),
     },
     _SEE,
@@ -70,7 +73,7 @@ _ROBOT = Schema(
 )
 _LEG = Schema({"joints": many(TEXT, 1), "foot": _NAME, "phase": number(0.0, 1.0)}, _SEE)
 _GAIT = Schema(
-    {field.name: number(-10.0, 1e9) for field in fields(Gait)}, _SEE, frozenset(f.name for f in fields(Gait))
+    {field.name: number(-10.0, 10.0) for field in fields(Gait)}, _SEE, frozenset(f.name for f in fields(Gait))
 )
 _USUAL_LOAD = 0.8
 """Default reference torque, as a share of the torque limit [-]."""
@@ -104,7 +107,14 @@ def load_robot(name_or_path: str | Path) -> Robot:
         raise ArtifactError(
             f"no robot {str(name_or_path)!r}", remedy=f"use one of {known}, or the path of a .toml file"
         )
-    return _from_table(_read(path), path)
+    robot = _from_table(_read(path), path)
+    if robot.name in {shipped.name for shipped in SHIPPED} or not _NAMED.fullmatch(robot.name):
+        raise ArtifactError(
+            f"name {robot.name!r} is a shipped robot's, or has other characters than letters, digits, '_' and '-'",
+            where=path,
+            remedy="give it a name of its own: priors, logs and policies carry it",
+        )
+    return robot
 
 
 def as_robot(robot: Robot | str | Path) -> Robot:
@@ -129,6 +139,10 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     file = path.parent / table["model"]
     model = UserModel(file, base == "free", removes)
     names = model.joint_names(tuple(table["joints"]) if "joints" in table else None)
+    if not names:
+        raise ArtifactError("the model has no hinges", where=file, remedy="give a model with joints")
+    for name, leg in legs.items():
+        _LEG.check(leg, f"{where}[legs.{name}]")
     bounds = [model.limits(name) for name in names]
     per_leg = len(names) // max(1, len(legs))
     numbers = {
@@ -142,10 +156,12 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     )
     pose = dict(zip(names, numbers["nominal_pose"], strict=True))
     made = tuple(_leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items())
+    _require_own(legs, where)
     height = model.standing_height(pose, [leg.foot for leg in made]) if made else 0.0
     others: dict[str, Any] = {
         key: float(table.get(key, default)) for key, default in ({"foot_friction": 0.6} | _CLOCKS).items()
     }
+    _require_clocks(others, where)
     typical = _USUAL_LOAD * sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
         name=table["name"],
@@ -171,9 +187,8 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
 
 
 def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: UserModel, where: str) -> Leg:
-    _LEG.check(table, where)
     joints, phase = tuple(table["joints"]), float(table["phase"])
-    if len(joints) != 3 or not set(joints) <= set(names):
+    if len(joints) != 3 or len(set(joints)) != 3 or not set(joints) <= set(names):
         raise ArtifactError(
             f"joints {list(joints)} are not three joints of the robot", where=where,
             remedy=f"give abduction, hip and knee, of {', '.join(names)}",
@@ -183,6 +198,27 @@ def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], 
     thigh, shank, radius = model.leg_lengths(joints, table["foot"], pose)
     places = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
     return Leg(name, places, table["foot"], phase, thigh, shank, radius)
+
+
+def _require_own(legs: dict[str, Any], where: str) -> None:
+    """Refuse two legs that share a joint or a foot."""
+    for what, used in (
+        ("joint", [joint for leg in legs.values() for joint in leg["joints"]]),
+        ("foot", [leg["foot"] for leg in legs.values()]),
+    ):
+        for one in used:
+            if used.count(one) > 1:
+                raise ArtifactError(f"{what} {one!r} is in two legs", where=where, remedy="give every leg its own")
+
+
+def _require_clocks(clocks: dict[str, float], where: str) -> None:
+    for key in ("physics_dt", "twin_physics_dt"):
+        steps = clocks["control_dt"] / clocks[key]
+        if steps < 1.0 - 1e-6 or abs(steps - round(steps)) > 1e-6:
+            raise ArtifactError(
+                f"{key} {clocks[key]:g} s does not divide control_dt {clocks['control_dt']:g} s", where=where,
+                remedy="give a step that does",
+            )  # fmt: skip
 
 
 def _loads(value: list[float], where: str) -> tuple[float, float]:
@@ -203,9 +239,8 @@ def _require_bounds(
     for key in ("kp", "kd", "torque_limit"):
         for name, value in zip(names, numbers[key], strict=True):
             if value < 0.0 or (value == 0.0 and key != "kd"):
-                raise ArtifactError(
-                    f"{key} {value:g} of joint {name!r} is not above 0", where=where, remedy="correct it"
-                )
+                bound = "below 0" if key == "kd" else "not above 0"
+                raise ArtifactError(f"{key} {value:g} of joint {name!r} is {bound}", where=where, remedy="correct it")
     for name, value, (lower, upper) in zip(names, numbers["nominal_pose"], bounds, strict=True):
         if not lower <= value <= upper:
             raise ArtifactError(
@@ -220,5 +255,6 @@ def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tupl
     made = tuple(map(float, values))
     if len(made) not in (1, per_leg, count):
         forms = sorted({1, per_leg, count})
-        raise ArtifactError(f"{key} has {len(made)} numbers", where=where, remedy=f"give {forms} numbers")
+        remedy = f"give {' or '.join(map(str, forms))} numbers"
+        raise ArtifactError(f"{key} has {len(made)} numbers", where=where, remedy=remedy)
     return made * (count // len(made))

@@ -192,7 +192,7 @@ class Robot:
         """
         if not self.fleets:
             raise ConfigError(
-                f"no fleet of motors is shipped for robot {self.name!r}", remedy="give the .toml file of one",
+                f"robot {self.name!r} comes without motors", remedy="give the .toml file of some as fleet",
                 argument="fleet",
             )  # fmt: skip
         return self.fleets[0][0]

@@ -55,7 +55,9 @@ class UserModel:
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
         if is_free and free != [0]:
             problem = "its base is free, but the model has no free joint that comes first"
-            raise ArtifactError(problem, where=self._path, remedy="add <freejoint/> to the base, or write base = fixed")
+            raise ArtifactError(
+                problem, where=self._path, remedy='add <freejoint/> to the base, or write base = "fixed"'
+            )
         if not is_free and free:
             problem = "its base is fixed, but the model has a free joint"
             raise ArtifactError(problem, where=self._path, remedy='delete the free joint, or write base = "free"')
