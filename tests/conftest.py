@@ -55,7 +55,7 @@ class ByFile(LoadScopeScheduling):
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
-    """Not xdist's own groups: they need an attribute of items that pytest 9.2 no longer has."""
+    """Not xdist's own groups: xdist 3.8 writes them to `item._nodeid`, which pytest 9.2 does not read."""
     return ByFile(config, log)
 
 

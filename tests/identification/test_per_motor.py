@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
@@ -19,7 +18,6 @@ from motorprior.signals import rmse
 RECIPE = replace(identification_preset("per_motor"), warm_up=60, window=48)
 
 
-@pytest.mark.slow
 def test_motors_are_fitted_one_by_one_with_their_play():
     fleet = load_fleet("pupper_v2")
     motors = replace(fleet.center(3), backlash=np.array([0.005, 0.02, 0.05]))

@@ -62,12 +62,10 @@ def test_its_motors_are_followed_three_times_as_closely_as_by_an_ideal_pd(prior:
     assert errors["prior"] < 0.3 * errors["pd"]
 
 
-@pytest.mark.slow
 def test_motors_of_the_fleet_are_like_it(judged: Outliers):
     assert np.all(judged.p_value[:6] > 0.01)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("row", "name", "sign"), [(6, "kp", 1.0), (7, "kd_over_kp", -1.0)])
 def test_a_constant_far_outside_is_seen_and_named(judged: Outliers, row: int, name: str, sign: float):
     assert judged.latent[row] == name

@@ -100,7 +100,7 @@ def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Pa
     return {
         "network": initial_parameters(rng, preset),
         "mean": jnp.asarray(0.1 * rng.standard_normal((motors, latents)), jnp.float32),
-        "log_var": jnp.full((motors, latents), -2.0),
+        "log_var": jnp.full((motors, latents), -2.0, jnp.float32),  # a weak type would compile a chunk twice
     }
 
 
