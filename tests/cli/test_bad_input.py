@@ -222,7 +222,7 @@ def edit_json(**changes: object) -> Edit:
 BROKEN_FACTS = {
     "missing": (Path.unlink, ("cannot read", "check the path")),
     "garbled": (lambda path: path.write_text('{"fleet": '), ("not valid JSON",)),
-    "not a table": (lambda path: path.write_text("[1, 2]"), ("not there",)),
+    "not a table": (lambda path: path.write_text("[1, 2]"), ("are missing",)),
     "another key": (edit_json(colour="red"), ("unknown keys ['colour']",)),
     "a missing key": (lambda path: path.write_text('{"fleet": "x"}'), ("missing keys",)),
     "no parameters": (edit_json(parameters=3), ("cannot be drawn again",)),

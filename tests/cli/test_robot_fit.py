@@ -40,8 +40,9 @@ def test_a_fleet_of_another_robot_does_not_drive_this_one(
     refused(*words, "--fleet", go1, words=("go1.toml", "'go1'", "'pupper_v2'"))
 
 
-def test_a_bench_takes_the_motors_of_any_robot(motorprior: Command, tmp_path: Path, go1: Path):
-    assert motorprior("bench", "--fleet", go1, "--motors", 1, "--steps", 5, "--out", tmp_path / "out").code == 0
+def test_a_bench_is_of_its_robots_own_motors(refused: Command, tmp_path: Path, go1: Path):
+    words = ("bench", "--fleet", go1, "--motors", 1, "--steps", 5, "--out", tmp_path / "out")
+    refused(*words, words=("go1.toml", "'go1'", "'pupper_v2'"))
 
 
 @pytest.mark.parametrize("control_dt", [0.005, 0.02])
