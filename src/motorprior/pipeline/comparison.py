@@ -70,7 +70,7 @@ def compare(
 
 
 def _simulator(robot: Robot, motors: MotorSource) -> WalkSimulator:
-    draw, physics_dt = drawn_from(motors, robot)
     if isinstance(motors, Fleet):
         return twin_simulator(robot, motors)
+    draw, physics_dt = drawn_from(motors, robot)
     return WalkSimulator(draw, WorldConfig.of(robot, physics_dt=physics_dt), WalkConfig(DURATION_STEPS))

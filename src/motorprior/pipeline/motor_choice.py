@@ -111,7 +111,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
         ordered = _of_the_robot(motors, robot)
         return (lambda rng: ordered.sample(count, rng)), robot.physics_dt
     if isinstance(motors, Fleet):
-        return (lambda rng: PhysicalActuator(motors.sample(count, rng))), min(LONGEST_STEP, robot.twin_physics_dt)
+        return (lambda rng: PhysicalActuator(motors.sample(count, rng))), _physical_dt(robot)
     if callable(motors):
         return motors, robot.physics_dt
     given = getattr(motors, "num_motors", None)
@@ -121,8 +121,12 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
             problem if given is None else f"motors: {given} for the {count} joints of {robot.name}",
             remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
         )  # fmt: skip
-    longest = min(LONGEST_STEP, robot.twin_physics_dt)
-    return (lambda rng: motors), longest if isinstance(motors, PhysicalActuator) else robot.physics_dt
+    return (lambda rng: motors), _physical_dt(robot) if isinstance(motors, PhysicalActuator) else robot.physics_dt
+
+
+def _physical_dt(robot: Robot) -> float:
+    """The longest step [s] that physical motors are simulated at."""
+    return min(LONGEST_STEP, robot.twin_physics_dt)
 
 
 @dataclass(frozen=True)
@@ -151,7 +155,7 @@ class MotorChoice:
 
     def physics_dt(self, robot: Robot) -> float:
         """The step [s] these motors are simulated at: the robot's, or the longest that physical motors allow."""
-        return min(LONGEST_STEP, robot.twin_physics_dt) if self.actuator == "fleet" else robot.physics_dt
+        return _physical_dt(robot) if self.actuator == "fleet" else robot.physics_dt
 
     def condition(self) -> str:
         """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""
@@ -192,8 +196,7 @@ class MotorChoice:
                     argument="actuator",
                 )
         if self.actuator == "fleet":
-            fleet = load_robot_fleet(robot, self.fleet)
-            return lambda rng: PhysicalActuator(fleet.sample(robot.num_joints, rng))
+            return drawn_from(load_robot_fleet(robot, self.fleet), robot)[0]
         if self.actuator == "pd":
             return self._pd(robot)
         if self.prior is None:
@@ -203,12 +206,11 @@ class MotorChoice:
             )  # fmt: skip
         prior = load_prior(self.prior, robot, self.physics_dt(robot))
         if self.posterior is None:
-            return lambda rng: prior.sample(robot.num_joints, rng)
+            return drawn_from(prior, robot)[0]
         try:
-            posterior = _of_the_robot(MotorPosterior.load(self.posterior, prior), robot)
+            return drawn_from(MotorPosterior.load(self.posterior, prior), robot)[0]
         except ConfigError as error:
             raise ConfigError(error.problem, where=self.posterior, remedy=error.remedy) from error
-        return lambda rng: posterior.sample(robot.num_joints, rng)
 
     def _pd(self, robot: Robot) -> DrawMotors:
         nominal, changes = self.nominal(robot), {}

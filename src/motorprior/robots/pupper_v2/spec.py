@@ -75,8 +75,6 @@ CHASSIS_BOX_CENTER = (0.0, 0.0, 0.0)
 CHASSIS_BOX_SIZE = (0.26, 0.11, 0.07)
 """Box about the body [m]; assumption, for pictures and for contacts of a fallen robot."""
 
-TOTAL_MASS = CHASSIS.mass + 4 * (ABDUCTION_LINK.mass + THIGH.mass + SHANK.mass)
-
 
 def mirrored(vector: tuple[float, float, float], leg: str) -> tuple[float, float, float]:
     """A vector of a leg given with y outwards, in the chassis' axes (y left)."""
