@@ -20,6 +20,7 @@ WORDS = {
     "results",
     "schema",
     "bounds",
+    "delay_line",
     "backend",
 }
 ORDER = [

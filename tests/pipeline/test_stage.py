@@ -75,6 +75,15 @@ def test_a_stage_run_again_gets_new_seconds(tmp_path: Path, clock: Clock):
     assert seconds_of(tmp_path) == pytest.approx(2.0) and not is_finished(tmp_path, {"stage": "walk"})
 
 
+def test_stages_side_by_side_share_the_time(tmp_path: Path, clock: Clock):
+    with working(tmp_path / "long", WANTED):
+        clock.now += 1.0
+        work(clock, tmp_path / "short", 4.0)
+        clock.now += 2.0
+    assert seconds_of(tmp_path / "short") == pytest.approx(2.0)
+    assert seconds_of(tmp_path / "long") == pytest.approx(1.0 + 2.0 + 2.0)
+
+
 def test_work_before_the_folder_is_taken_can_be_counted(tmp_path: Path, clock: Clock):
     with working(tmp_path, WANTED, since=clock.now - 5.0):
         clock.now += 1.0

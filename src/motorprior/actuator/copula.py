@@ -15,6 +15,7 @@ import numpy as np
 
 SCORES = np.array([-2.0537, -1.2816, -0.6745, -0.2533, 0.0, 0.2533, 0.6745, 1.2816, 2.0537])
 """Standard normal quantiles of LEVELS."""
+_STEPS = np.diff(SCORES)[:, None]
 LEVELS = (0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98)
 
 
@@ -27,7 +28,7 @@ def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
         z: standard normal.
     """
     x = (z[:, :, None] * mixing).sum(axis=1)  # not @, whose rounding depends on the number of motors
-    slopes = (quantiles[1:] - quantiles[:-1]) / np.diff(SCORES)[:, None]
+    slopes = (quantiles[1:] - quantiles[:-1]) / _STEPS
     beyond = x[:, None, :] - SCORES[1:-1, None]
     bends = (slopes[1:] - slopes[:-1]) * 0.5 * (beyond + abs(beyond))
     return quantiles[0] + slopes[0] * (x - SCORES[0]) + bends.sum(axis=1)
@@ -49,7 +50,7 @@ class Copula:
 
 def scores(quantiles: np.ndarray, latents: np.ndarray) -> np.ndarray:
     """(n, Z) standard normal x of latents (n, Z): the inverse of Q."""
-    slopes = np.diff(quantiles, axis=0) / np.diff(SCORES)[:, None]
+    slopes = np.diff(quantiles, axis=0) / _STEPS
     part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)  # (n, Z) index of the straight piece
     column = np.arange(latents.shape[1])
     return SCORES[part] + (latents - quantiles[part, column]) / slopes[part, column]

@@ -19,7 +19,6 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
-from motorprior.actuator.delay_line import fill_line, interpolated, write_line
 from motorprior.actuator.geared_motor_step import (
     LOG_REACH,
     LONGEST_DELAY,
@@ -31,6 +30,7 @@ from motorprior.actuator.geared_motor_step import (
 )
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
+from motorprior.delay_line import fill_line, interpolated, write_line
 
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
 """Row of the table."""

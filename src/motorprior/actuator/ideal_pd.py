@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.delay_line import fill_line, interpolated, write_line
 from motorprior.actuator.kind import ActuatorKind, Model
 from motorprior.compiled import njit
+from motorprior.delay_line import fill_line, interpolated, write_line
 
 _KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
 

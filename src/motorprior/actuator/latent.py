@@ -121,7 +121,11 @@ class LatentNetwork:
 
     def bias(self, z: np.ndarray) -> np.ndarray:
         """(n, H) first-layer bias b1 + V1ᵀ·latents of motors with latents z (n, Z)."""
-        return self.b1 + self.decoder_latents(z) @ self.v1
+        return self.bias_at(self.decoder_latents(z))
+
+    def bias_at(self, latents: np.ndarray) -> np.ndarray:
+        """(n, H) first-layer bias of motors whose `decoder_latents` (n, Z) are known."""
+        return self.b1 + latents @ self.v1
 
     def torque(self, inputs: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Reference in numpy: inputs (n, 2T) already scaled, z (n, Z) -> (n,) torque [N·m]."""
@@ -172,10 +176,14 @@ class LatentActuator:
             )
         blocks = -(-self.num_motors // LANES)
         ring, neurons = net.taps[-1] + 1, net.num_neurons
+        padded = np.zeros((blocks * LANES, net.num_latents))
+        padded[: self.num_motors] = self.z
+        latents = net.decoder_latents(padded)  # once: of all that a reset computes it takes the longest
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
-            parameters = np.concatenate([parameters, motor_table(net.constants(self.z), physics_dt)])
+            values = net.motor.decode(latents[: self.num_motors])
+            parameters = np.concatenate([parameters, motor_table(values, physics_dt)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(
             law=self.kind.law,
@@ -185,7 +193,7 @@ class LatentActuator:
             damping=np.zeros(self.num_motors),
             weights=_on_lines(_flat_weights(net)),
             inputs=np.concatenate([ring - np.array(net.taps), 3 * ring - np.array(net.taps)]),
-            biases=_on_lines(_folded_biases(net, self.z, blocks)),
+            biases=_on_lines(_folded_biases(net, latents, blocks)),
             history=_on_lines(np.zeros((blocks, 4 * ring, LANES), np.float32)),
             scratch=_on_lines(np.zeros((blocks, 2 * neurons + 1, LANES), np.float32)),
         )
@@ -205,13 +213,11 @@ def _flat_weights(net: LatentNetwork) -> np.ndarray:
     return np.concatenate([net.w1.ravel(), net.w2.ravel(), net.w3]).astype(np.float32)
 
 
-def _folded_biases(net: LatentNetwork, z: np.ndarray, blocks: int) -> np.ndarray:
-    """(blocks, 2H + 1, 16): b1 + V1ᵀz, b2 and b3 of every motor."""
-    padded = np.zeros((blocks * LANES, net.num_latents))
-    padded[: len(z)] = z
-    first = net.bias(padded)
+def _folded_biases(net: LatentNetwork, latents: np.ndarray, blocks: int) -> np.ndarray:
+    """(blocks, 2H + 1, 16): the first layer's bias, b2 and b3 of motors with decoder latents (16·blocks, Z)."""
+    first = net.bias_at(latents)
     second = np.broadcast_to(net.b2, first.shape)
-    last = np.broadcast_to(float(net.b3), (len(padded), 1))
+    last = np.broadcast_to(float(net.b3), (len(latents), 1))
     every = np.concatenate([first, second, last], axis=1).astype(np.float32)
     return np.ascontiguousarray(every.reshape(blocks, LANES, -1).transpose(0, 2, 1))
 

@@ -24,9 +24,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.delay_line import fill_line, row_of_age, write_line
 from motorprior.actuator.kind import ActuatorKind, Model
 from motorprior.compiled import njit
+from motorprior.delay_line import fill_line, row_of_age, write_line
 
 SUBSTEP = 0.00025
 """Longest substep [s]: a tenth of the fastest gear oscillation."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
+from threading import Lock
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -32,31 +33,57 @@ class Bar:
             self._printed = time.monotonic()
             CONSOLE.print(f"  {self._name}: {self._done}/{self._total} {note}")
 
-
-@contextmanager
-def bar(name: str, total: int) -> Iterator[Bar]:
-    """Show progress of ``total`` units, and how long it took."""
-    started = time.monotonic()
-    if CONSOLE.is_terminal:
-        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[note]}")
-        with Progress(*columns, console=CONSOLE, transient=True) as progress:
-            yield Bar(progress, name, total)
-    else:
-        CONSOLE.print(f"{name} ...")
-        yield Bar(None, name, total)
-    CONSOLE.print(f"{name}: {time.monotonic() - started:.1f} s")
+    def remove(self) -> None:
+        """Take it from the screen."""
+        if self._progress is not None and self._task is not None:
+            self._progress.remove_task(self._task)
 
 
 class Terminal:
-    """`pipeline.progress.Progress` on the terminal."""
+    """`pipeline.progress.Progress` on the terminal; units of work in several threads have a bar each."""
 
-    def start(self, name: str, total: int) -> AbstractContextManager[Bar]:
-        """A bar."""
-        return bar(name, total)
+    def __init__(self):
+        self._lock, self._bars = Lock(), 0
+        self._drawing: Progress | None = None
+
+    @contextmanager
+    def start(self, name: str, total: int) -> Iterator[Bar]:
+        """Show progress of ``total`` units, and how long it took."""
+        started = time.monotonic()
+        if not CONSOLE.is_terminal:
+            CONSOLE.print(f"{name} ...")
+        drawing = self._join()
+        shown = Bar(drawing, name, total)
+        try:
+            yield shown
+        finally:
+            shown.remove()
+            self._leave()
+        CONSOLE.print(f"{name}: {time.monotonic() - started:.1f} s")
 
     def note(self, text: str) -> None:
         """A line of its own."""
         CONSOLE.print(text, markup=False, soft_wrap=True)
+
+    def _join(self) -> Progress | None:
+        """The drawing that all bars share; rich has one at a time. None on a pipe."""
+        if not CONSOLE.is_terminal:
+            return None
+        with self._lock:
+            if self._drawing is None:
+                elapsed, note = TimeElapsedColumn(), TextColumn("{task.fields[note]}")
+                columns = TextColumn("{task.description}"), BarColumn(), elapsed, note
+                self._drawing = Progress(*columns, console=CONSOLE, transient=True)
+                self._drawing.start()
+            self._bars += 1
+            return self._drawing
+
+    def _leave(self) -> None:
+        with self._lock:
+            self._bars -= self._drawing is not None
+            if self._drawing is not None and self._bars == 0:
+                self._drawing.stop()
+                self._drawing = None
 
 
 TERMINAL = Terminal()

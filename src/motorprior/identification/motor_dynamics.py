@@ -1,7 +1,7 @@
 """The geared motor of a grey box in JAX, for training: a differentiable `actuator.geared_motor_step`.
 
 Shapes: B motors in parallel; constants and states are (B,). Past commands are an array, newest first, instead of the
-ring buffer of `actuator.delay_line`: JAX arrays are immutable, and so the derivative by the delay needs no lookup.
+ring buffer of `delay_line`: JAX arrays are immutable, and so the derivative by the delay needs no lookup.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.compiled import njit
+from motorprior.delay_line import fill_line, interpolated, write_line
 
 
 class Sensors(NamedTuple):
@@ -17,7 +18,7 @@ class Sensors(NamedTuple):
     delay: float
     """age of a reading [control steps]"""
     past: np.ndarray
-    """(ring, readings) true readings; no rows if there is no delay; state"""
+    """(rows, readings) true readings, a delay line; no rows if there is no delay; state"""
 
 
 def perfect_sensors() -> Sensors:
@@ -37,15 +38,13 @@ def sense(sensors: Sensors, count: int, observation: np.ndarray) -> None:
         count: observations before this one.
         observation: its readings are overwritten; the phase of the gait is known exactly.
     """
-    ring, count_of_readings = sensors.past.shape
-    if ring > 0:
-        sensors.past[count % ring] = observation[:count_of_readings]
-        whole = int(sensors.delay)
-        part = sensors.delay - whole
-        newer, older = max(0, count - whole) % ring, max(0, count - whole - 1) % ring
-        for i in range(count_of_readings):
-            late = sensors.past[newer, i]
-            observation[i] = late + part * (sensors.past[older, i] - late)
+    rows, readings = sensors.past.shape
+    if rows > 0:
+        if count == 0:
+            fill_line(sensors.past, 0, observation[:readings])
+        newest = write_line(sensors.past, 0, count, observation[:readings])
+        for i in range(readings):
+            observation[i] = interpolated(sensors.past, 0, newest, sensors.delay, i)
     if sensors.noise.shape[0] > 0:
         for i in range(sensors.noise.shape[1]):
             observation[i] += sensors.noise[count, i]

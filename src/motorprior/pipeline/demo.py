@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar
 
 from motorprior.artifacts import read_json, write_json
@@ -19,6 +21,7 @@ from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.replay import Replay, read_logs, run_replay
 from motorprior.pipeline.report import PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
+from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
 from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, write_results
 from motorprior.pipeline.transfer import Transfer, run_transfer
@@ -58,7 +61,7 @@ class Demo:
     seeds: int = 2
     """Policies per condition."""
     workers: int = 2
-    """Threads for walking; the result does not depend on it."""
+    """Stages that run at the same time, where they do not need each other; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
@@ -105,9 +108,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = 
         results += stages.run("replay", lambda: _replay(config, config.logs, progress))
     prior = config.out / "priors" / "rollout" / PRIOR
     results += measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
-    for walk in _walks(config):
-        title = f"walk on {walk.out.name}"
-        stages.run(f"walk/{walk.out.name}", lambda walk=walk, title=title: run_walk(walk, progress, title))
+    _train_policies(config, stages, progress)
     results += stages.run("transfer", lambda: _transfer(config, progress))
     write_results(config.out, results)  # the page shows some
     page = build_report(config.out)
@@ -145,7 +146,7 @@ class _Stages:
 
     def __init__(self, run: Path):
         """Take the folder; from here on no stage belongs to it until it has been asked for."""
-        self._run, self._found = run, {}
+        self._run, self._found, self._lock = run, {}, Lock()
         self.took = 0.0
         """Seconds of this process in stages."""
         write_json(run / STAGES, self._found)
@@ -153,10 +154,25 @@ class _Stages:
     def run(self, folder: str, work: Callable[[], Made]) -> Made:
         """Run the stage of a folder, or find it finished."""
         started = time.monotonic()
-        result = work()
+        result = self._noted(folder, work)
         self.took += time.monotonic() - started
-        self._found[folder] = digest(self._run / folder / MARKER)
-        write_json(self._run / STAGES, self._found)
+        return result
+
+    def run_all(self, works: Mapping[str, Callable[[Progress], None]], threads: int, progress: Progress) -> None:
+        """Run the stages of several folders, ``threads`` at a time, or find them finished."""
+        started = time.monotonic()
+        stages = [
+            lambda progress, folder=folder, work=work: self._noted(folder, partial(work, progress))
+            for folder, work in works.items()
+        ]
+        side_by_side(stages, threads, progress)
+        self.took += time.monotonic() - started
+
+    def _noted(self, folder: str, work: Callable[[], Made]) -> Made:
+        result = work()
+        with self._lock:
+            self._found[folder] = digest(self._run / folder / MARKER)
+            write_json(self._run / STAGES, self._found)
         return result
 
 
@@ -169,12 +185,22 @@ def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:
         stages.run(f"bench/{preset}", lambda bench=bench: run_bench(bench, progress))
     _page_so_far(out)
     progress.note(f"first pictures: {out / PAGE}")
+    fits = {}
     for preset in PRESETS:
         folder = "paper" if preset == "paper" else "rollout"
         identify = Identify(out / "bench" / folder, out / "priors" / preset, preset, config.seed, config.adam_steps)
-        stages.run(f"priors/{preset}", lambda identify=identify: run_identify(identify, progress))
-        if preset == "rollout":  # the one that the page shows
-            _page_so_far(out)
+        fits[f"priors/{preset}"] = partial(run_identify, identify)
+    stages.run_all(fits, config.workers, progress)
+
+
+def _train_policies(config: Demo, stages: _Stages, progress: Progress) -> None:
+    """One thread per policy: a search waits for its slowest episode in every iteration, another one's need not."""
+    robot = load_robot(config.robot)
+    longest_first = sorted(_walks(config), key=lambda walk: walk.motors.physics_dt(robot))  # a last long one runs alone
+    works = {
+        f"walk/{walk.out.name}": partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first
+    }
+    stages.run_all(works, config.workers, progress)
 
 
 def _page_so_far(out: Path) -> None:
@@ -223,7 +249,7 @@ def _walks(config: Demo) -> list[Walk]:
             motors,
             iterations=config.iterations,
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
-            workers=config.workers,
+            workers=1,
             robot=config.robot,
         )
         for seed in range(config.seeds)
@@ -233,4 +259,5 @@ def _walks(config: Demo) -> list[Walk]:
 
 def _transfer(config: Demo, progress: Progress) -> Results:
     walks = tuple(sorted(walk.out for walk in _walks(config)))
-    return run_transfer(Transfer(walks, config.out / "transfer", config.fleet, robot=config.robot), progress)
+    transfer = Transfer(walks, config.out / "transfer", config.fleet, robot=config.robot, workers=config.workers)
+    return run_transfer(transfer, progress)

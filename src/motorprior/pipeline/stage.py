@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from motorprior import __version__
@@ -157,8 +158,30 @@ def _is_duration(seconds: Any) -> bool:
     return type(seconds) is float and 0.0 <= seconds < 1e12
 
 
+class _SharedTime:
+    """Time [s] that passes at 1/n of the clock while n stages run side by side: their seconds add up to the clock's."""
+
+    def __init__(self):
+        self._lock, self._running, self._seconds, self._read = Lock(), 0, 0.0, time.monotonic()
+
+    def now(self) -> float:
+        """So far."""
+        return self.change(0)
+
+    def change(self, more: int) -> float:
+        """Let ``more`` stages begin, or end if negative; returns the time."""
+        with self._lock:
+            now = time.monotonic()
+            self._seconds += (now - self._read) / max(1, self._running)
+            self._read, self._running = now, self._running + more
+            return self._seconds
+
+
+_SHARED_TIME = _SharedTime()
+
+
 class Stopwatch:
-    """Seconds of a stage over all interruptions; a kill loses those since the last `note`."""
+    """Seconds of a stage over all interruptions, see `_SharedTime`; a kill loses those since the last `note`."""
 
     def __init__(self, folder: Path, wanted: dict[str, Any], since: float | None = None):
         """Go on from what an interrupted run of this very stage noted; begin at 0 otherwise.
@@ -169,12 +192,13 @@ class Stopwatch:
             since: time.monotonic() when the work began; now if not given.
         """
         self._path, self._wanted = folder / UNFINISHED, wanted
-        self._started = time.monotonic() if since is None else since
+        earlier = 0.0 if since is None else time.monotonic() - since
+        self._started = _SHARED_TIME.now() - earlier
         self._before = _seconds_of(self._path, wanted) or 0.0
 
     def seconds(self) -> float:
         """So far."""
-        return self._before + time.monotonic() - self._started
+        return self._before + _SHARED_TIME.now() - self._started
 
     def note(self) -> None:
         """Write down the seconds so far."""
@@ -195,12 +219,16 @@ def working(folder: Path, wanted: dict[str, Any], since: float | None = None) ->
     """
     begin(folder)
     clock = Stopwatch(folder, wanted, since)
+    _SHARED_TIME.change(1)
     try:
         yield clock
+        seconds = clock.seconds()
     except KeyboardInterrupt:
         clock.note()
         raise
-    write_json(folder / MARKER, wanted | {"seconds": clock.seconds()})
+    finally:
+        _SHARED_TIME.change(-1)
+    write_json(folder / MARKER, wanted | {"seconds": seconds})
     remove(folder, UNFINISHED)
 
 

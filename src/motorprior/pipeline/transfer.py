@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,12 +13,14 @@ import numpy as np
 
 from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet
+from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import choice_from_json, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
-from motorprior.pipeline.walk import POLICY
+from motorprior.pipeline.walk import MOST_WORKERS, POLICY
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -48,6 +52,8 @@ class Transfer:
     in MuJoCo."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Policies at a time; the result does not depend on it."""
 
 
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
@@ -62,7 +68,10 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     files = [folder / POLICY for folder in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    wanted = description("transfer", asdict(config), [*files, *fleet_files(robot, config.fleet), *robot.files])
+    require_count("workers", config.workers, 1, MOST_WORKERS)
+    settings = asdict(config)
+    del settings["workers"]  # the result does not depend on it
+    wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
         walkers = [walker_of(path, robot, config.engine) for path in files]
         with working(config.out, wanted):
@@ -72,8 +81,9 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 
 @dataclass(frozen=True)
 class Walker:
-    """A policy, the name of what it was trained on, and the simulation it was trained in."""
+    """The name of a walk, its policy, the name of what it was trained on, and the simulation it was trained in."""
 
+    name: str
     policy: Policy
     condition: str
     own: WalkSimulator | BackendSimulator
@@ -100,7 +110,7 @@ def walker_of(path: Path, robot: Robot, engine: Engine | None = None) -> Walker:
     engine = engine or trained_in
     terrain = Terrain(roughness if engine == "pybullet" else 0.0)
     scene = Scene(robot, engine, draw, choice.physics_dt(robot), WalkConfig(DURATION_STEPS), terrain)
-    return Walker(policy, choice.condition(), scene.simulator())
+    return Walker(path.parent.name, policy, choice.condition(), scene.simulator())
 
 
 def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
@@ -118,18 +128,24 @@ def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
 def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: Fleet, progress: Progress) -> None:
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
-    twin = twin_simulator(robot, fleet)
-    with progress.start(f"transfer: {len(walkers)} policies x {DRAWS} draws", 2 * DRAWS * len(walkers)) as task:
-        for walker in walkers:
-            own, own_trace = evaluate(robot, walker.policy, walker.own, task.advance)
-            there, twin_trace = evaluate(robot, walker.policy, twin, task.advance)
-            for place, walking in (("own", own), ("twin", there)):
-                results += _results(walking, walker.condition, place, seeds[walker.condition])
-            seeds[walker.condition] += 1
-            traces.setdefault(f"own/{walker.condition}", own_trace)
-            traces.setdefault(f"twin/{walker.condition}", twin_trace)
+    works = [partial(_own_and_twin, robot, walker, fleet) for walker in walkers]
+    found = side_by_side(works, config.workers, progress)
+    for walker, places in zip(walkers, found, strict=True):
+        for place, (walking, trace) in places.items():
+            results += _results(walking, walker.condition, place, seeds[walker.condition])
+            traces.setdefault(f"{place}/{walker.condition}", trace)
+        seeds[walker.condition] += 1
     write_results(config.out, results)
     write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
+
+
+def _own_and_twin(
+    robot: Robot, walker: Walker, fleet: Fleet, progress: Progress
+) -> dict[str, tuple[Walking, np.ndarray]]:
+    """`evaluate` by place."""
+    places = {"own": walker.own, "twin": twin_simulator(robot, fleet)}
+    with progress.start(f"transfer of {walker.name}: {len(places)} x {DRAWS} walks", len(places) * DRAWS) as task:
+        return {place: evaluate(robot, walker.policy, there, task.advance) for place, there in places.items()}
 
 
 def _results(walking: Walking, condition: str, place: str, seed: int) -> Results:

@@ -219,11 +219,12 @@ class WalkSimulator:
         conditions = self._walk.randomization.conditions(robot, seed, steps)
         motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
         sensors = self._walk.randomization.sensors(robot, seed, steps)
+        weights = np.asfortranarray(policy[0])  # `act` sums over all actions at once: side by side in memory
         mean, m2 = np.zeros_like(policy[1]), np.zeros_like(policy[1])
         qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
-            self._body, self.world.arrays, motors, *policy, self._task, sensors, self.world.config.control_dt, steps,
-            self._walker, mean, m2, qpos,
+            self._body, self.world.arrays, motors, weights, *policy[1:], self._task, sensors,
+            self.world.config.control_dt, steps, self._walker, mean, m2, qpos,
         )  # fmt: skip
         base = self.world.arrays.qpos[:2]
         where = np.zeros(2) if fault else base.copy()

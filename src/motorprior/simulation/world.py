@@ -13,6 +13,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
+from motorprior.delay_line import row_of_age, write_line
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.simulation.fatal_errors import install_handler
@@ -114,7 +115,7 @@ class WorldArrays(NamedTuple):
     encoder_offset: np.ndarray
     """(joints,) reading of the encoders at true zero [rad]"""
     commands: np.ndarray
-    """(ring, joints) position targets of the latest control steps, in true angles [rad]; state"""
+    """(rows, joints) position targets of the latest control steps, in true angles [rad]: a delay line; state"""
     clock: np.ndarray
     """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
     warnings: np.ndarray
@@ -260,16 +261,17 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
     The motors get the targets as late as ``world.clock`` says, in the angles of their own encoders; a push acts
     on the origin of the chassis.
     """
-    step, delay, ring = world.clock[0], world.clock[1], world.commands.shape[0]
+    step, delay = world.clock[0], world.clock[1]
+    newest = write_line(world.commands, 0, step, target)
     for joint in range(target.shape[0]):
-        world.commands[step % ring, joint] = target[joint] - world.encoder_offset[joint]
+        world.commands[newest, joint] -= world.encoder_offset[joint]
     if world.push.shape[0] > 0:
         here = step % world.push.shape[0]
         world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
     total = 0.0
     for k in range(world.substeps):
         late = control_steps_late(delay, k, world.substeps)
-        total += physics_step(world, motors, world.commands[(step - late) % ring])
+        total += physics_step(world, motors, world.commands[row_of_age(world.commands, 0, newest, late)])
     world.clock[0] = step + 1
     return total / world.substeps
 

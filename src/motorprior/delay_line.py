@@ -1,0 +1,44 @@
+"""Values of the past: a ring of rows in a memory, one row per step, the oldest overwritten first.
+
+Motors keep their position targets [rad] in one, a policy's sensors their readings. The line is all rows of the memory
+(rows, n) from row ``first`` on; other state may stand before it. Its length must be at least two more than the longest
+age that is read.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.compiled import njit
+
+
+@njit(cache=True, nogil=True)
+def fill_line(memory: np.ndarray, first: int, values: np.ndarray) -> None:
+    """Set every row of the line to the values (n,), as if they had always been these."""
+    for row in range(first, memory.shape[0]):
+        memory[row, :] = values
+
+
+@njit(cache=True, nogil=True, inline="always")
+def write_line(memory: np.ndarray, first: int, now: int, values: np.ndarray) -> int:
+    """Write the values (n,) of step number ``now``; returns their place in the line."""
+    newest = now % (memory.shape[0] - first)
+    for column in range(values.shape[0]):
+        memory[first + newest, column] = values[column]
+    return newest
+
+
+@njit(cache=True, nogil=True, inline="always")
+def row_of_age(memory: np.ndarray, first: int, newest: int, age: int) -> int:
+    """Row of the memory that was written ``age`` steps before the ``newest``."""
+    length = memory.shape[0] - first  # a division by the length takes longer than the comparison
+    return first + (newest - age if newest >= age else newest - age + length)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def interpolated(memory: np.ndarray, first: int, newest: int, age: float, column: int) -> float:
+    """The value of ``age`` >= 0 steps ago, linear between two steps."""
+    whole = int(age)
+    newer = memory[row_of_age(memory, first, newest, whole), column]
+    older = memory[row_of_age(memory, first, newest, whole + 1), column]
+    return newer + (age - whole) * (older - newer)

@@ -1,0 +1,70 @@
+"""Results in order; a failure or an interrupt ends the others at their next step, as an interrupt would."""
+
+import os
+import signal
+from collections.abc import Callable
+from threading import Barrier, Event
+from typing import Any
+
+import pytest
+
+from motorprior.exceptions import SimulationFault
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.side_by_side import side_by_side
+
+
+def patient(ended: list[str], began: Event | None = None) -> Callable[[Progress], None]:
+    """Work that goes on until it is interrupted."""
+
+    def work(progress: Progress) -> None:
+        with progress.start("long", 1) as task:
+            if began is not None:
+                began.set()
+            try:
+                while True:
+                    Event().wait(0.001)
+                    task.advance()
+            except KeyboardInterrupt:
+                ended.append("kept")
+                raise
+
+    return work
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_results_come_in_order(threads: int):
+    works: list[Callable[[Progress], int]] = [lambda progress, n=n: n * n for n in range(5)]
+    assert side_by_side(works, threads, SILENT) == [0, 1, 4, 9, 16]
+
+
+def test_two_threads_work_at_the_same_time():
+    meeting = Barrier(2, timeout=60.0)
+    assert sorted(side_by_side([lambda progress: meeting.wait()] * 2, 2, SILENT)) == [0, 1]
+
+
+def test_a_failure_interrupts_the_others_and_is_raised():
+    ended: list[str] = []
+    began = Event()
+
+    def fail(progress: Progress) -> None:
+        began.wait(60.0)
+        raise SimulationFault("lost")
+
+    with pytest.raises(SimulationFault, match="lost"):
+        side_by_side([patient(ended, began), fail, *[patient(ended)] * 3], 2, SILENT)
+    assert ended[0] == "kept" and len(ended) <= 2, "what runs keeps its state, what waits is not begun"
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_an_interrupt_reaches_every_thread(threads: int):
+    ended: list[str] = []
+    meeting = Barrier(threads, action=lambda: os.kill(os.getpid(), signal.SIGINT), timeout=60.0)
+
+    def work(progress: Progress) -> Any:
+        with progress.start("first", 1):
+            meeting.wait()
+        return patient(ended)(progress)
+
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side([work] * threads, threads, SILENT)
+    assert ended == ["kept"] * threads
