@@ -56,7 +56,7 @@ class Demo:
     """Samples per motor and preset."""
     adam_steps: int | None = None
     """Adam steps of each identification; the preset's own number if not given."""
-    iterations: int = 200
+    iterations: int = 100
     """ARS iterations per policy."""
     seeds: int = 2
     """Policies per condition."""
