@@ -27,8 +27,8 @@ def side_by_side(works: Sequence[Callable[[Progress], Made]], threads: int, prog
     stop = Event()
     stoppable = _Stoppable(progress, stop)
     with ThreadPoolExecutor(threads) as pool:
-        futures = [pool.submit(work, stoppable) for work in works]
-        try:
+        try:  # an interrupt may come as soon as the first has begun
+            futures = [pool.submit(work, stoppable) for work in works]
             wait(futures, return_when=FIRST_EXCEPTION)
         finally:
             stop.set()  # changes nothing where all are done
