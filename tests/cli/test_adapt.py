@@ -81,6 +81,7 @@ def test_a_prior_that_misstates_its_training_is_not_adapted(folder: Path, tmp_pa
     refused("adapt", path, log, "--out", tmp_path / "out", words=("mine.safetensors", "does not know its own errors"))
 
 
+@pytest.mark.slow
 def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, motorprior):
     log = read_parquet(folder / "few" / "log.parquet")
     shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
@@ -105,6 +106,7 @@ def test_a_posterior_of_another_prior_or_robot_does_not_walk(folder: Path, tmp_p
     refused(*line, *out, words=("posterior.safetensors", "--actuator pd", "a posterior"))
 
 
+@pytest.mark.slow
 def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):
     from motorprior.artifacts import read_json
 

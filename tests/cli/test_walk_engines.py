@@ -29,6 +29,7 @@ def contents(folder: Path) -> list[bytes]:
     return [(folder / name).read_bytes() for name in RESULTS]
 
 
+@pytest.mark.slow
 def test_pybullet_trains_and_gives_the_same_bytes_again(motorprior: Command, tmp_path: Path):
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     few = ("--search.num-directions", 2, "--search.num-top-directions", 1)

@@ -64,6 +64,7 @@ def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_dr
     assert (folder / "runs" / "transfer" / "figures.json").is_file()
 
 
+@pytest.mark.slow
 def test_an_arm_goes_through_bench_identify_adapt_and_simulate(folder: Path):
     names = [words[0] for words in commands("An arm")]
     assert names == ["bench", "identify", "simulate", "logs", "adapt", "simulate", "replay"]

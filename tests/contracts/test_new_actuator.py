@@ -1,6 +1,6 @@
 """A new actuator is one file, this one, and one entry in the registry: it walks and runs on the bench at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from numba import njit
 
 from motorprior.actuator import registry
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.ideal_pd import IDEAL_PD, IdealPd
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
@@ -110,14 +110,18 @@ def test_one_entry_gives_it_a_name_and_a_colour_in_every_table(monkeypatch: pyte
     assert registry.title("tuned_pd") == "tuned PD"
 
 
-def test_a_kind_says_where_its_encoder_is_and_what_it_leaves_to_the_engine():
+def test_a_kind_says_where_its_encoder_is():
     encoders = {kind.name: kind.encoder for kind in (*registry.KINDS, SPRING)}
-    renewing = {kind.name for kind in (*registry.KINDS, SPRING) if kind.renews_damping}
     assert encoders == {
         "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "spring": "rotor"
     }  # fmt: skip
-    assert renewing == {"grey_box"}
-    assert IDEAL_PD.longest_step == np.inf
+
+
+def test_a_kind_says_how_finely_it_is_simulated():
+    steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in (*registry.KINDS, SPRING)}
+    assert steps == {"ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "spring": 0.002}
+    coarse = replace(PUPPER_V2, physics_dt=0.005, twin_physics_dt=0.0025)
+    assert coarse.physics_step(SPRING.longest_step) == 0.0025
 
 
 def test_names_of_models_are_unique():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
@@ -15,6 +16,7 @@ from motorprior.identification.validate import held_out_trials
 from motorprior.identification.windows import training_data
 from motorprior.signals import rmse
 
+pytestmark = pytest.mark.slow
 RECIPE = replace(identification_preset("per_motor"), warm_up=60, window=48)
 
 

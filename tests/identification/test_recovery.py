@@ -20,6 +20,7 @@ from motorprior.identification.train import Identified, identify
 from motorprior.identification.windows import training_data
 from motorprior.logs.motor_log import MotorLog
 
+pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")
 RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}
 """Factors on the central motor's."""

@@ -70,9 +70,10 @@ def test_a_rollout_recovers_the_armature(armature):
     assert found.network.armature(np.zeros((1, 0)))[0] == pytest.approx(armature, rel=0.1)
 
 
-def test_same_seed_same_bytes(small_data):
+@pytest.mark.parametrize("objective", ["torque", pytest.param("rollout", marks=pytest.mark.slow)])
+def test_same_seed_same_bytes(small_data, objective):
     def trained(seed):
-        result = identify(small_data, SMALL, seed)
+        result = identify(small_data, replace(SMALL, objective=objective), seed)
         leaves = [*jax.tree.leaves(asdict(result.network)), result.mean, result.log_var, result.losses]
         return b"".join(np.asarray(leaf).tobytes() for leaf in leaves)
 
@@ -92,7 +93,7 @@ def test_training_lowers_the_loss_and_leaves_every_motor_its_posterior(small_dat
 
 @pytest.mark.parametrize("steps", [1, 101])
 def test_any_number_of_steps_can_be_trained(small_data, steps):
-    result = identify(small_data, replace(SMALL, steps=steps), 0)
+    result = identify(small_data, replace(SMALL, objective="torque", steps=steps), 0)
     assert np.all(np.isfinite(result.network.w1)) and len(result.losses) == -(-steps // 100)
 
 

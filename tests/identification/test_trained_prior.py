@@ -18,6 +18,7 @@ from motorprior.identification.validate import Prediction, bench_errors
 from motorprior.identification.windows import training_data
 from motorprior.pipeline.motor_choice import nominal_pd
 
+pytestmark = pytest.mark.slow
 RECIPE = replace(identification_preset("rollout"), steps=1500, batch=128, warm_up=90)
 """The training motors must be where they belong: their spread is the yardstick."""
 CHANGES = (("kp", 2.5), ("kd", 0.25))

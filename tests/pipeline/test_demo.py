@@ -15,6 +15,7 @@ from motorprior.pipeline.demo import Demo, run_demo
 from motorprior.pipeline.report import build_report, seconds_by_kind
 from motorprior.results import Results
 
+pytestmark = pytest.mark.slow
 LOG = "env_real_1_joint_log.csv.gz"
 MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
 CONDITIONS = ("ideal_pd", "paper", "rollout", "oracle")
@@ -130,7 +131,6 @@ def moved(demo: Run, tmp_path: Path) -> Demo:
     return replace(demo.config, out=tmp_path / "elsewhere")
 
 
-@pytest.mark.slow
 def test_a_moved_run_folder_is_still_finished_and_keeps_its_seconds(moved: Demo):
     before = {stage: modified(moved.out / stage) for stage in STAGES}
     took = seconds_by_kind(moved.out)
@@ -152,7 +152,6 @@ def test_stages_of_other_settings_are_not_shown(moved: Demo, monkeypatch: pytest
     assert chapters(page) == ["Real robot logs"] and "Where the time goes" not in page and "None were given" in page
 
 
-@pytest.mark.slow
 def test_a_replay_of_earlier_logs_is_not_shown_without_logs(moved: Demo):
     run_demo(replace(moved, logs=None))
     page = finished(moved).page

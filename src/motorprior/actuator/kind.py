@@ -64,7 +64,7 @@ class ActuatorKind:
         make_explicit: (arrays, joint_vel [rad/s], torque [N·m]) takes a damping that is renewed every step out of
             ``arrays`` and puts it into the torque, for an engine that cannot renew it.
         limit_stiffness: (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled.
-        longest_step: longest physics step [s].
+        longest_step: longest physics step [s]; `Robot.physics_step` follows it.
         bench_step: longest step on the dynamometer [s].
         variants: other names under which such motors appear in tables.
     """
@@ -85,11 +85,6 @@ class ActuatorKind:
     def encoder(self) -> Literal["joint", "rotor"]:
         """Where the motors' encoders are."""
         return "joint" if self.measure is read_joint else "rotor"
-
-    @property
-    def renews_damping(self) -> bool:
-        """Whether ``arrays.damping`` changes from step to step."""
-        return self.make_explicit is not keep_implicit
 
     @property
     def models(self) -> tuple[Model, ...]:

@@ -13,7 +13,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
+from motorprior.actuator.physical import PHYSICAL, PhysicalActuator
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -30,16 +30,16 @@ LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
 
-def load_prior(path: Path, robot: Robot, physics_dt: float | None = None) -> MotorPrior:
-    """A prior that this robot can be simulated with, at its own physics step if none is given.
+def load_prior(path: Path, robot: Robot) -> MotorPrior:
+    """A prior that this robot can be simulated with.
 
     Raises:
         ArtifactError: a file that is no prior.
-        ConfigError: a prior of another robot, or one that does not fit ``physics_dt`` [s].
+        ConfigError: a prior of another robot, or one that does not fit its physics step.
     """
     try:
         prior = MotorPrior.load(path)
-        prior.require(robot.name, robot.physics_dt if physics_dt is None else physics_dt)
+        prior.require(robot.name, robot.physics_dt)
         _require_all_motors(prior)
     except (ArtifactError, ConfigError) as error:
         remedy = error.remedy or "use a prior that `motorprior identify` wrote"
@@ -111,7 +111,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
         ordered = _of_the_robot(motors, robot)
         return (lambda rng: ordered.sample(count, rng)), robot.physics_dt
     if isinstance(motors, Fleet):
-        return (lambda rng: PhysicalActuator(motors.sample(count, rng))), _physical_dt(robot)
+        return (lambda rng: PhysicalActuator(motors.sample(count, rng))), robot.physics_step(PHYSICAL.longest_step)
     if callable(motors):
         return motors, robot.physics_dt
     given = getattr(motors, "num_motors", None)
@@ -121,12 +121,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
             problem if given is None else f"motors: {given} for the {count} joints of {robot.name}",
             remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
         )  # fmt: skip
-    return (lambda rng: motors), _physical_dt(robot) if isinstance(motors, PhysicalActuator) else robot.physics_dt
-
-
-def _physical_dt(robot: Robot) -> float:
-    """The longest step [s] that physical motors are simulated at."""
-    return min(LONGEST_STEP, robot.twin_physics_dt)
+    return (lambda rng: motors), robot.physics_step(motors.kind.longest_step)
 
 
 @dataclass(frozen=True)
@@ -155,7 +150,7 @@ class MotorChoice:
 
     def physics_dt(self, robot: Robot) -> float:
         """The step [s] these motors are simulated at: the robot's, or the longest that physical motors allow."""
-        return _physical_dt(robot) if self.actuator == "fleet" else robot.physics_dt
+        return robot.physics_step(PHYSICAL.longest_step) if self.actuator == "fleet" else robot.physics_dt
 
     def condition(self) -> str:
         """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""
@@ -204,7 +199,7 @@ class MotorChoice:
                 "actuator prior needs the file of a prior", remedy="identify one, or use another actuator",
                 argument="actuator",
             )  # fmt: skip
-        prior = load_prior(self.prior, robot, self.physics_dt(robot))
+        prior = load_prior(self.prior, robot)
         if self.posterior is None:
             return drawn_from(prior, robot)[0]
         try:

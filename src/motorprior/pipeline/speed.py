@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.results import Results
@@ -34,10 +34,10 @@ def measure_speed(
     """
     prior, fleet = load_prior(prior_path, robot), load_robot_fleet(robot, fleet_name)
     learned = prior.sample(robot.num_joints, np.random.default_rng(0))
-    actuators: dict[str, tuple[Actuator, float]] = {
-        "ideal_pd": (nominal_pd(fleet, robot.num_joints), robot.physics_dt),
-        "rollout": (learned, robot.physics_dt),
-        "physical": (PhysicalActuator(fleet.center(robot.num_joints)), min(LONGEST_STEP, robot.twin_physics_dt)),
+    actuators: dict[str, Actuator] = {
+        "ideal_pd": nominal_pd(fleet, robot.num_joints),
+        "rollout": learned,
+        "physical": PhysicalActuator(fleet.center(robot.num_joints)),
     }
     with progress.start("speed: episodes side by side", REPEATS) as task, ExitStack() as stack:
         paths = compiled_paths(robot, actuators) | (interpreted_paths(robot, learned) if interpreted else {})

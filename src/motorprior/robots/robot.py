@@ -197,6 +197,13 @@ class Robot:
             )  # fmt: skip
         return self.fleets[0][0]
 
+    def physics_step(self, longest: float) -> float:
+        """Step [s] at which motors whose longest is ``longest`` [s] are simulated in training.
+
+        The robot's own where that is short enough; otherwise the twin's, or a still shorter ``longest``.
+        """
+        return self.physics_dt if self.physics_dt <= longest else min(longest, self.twin_physics_dt)
+
     def require_legs(self) -> None:
         """Refuse a robot that cannot walk.
 

@@ -98,19 +98,19 @@ def _simulated(robot: Robot, simulator: Any) -> TimedPath:
     return TimedPath(_zero_policy_episode(robot, simulator), run, simulator.close)
 
 
-def compiled_paths(robot: Robot, actuators: dict[str, tuple[Actuator, float]]) -> dict[str, TimedPath]:
+def compiled_paths(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
     """Episodes in the compiled loop, and mj_step alone.
 
     Args:
         robot: a legged one.
-        actuators: per path its motors and the physics step [s]; ``rollout`` must be among them
-            and gives the episode whose engine time is measured alone.
+        actuators: motors per path; ``rollout`` must be among them and gives the episode whose engine time is measured
+            alone.
     """
     paths = {}
-    for name, (actuator, physics_dt) in actuators.items():
-        world = WorldConfig.of(robot, physics_dt=physics_dt)
+    for name, actuator in actuators.items():
+        world = WorldConfig.of(robot, physics_dt=robot.physics_step(actuator.kind.longest_step))
         paths[name] = _simulated(robot, WalkSimulator(lambda rng, motors=actuator: motors, world, WalkConfig(STEPS)))
-    learned = actuators["rollout"][0]
+    learned = actuators["rollout"]
     alone = {
         "mj_step": _engine_alone(robot, learned, paths["rollout"].steps),
         "without_mj_step": _everything_else(robot, learned),

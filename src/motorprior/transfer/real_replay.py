@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.physical import LONGEST_STEP, PhysicalActuator
 from motorprior.exceptions import LogError
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
@@ -59,9 +58,7 @@ def replay_log(log: MotorLog, robot: Robot, actuator: Actuator, prepared: MotorL
 
     Simulated angles are limited to ±2π, so that the error stays finite if the simulation diverges.
     """
-    physics_dt = (
-        min(LONGEST_STEP, robot.twin_physics_dt) if isinstance(actuator, PhysicalActuator) else robot.physics_dt
-    )
+    physics_dt = robot.physics_step(actuator.kind.longest_step)
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD))
     grid = resample(log, COMMAND_PERIOD)
     rest = robot.nominal_pose if robot.base == "free" else grid.position_target[0]
