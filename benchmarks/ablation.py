@@ -35,10 +35,10 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import bench_preset, record
+from motorprior.bench.recording import bench_preset, record
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.bench_fidelity import bench_errors
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.validate import bench_errors
 from motorprior.pipeline.stage import code_digest, digest, fleet_files
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -130,8 +130,8 @@ def _point(settings: Settings, seed: int, values: dict[str, float]) -> Point:
 
 def measure(point: Point) -> dict[str, float]:
     """Train and measure one prior."""
-    from motorprior.identification.adapt import adapt, window_losses
     from motorprior.identification.distribution import energy_distance, two_sample_auc
+    from motorprior.identification.latent_fit import adapt, window_losses
     from motorprior.identification.train import identify
     from motorprior.identification.windows import training_data
 

@@ -37,8 +37,8 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_text
 from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS as BENCHES
-from motorprior.bench.record import record
+from motorprior.bench.recording import PRESETS as BENCHES
+from motorprior.bench.recording import record
 from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.network import Parameters
 from motorprior.identification.objectives import POSITION_SCALE, VELOCITY_SCALE, huber
@@ -49,7 +49,7 @@ from motorprior.pipeline.stage import write_results
 from motorprior.results import Result, Results
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import STEPS, trot_targets
 

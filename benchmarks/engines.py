@@ -25,12 +25,12 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
-from motorprior.search.train import advance, new_search
+from motorprior.search.policy_search import advance, new_search
 from motorprior.simulation import bullet_world
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import BulletWorld
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets

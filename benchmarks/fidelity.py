@@ -17,7 +17,7 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.bench.facts import LOG, read_bench
-from motorprior.identification.validate import Ensemble, Prediction
+from motorprior.identification.bench_fidelity import Ensemble, Prediction
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.held_out import held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify

@@ -31,8 +31,8 @@ from motorprior.identification.distribution import two_sample_auc
 from motorprior.identification.standardise import standardised
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.model import CONTACT_TIME
-from motorprior.simulation.replay import replay
+from motorprior.simulation.build_model import CONTACT_TIME
+from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import STEPS, compare, trot_targets
 

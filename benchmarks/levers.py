@@ -21,10 +21,10 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation import model, speed
+from motorprior.simulation import build_model, timed_paths
+from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.mj_call import library
-from motorprior.simulation.model import FLOOR
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World, WorldConfig
 
 MOTORS = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.008)
@@ -45,7 +45,7 @@ def every_geom(builder: Any, *settings: Any) -> None:
         geom.friction, geom.solref = [friction[0], *friction[2:4]], solref
 
 
-FEET_ONLY = model._add_floor
+FEET_ONLY = build_model._add_floor
 
 
 def option(**values: object) -> Callable[[mujoco.MjModel], None]:
@@ -93,7 +93,7 @@ VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
 
 def world_of(name: str, physics_dt: float = 0.002) -> World:
     """A world with one setting changed."""
-    swap = patch.object(model, "_add_floor", every_geom) if name == "every geom collides" else nullcontext()
+    swap = patch.object(build_model, "_add_floor", every_geom) if name == "every geom collides" else nullcontext()
     with swap:
         world = World(WorldConfig.of(PUPPER_V2, physics_dt=physics_dt))
     VARIANTS[name](world.model)
@@ -104,7 +104,7 @@ def drive_of(motors: IdealPd, targets: np.ndarray) -> np.ndarray:
     """(2, physics steps, 12) torques and damping that the shipped engine is given on this trot."""
     world = world_of("shipped")
     drive = np.zeros((2, len(targets) * world.config.substeps, 12))
-    speed._record(world.arrays, world.reset(motors), targets, drive)
+    timed_paths._record(world.arrays, world.reset(motors), targets, drive)
     return drive
 
 
@@ -121,7 +121,7 @@ def main() -> None:
     path = parser.parse_args().json
     clock = ctypes.c_void_p.in_dll(library(), "mjcb_time")
     ticking = clock.value  # what the Python bindings gave MuJoCo; a World takes it away
-    targets = speed.zero_policy_targets(PUPPER_V2, 200)
+    targets = timed_paths.zero_policy_targets(PUPPER_V2, 200)
     fine = replay(world_of("shipped", FINE_DT), MOTORS, targets).joint_pos
     shipped = replay(world_of("shipped"), MOTORS, targets).joint_pos
     figures, works = {}, {}
@@ -137,7 +137,7 @@ def main() -> None:
             world.reset(motors)
             clock.value = ticking if key[0] == "engine timers on" else None
             started = time.perf_counter()
-            speed._mj_steps(world.arrays, drive)
+            timed_paths._mj_steps(world.arrays, drive)
             seconds[key].append((time.perf_counter() - started) / drive.shape[1])
     clock.value = None
     for (name, kind), values in seconds.items():

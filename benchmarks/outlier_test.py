@@ -18,8 +18,8 @@ import tyro
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
-from motorprior.bench.record import bench_preset, record
-from motorprior.identification.validate import HELD_OUT_SEED, bench_errors
+from motorprior.bench.recording import bench_preset, record
+from motorprior.identification.bench_fidelity import HELD_OUT_SEED, bench_errors
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.pipeline.validate import load_priors
 from motorprior.results import Result, Results

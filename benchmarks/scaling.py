@@ -20,7 +20,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size
-from motorprior.search.train import Round, Task, advance, episode_seed, new_search, run_task
+from motorprior.search.policy_search import Round, Task, advance, episode_seed, new_search, run_task
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 

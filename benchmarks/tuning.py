@@ -23,8 +23,8 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.facts import read_bench
 from motorprior.exceptions import MotorPriorError
+from motorprior.identification.bench_fidelity import bench_errors
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.identification.validate import bench_errors
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.stage import RESULTS, code_digest, digest, fleet_files, read_results, write_results
 from motorprior.results import Result, Results

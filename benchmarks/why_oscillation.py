@@ -29,8 +29,8 @@ from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import BenchPreset, bench_preset, record
-from motorprior.identification.validate import HELD_OUT_SEED
+from motorprior.bench.recording import BenchPreset, bench_preset, record
+from motorprior.identification.bench_fidelity import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -42,7 +42,7 @@ REAL_TIME = ("tests/hardware", "tests/cli/test_robot.py")
 LONGEST_FIRST = (
     "pipeline/test_demo.py", "cli/test_adapt.py", "identification/test_trained_prior.py",
     "identification/test_train.py", "cli/test_your_robot.py", "identification/test_recovery.py",
-    "identification/test_reference.py", "identification/test_adapt.py", "identification/test_per_motor.py",
+    "identification/test_reference.py", "identification/test_latent_fit.py", "identification/test_per_motor.py",
     "identification/test_hung_robot.py", "contracts/test_executors.py", "identification/test_objectives.py",
     "cli/test_resume.py", "cli/test_walk_engines.py",
 )  # fmt: skip

@@ -10,8 +10,8 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import trial
-from motorprior.identification.validate import HELD_OUT, teacher_forced_torque
+from motorprior.bench.recording import trial
+from motorprior.identification.bench_fidelity import HELD_OUT, teacher_forced_torque
 
 MOTORS = 16
 

@@ -7,7 +7,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS, record
+from motorprior.bench.recording import PRESETS, record
 
 LOAD = np.array([0.002, 0.03])
 

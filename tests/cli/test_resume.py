@@ -13,7 +13,7 @@ import pytest
 
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.fleet import fleet_path
-from motorprior.bench.record import PRESETS as bench_presets
+from motorprior.bench.recording import PRESETS as bench_presets
 from motorprior.identification.presets import PRESETS as identification_presets
 from motorprior.pipeline import stage as stage_module
 from motorprior.pipeline import walk as walk_module
@@ -158,7 +158,7 @@ def test_a_damaged_marker_runs_it_again(motorprior: Command, tmp_path: Path, who
 def test_a_moved_folder_is_still_finished(motorprior: Command, tmp_path: Path, bench: Path):
     old, new = tmp_path / "old", tmp_path / "new"
     shutil.copytree(bench, old / "bench")
-    line = ("identify", "bench", "--steps", 1, "--out", "prior")
+    line = ("identify", "bench", "--preset", "paper_wide", "--steps", 1, "--out", "prior")
     words = [str(old / word) if word in ("bench", "prior") else word for word in line]
     assert motorprior(*words).code == 0
     old.rename(new)

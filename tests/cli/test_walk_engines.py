@@ -16,7 +16,7 @@ from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.policy import Policy
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.speed import TimedPath, measure
+from motorprior.simulation.timed_paths import TimedPath, measure
 from motorprior.simulation.world import FAULTS
 from motorprior.transfer import study
 

@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
-from motorprior.search.train import new_search
+from motorprior.search.policy_search import new_search
 
 Command = Callable[..., Any]
 SMALL = ("walk", "--actuator", "pd", "--episode-steps", 20)

@@ -16,7 +16,7 @@ from motorprior.pipeline.walk import Walk, scene
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, SerialExecutor, make_executor
-from motorprior.search.train import Champion, new_search, train
+from motorprior.search.policy_search import Champion, new_search, train
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig

@@ -10,7 +10,7 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Distribution, load_fleet
-from motorprior.identification.adapt import Posterior, adapt
+from motorprior.identification.latent_fit import Posterior, adapt
 from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data

@@ -9,10 +9,10 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import bench_preset, record
+from motorprior.bench.recording import bench_preset, record
+from motorprior.identification.bench_fidelity import held_out_trials
 from motorprior.identification.per_motor import fit_motors
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.validate import held_out_trials
 from motorprior.identification.windows import training_data
 from motorprior.signals import rmse
 

@@ -11,9 +11,9 @@ from scipy.stats import spearmanr
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS, record
-from motorprior.identification.adapt import Posterior, adapt
+from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.coverage import coverage
+from motorprior.identification.latent_fit import Posterior, adapt
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.reference import reference_metrics
 from motorprior.identification.train import Identified, identify

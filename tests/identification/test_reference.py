@@ -7,8 +7,8 @@ import pytest
 
 from motorprior.actuator.prior_bounds import LARGEST_LOSS
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS, record
-from motorprior.identification.adapt import adapt, window_losses
+from motorprior.bench.recording import PRESETS, record
+from motorprior.identification.latent_fit import adapt, window_losses
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.reference import (
     LEVELS,

@@ -9,12 +9,12 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS, record
-from motorprior.identification.adapt import adapt, window_losses
+from motorprior.bench.recording import PRESETS, record
+from motorprior.identification.bench_fidelity import Prediction, bench_errors
+from motorprior.identification.latent_fit import adapt, window_losses
 from motorprior.identification.outliers import Outliers, latent_names, outliers
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
-from motorprior.identification.validate import Prediction, bench_errors
 from motorprior.identification.windows import training_data
 from motorprior.pipeline.motor_choice import nominal_pd
 

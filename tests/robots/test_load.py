@@ -12,7 +12,7 @@ from motorprior.locomotion.trajectory_generator import open_loop_trot
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldConfig
 

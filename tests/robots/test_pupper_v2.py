@@ -9,7 +9,7 @@ import pytest
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.simulation.model import build_model
+from motorprior.simulation.build_model import build_model
 
 LINKS = [f"{leg}_{link}" for leg in spec.LEGS for link in ("abduction_link", "thigh", "shank")]
 

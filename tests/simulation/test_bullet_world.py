@@ -15,7 +15,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO
 from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.terrain import Terrain, heights
 from motorprior.simulation.world import World, WorldConfig, physics_step
 

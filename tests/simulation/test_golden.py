@@ -15,7 +15,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
-from motorprior.search.train import Champion, new_search, train
+from motorprior.search.policy_search import Champion, new_search, train
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator

@@ -22,7 +22,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.train import Champion, advance, new_search, train
+from motorprior.search.policy_search import Champion, advance, new_search, train
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization

@@ -11,12 +11,12 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.robots.model import GeneratedModel
+from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.mujoco_backend import MujocoBackend
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import FAULTS, World, WorldConfig, hold_target, physics_step
 

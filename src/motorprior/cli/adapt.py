@@ -13,7 +13,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
 
 if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.adapt import Posterior
+    from motorprior.identification.latent_fit import Posterior
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.speed import measure_speed
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.speed import REPEATS
+from motorprior.simulation.timed_paths import REPEATS
 
 
 @dataclass(frozen=True)

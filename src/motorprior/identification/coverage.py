@@ -7,10 +7,10 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.record import BenchPreset
-from motorprior.identification.adapt import Posterior
+from motorprior.bench.recording import BenchPreset
+from motorprior.identification.bench_fidelity import HELD_OUT, held_out_trials
+from motorprior.identification.latent_fit import Posterior
 from motorprior.identification.reference import draw_residuals
-from motorprior.identification.validate import HELD_OUT, held_out_trials
 from motorprior.results import Result, Results
 
 DRAWS = 40

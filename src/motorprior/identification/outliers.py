@@ -22,7 +22,7 @@ from scipy.stats import t as student_t
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.adapt import adapt
+from motorprior.identification.latent_fit import adapt
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.adapt import adapt
+from motorprior.identification.latent_fit import adapt
 from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import Preset

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.adapt import laplace_covariance, window_losses
+from motorprior.identification.latent_fit import laplace_covariance, window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.standardise import standardised
 from motorprior.identification.windows import TrainingData

@@ -10,8 +10,8 @@ from scipy.stats import t as student_t
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Response, run
-from motorprior.identification.adapt import window_losses
 from motorprior.identification.baselines import trials
+from motorprior.identification.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog

@@ -24,7 +24,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.adapt import Posterior
+    from motorprior.identification.latent_fit import Posterior
     from motorprior.identification.presets import Preset
     from motorprior.identification.windows import TrainingData
 
@@ -82,7 +82,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
-    from motorprior.identification.adapt import adapt as fit_posterior
+    from motorprior.identification.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
     return fit_posterior(prior.network, data, preset, temperature)

@@ -8,7 +8,7 @@ from pathlib import Path
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import FACTS, LOG, BenchFacts, require_bench_size, training_motors
 from motorprior.bench.fleet import Fleet
-from motorprior.bench.record import bench_preset, record
+from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import write_log

@@ -10,8 +10,8 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
-from motorprior.bench.record import preset_of_period, trial
-from motorprior.identification.validate import (
+from motorprior.bench.recording import preset_of_period, trial
+from motorprior.identification.bench_fidelity import (
     HELD_OUT,
     HELD_OUT_SEED,
     ModelOfMotors,
@@ -19,7 +19,7 @@ from motorprior.identification.validate import (
     teacher_forced_torque,
 )
 from motorprior.robots.robot import Robot
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 

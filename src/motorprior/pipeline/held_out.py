@@ -13,9 +13,9 @@ from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.facts import BenchFacts
-from motorprior.bench.record import bench_preset, preset_of_period, record
-from motorprior.identification.adapt import Posterior
-from motorprior.identification.validate import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
+from motorprior.bench.recording import bench_preset, preset_of_period, record
+from motorprior.identification.bench_fidelity import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
+from motorprior.identification.latent_fit import Posterior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.results import Result, Results

@@ -19,7 +19,7 @@ from motorprior.robots.load import as_robot, load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.hung_load import with_loads
-from motorprior.simulation.replay import Replay, replay
+from motorprior.simulation.playback import Replay, replay
 from motorprior.simulation.world import World, WorldConfig
 
 LOG = "log.parquet"

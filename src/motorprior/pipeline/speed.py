@@ -13,7 +13,7 @@ from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nomin
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
-from motorprior.simulation.speed import REPEATS, compiled_paths, interpreted_paths, measure
+from motorprior.simulation.timed_paths import REPEATS, compiled_paths, interpreted_paths, measure
 
 
 def measure_speed(
@@ -23,7 +23,7 @@ def measure_speed(
     interpreted: bool = False,
     progress: Progress = SILENT,
 ) -> Results:
-    """What `simulation.speed.measure` finds.
+    """What `simulation.timed_paths.measure` finds.
 
     Args:
         prior_path: of the learned motors.

@@ -19,7 +19,7 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.train import Champion, Iteration, contest, new_search, train
+from motorprior.search.policy_search import Champion, Iteration, contest, new_search, train
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.rollout import WalkConfig
 

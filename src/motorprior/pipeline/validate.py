@@ -16,10 +16,10 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import BenchFacts, facts_from_json
 from motorprior.bench.fleet import Fleet
-from motorprior.bench.record import bench_preset, record
+from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.validate import (
+from motorprior.identification.bench_fidelity import (
     HELD_OUT,
     ModelOfMotors,
     Prediction,

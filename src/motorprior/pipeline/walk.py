@@ -25,7 +25,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor
-from motorprior.search.train import Champion, Iteration, contest, new_search, train
+from motorprior.search.policy_search import Champion, Iteration, contest, new_search, train
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.fatal_errors import saved_on_fatal_error
 from motorprior.simulation.mujoco_backend import DrawMotors

@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model import ModelFile
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.robot import Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.robots.user_model import UserModel

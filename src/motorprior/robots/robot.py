@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError
-from motorprior.robots.model import GeneratedModel, ModelFile
+from motorprior.robots.model_source import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
 
 GRAVITY = 9.81

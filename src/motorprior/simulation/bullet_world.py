@@ -33,7 +33,7 @@ from motorprior.actuator.torque_law import (
 )
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.robots.model import ROTOR_GEAR_RATIO, GeneratedModel
+from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.simulation.randomization import Conditions, nominal_conditions
 from motorprior.simulation.terrain import Terrain, heights
 from motorprior.simulation.world import WorldConfig

@@ -26,7 +26,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import BASE_AXES, MotorLog, checked
 from motorprior.robots.robot import Robot
-from motorprior.simulation.model import build_model
+from motorprior.simulation.build_model import build_model
 
 LEVEL = 0.15
 """Largest median roll or pitch of a body that counts as level [rad]; it shifts a seventh of gravity sideways."""

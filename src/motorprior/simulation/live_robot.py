@@ -13,7 +13,7 @@ from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, Physical
 from motorprior.compiled import njit
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.model import FLOOR
+from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step, read_joints
 
 IMU_NOISE = (0.002, 0.01)

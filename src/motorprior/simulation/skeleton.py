@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
-from motorprior.simulation.model import build_model
+from motorprior.simulation.build_model import build_model
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from motorprior.compiled import njit
 from motorprior.delay_line import row_of_age, write_line
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
+from motorprior.simulation.build_model import build_model
 from motorprior.simulation.fatal_errors import install_handler
 from motorprior.simulation.mj_call import mj_step, mj_step_address, stop_timers
-from motorprior.simulation.model import build_model
 from motorprior.simulation.randomization import LONGEST_DELAY, Conditions, nominal_conditions
 
 FAULTS = {

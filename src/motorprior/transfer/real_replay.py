@@ -12,7 +12,7 @@ from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.robots.robot import Robot
-from motorprior.simulation.replay import replay
+from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World, WorldConfig
 
 COMMAND_PERIOD = 0.002

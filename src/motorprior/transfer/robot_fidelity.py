@@ -14,12 +14,12 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.exceptions import SimulationFault
-from motorprior.identification.validate import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
+from motorprior.identification.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_trot
 from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
-from motorprior.simulation.replay import Replay, replay
+from motorprior.simulation.playback import Replay, replay
 from motorprior.simulation.world import World, WorldConfig
 
 DRAWS = 12

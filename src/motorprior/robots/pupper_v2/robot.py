@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from motorprior.robots.model import GeneratedModel
+from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.robots.pupper_v2.urdf import urdf

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from motorprior.robots.model import ROTOR_GEAR_RATIO
+from motorprior.robots.model_source import ROTOR_GEAR_RATIO
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import _vector
 from motorprior.robots.pupper_v2.spec import Link

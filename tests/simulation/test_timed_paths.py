@@ -9,7 +9,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.speed import TimedPath, interpreted_paths, measure
+from motorprior.simulation.timed_paths import TimedPath, interpreted_paths, measure
 
 
 @pytest.mark.parametrize("repeats", [-1, 3, 6])

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.bench import excitation
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS, bench_preset, record
+from motorprior.bench.recording import PRESETS, bench_preset, record
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import channels, checked
 

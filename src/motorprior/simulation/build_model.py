@@ -17,7 +17,7 @@ from typing import Any
 import mujoco
 
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.robots.model import GeneratedModel
+from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.robot import GRAVITY, Robot
 
 CONTACT_TIME = 0.02

@@ -9,8 +9,8 @@ import pytest
 from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.record import PRESETS, record, trial
-from motorprior.identification.adapt import adapt, tiled_windows, window_losses
+from motorprior.bench.recording import PRESETS, record, trial
+from motorprior.identification.latent_fit import adapt, tiled_windows, window_losses
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.reference import draw_residuals, ending, loss_p_value, reference_metrics
 from motorprior.identification.train import Identified, identify

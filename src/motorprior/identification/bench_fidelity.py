@@ -12,7 +12,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Response, Trial, run
-from motorprior.bench.record import BenchPreset, trial
+from motorprior.bench.recording import BenchPreset, trial
 from motorprior.signals import rmse
 
 
