@@ -136,7 +136,7 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_home():
         ("search/executor.py", "import ray\nfrom motorprior.locomotion.policy import act", None),
         ("cli/main.py", "import tyro\nfrom motorprior.pipeline import walk", None),
         ("environments.py", "from motorprior.cli import main", "environments imports cli"),
-        ("pipeline/walk.py", "from motorprior.cli.console import bar", "pipeline imports cli"),
+        ("pipeline/walk.py", "from motorprior.cli.console import TERMINAL", "pipeline imports cli"),
         ("report/page.py", "from motorprior.pipeline import stage", "report imports pipeline"),
         ("pipeline/walk.py", "import tyro", "tyro is at home in cli/ only"),
     ],

@@ -1,8 +1,8 @@
 """Values of the past: a ring of rows in a memory, one row per step, the oldest overwritten first.
 
 Motors keep their position targets [rad] in one, a policy's sensors their readings. The line is all rows of the memory
-(rows, n) from row ``first`` on; other state may stand before it. Its length must be at least two more than the longest
-age that is read.
+(rows, n) from row ``first`` on; other state may stand before it. Its length must be at least one more than the largest
+age of `row_of_age`, and two more than the whole steps in that of `interpolated`.
 """
 
 from __future__ import annotations

@@ -162,6 +162,7 @@ def test_a_fleet_with_a_number_beyond_all_bounds_is_refused(
         ("demo --motors 1000000000000", ("--motors", "to 4096")),
         ("demo --bench-steps 1000000000000", ("--bench-steps", "to 1000000")),
         ("walk --actuator pd --workers 1000000", ("--workers", "to 1024")),
+        ("demo --workers 1000000", ("--workers", "to 1024")),
     ],
 )
 def test_more_than_a_machine_can_hold_is_refused(refused: Command, tmp_path: Path, line: str, words: tuple[str, ...]):

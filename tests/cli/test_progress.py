@@ -1,13 +1,19 @@
-"""A bar ends where its work ends."""
+"""A bar ends where its work ends, and bars of several threads share one drawing."""
 
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import pytest
+from rich.console import Console
 
-from motorprior.cli.console import Bar
+from motorprior.cli import console
+from motorprior.cli.console import Bar, Terminal
 from motorprior.identification import train
+from motorprior.pipeline.progress import Progress
+from motorprior.pipeline.side_by_side import side_by_side
 
 
 @pytest.mark.parametrize("steps", [1, 4, 10, 11])
@@ -21,3 +27,22 @@ def test_the_steps_of_an_identification_add_up(
         motorprior("identify", bench, "--preset", "paper_wide", "--steps", steps, "--out", tmp_path / "out").code == 0
     )
     assert sum(done) == steps
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_work_in_several_threads_is_shown_together(monkeypatch: pytest.MonkeyPatch, terminal: bool):
+    shown = StringIO()
+    monkeypatch.setattr(console, "CONSOLE", Console(file=shown, force_terminal=terminal, width=120))
+    progress, meeting, drawings = Terminal(), Barrier(2, timeout=60.0), []
+
+    def work(name: str, given: Progress) -> None:
+        with given.start(name, 2) as task:
+            meeting.wait()
+            drawings.append(progress._drawing)
+            meeting.wait()
+            task.advance(2, "done")
+
+    side_by_side([lambda given, name=name: work(name, given) for name in ("first", "second")], 2, progress)
+    assert drawings[0] is drawings[1] and (drawings[0] is not None) == terminal
+    assert progress._drawing is None, "the last one ends the drawing"
+    assert all(f"{name}: " in shown.getvalue() for name in ("first", "second"))

@@ -119,9 +119,10 @@ def test_a_kind_says_where_its_encoder_is():
 
 def test_a_kind_says_how_finely_it_is_simulated():
     steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in (*registry.KINDS, SPRING)}
-    assert steps == {"ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "spring": 0.002}
-    coarse = replace(PUPPER_V2, physics_dt=0.005, twin_physics_dt=0.0025)
-    assert coarse.physics_step(SPRING.longest_step) == 0.0025
+    assert steps == {"ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "spring": 0.001}
+    light = replace(PUPPER_V2, physics_dt=0.001, twin_physics_dt=0.00025)
+    assert light.physics_step(registry.PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"
+    assert replace(light, twin_physics_dt=0.005).physics_step(registry.PHYSICAL.longest_step) == 0.001
 
 
 def test_names_of_models_are_unique():

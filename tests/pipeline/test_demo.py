@@ -13,6 +13,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.pipeline import demo as demo_module
 from motorprior.pipeline.demo import Demo, run_demo
 from motorprior.pipeline.report import build_report, seconds_by_kind
+from motorprior.pipeline.stage import MARKER
 from motorprior.results import Results
 
 pytestmark = pytest.mark.slow
@@ -55,7 +56,7 @@ def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     except pytest.skip.Exception:
         logs = None
     config = Demo(
-        folder / "run", logs=logs, motors=16, bench_steps=1500, adam_steps=30, iterations=2, seeds=1, workers=1
+        folder / "run", logs=logs, motors=16, bench_steps=1500, adam_steps=30, iterations=2, seeds=1, workers=2
     )
     run_demo(config)
     return finished(config)
@@ -105,12 +106,27 @@ def test_the_page_needs_nothing_but_itself(demo: Run):
 def test_a_second_run_finds_every_stage_done(demo: Run):
     stages = ("bench", "priors", "validate", "replay", "walk", "transfer")
     before = {stage: modified(demo.config.out / stage) for stage in stages}
-    run_demo(replace(demo.config, workers=2))
+    run_demo(replace(demo.config, workers=1))
     assert {stage: modified(demo.config.out / stage) for stage in stages} == before
     again = finished(demo.config).figures
     assert again.keys() == demo.figures.keys()
     changed = {name for name, value in again.items() if value != demo.figures[name]}
     assert [name for name in changed if not MEASURED_AGAIN.fullmatch(name)] == []
+
+
+def test_stages_one_after_the_other_make_the_bytes_of_stages_side_by_side(moved: Demo):
+    assert moved.workers == 2
+    folders = ("priors/paper", "priors/paper_wide", "walk/rollout_0", "walk/oracle_0", "transfer")
+    made = ("prior.safetensors", "policy.safetensors", "curve.json", "traces.safetensors", "results.json")
+    files = [path for folder in folders for name in made if (path := moved.out / folder / name).is_file()]
+    assert len(files) == 2 + 2 * 2 + 2
+    before = {path: path.read_bytes() for path in files}
+    for folder in folders:
+        (moved.out / folder / MARKER).unlink()
+    for path in files:
+        path.unlink()
+    run_demo(replace(moved, workers=1))
+    assert {path: path.read_bytes() for path in files} == before
 
 
 def test_the_page_of_an_unfinished_demo_shows_what_is_there(demo: Run, tmp_path: Path):

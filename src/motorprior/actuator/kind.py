@@ -64,7 +64,7 @@ class ActuatorKind:
         make_explicit: (arrays, joint_vel [rad/s], torque [N·m]) takes a damping that is renewed every step out of
             ``arrays`` and puts it into the torque, for an engine that cannot renew it.
         limit_stiffness: (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled.
-        longest_step: longest physics step [s]; `Robot.physics_step` follows it.
+        longest_step: longest physics step [s], infinite if any will do; see `Robot.physics_step`.
         bench_step: longest step on the dynamometer [s].
         variants: other names under which such motors appear in tables.
     """

@@ -178,7 +178,7 @@ class LatentActuator:
         ring, neurons = net.taps[-1] + 1, net.num_neurons
         padded = np.zeros((blocks * LANES, net.num_latents))
         padded[: self.num_motors] = self.z
-        latents = net.decoder_latents(padded)  # once: of all that a reset computes it takes the longest
+        latents = net.decoder_latents(padded)  # once: this is the slowest part of a reset
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:

@@ -52,12 +52,13 @@ class Terminal:
         started = time.monotonic()
         if not CONSOLE.is_terminal:
             CONSOLE.print(f"{name} ...")
-        drawing = self._join()
-        shown = Bar(drawing, name, total)
+        shown = None
         try:
+            shown = Bar(self._join(), name, total)
             yield shown
         finally:
-            shown.remove()
+            if shown is not None:
+                shown.remove()
             self._leave()
         CONSOLE.print(f"{name}: {time.monotonic() - started:.1f} s")
 
@@ -66,21 +67,19 @@ class Terminal:
         CONSOLE.print(text, markup=False, soft_wrap=True)
 
     def _join(self) -> Progress | None:
-        """The drawing that all bars share; rich has one at a time. None on a pipe."""
-        if not CONSOLE.is_terminal:
-            return None
+        """One more bar of the drawing that all share, since rich draws one at a time; None on a pipe."""
         with self._lock:
-            if self._drawing is None:
+            self._bars += 1
+            if self._drawing is None and CONSOLE.is_terminal:
                 elapsed, note = TimeElapsedColumn(), TextColumn("{task.fields[note]}")
                 columns = TextColumn("{task.description}"), BarColumn(), elapsed, note
                 self._drawing = Progress(*columns, console=CONSOLE, transient=True)
                 self._drawing.start()
-            self._bars += 1
             return self._drawing
 
     def _leave(self) -> None:
         with self._lock:
-            self._bars -= self._drawing is not None
+            self._bars = max(0, self._bars - 1)
             if self._drawing is not None and self._bars == 0:
                 self._drawing.stop()
                 self._drawing = None

@@ -23,10 +23,10 @@ from motorprior.pipeline.replay import Replay, read_logs, run_replay
 from motorprior.pipeline.report import PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
-from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, write_results
+from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, seconds_in_stages, write_results
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.pipeline.walk import MOST_WORKERS, Walk, run_walk
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -82,7 +82,7 @@ class DemoResult:
 
 
 def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = None, command: str = "") -> DemoResult:
-    """Run every stage that is not finished, and the report after each.
+    """Run every stage that is not finished; the report is written after the benches, after validate and at the end.
 
     Args:
         config: settings.
@@ -112,7 +112,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = 
     results += stages.run("transfer", lambda: _transfer(config, progress))
     write_results(config.out, results)  # the page shows some
     page = build_report(config.out)
-    seconds = seconds_by_kind(config.out) | {"everything else": time.monotonic() - started - stages.took}
+    seconds = seconds_by_kind(config.out) | {"everything else": time.monotonic() - started - seconds_in_stages()}
     results += Results((Result("seconds", "s", sum(seconds.values())),))
     write_results(config.out, results)
     return DemoResult(results, page, seconds)
@@ -128,8 +128,9 @@ def _require_settings(config: Demo) -> None:
     robot.require_legs()
     require_count("motors", config.motors, robot.num_joints)
     require_bench_size(config.motors, config.bench_steps, "bench_steps")
-    for name in ("iterations", "seeds", "workers"):
+    for name in ("iterations", "seeds"):
         require_count(name, getattr(config, name))
+    require_count("workers", config.workers, 1, MOST_WORKERS)
     if config.adam_steps is not None:
         require_count("adam_steps", config.adam_steps)
     require_seed(config.seed)
@@ -147,33 +148,23 @@ class _Stages:
     def __init__(self, run: Path):
         """Take the folder; from here on no stage belongs to it until it has been asked for."""
         self._run, self._found, self._lock = run, {}, Lock()
-        self.took = 0.0
-        """Seconds of this process in stages."""
         write_json(run / STAGES, self._found)
 
     def run(self, folder: str, work: Callable[[], Made]) -> Made:
         """Run the stage of a folder, or find it finished."""
-        started = time.monotonic()
-        result = self._noted(folder, work)
-        self.took += time.monotonic() - started
-        return result
-
-    def run_all(self, works: Mapping[str, Callable[[Progress], None]], threads: int, progress: Progress) -> None:
-        """Run the stages of several folders, ``threads`` at a time, or find them finished."""
-        started = time.monotonic()
-        stages = [
-            lambda progress, folder=folder, work=work: self._noted(folder, partial(work, progress))
-            for folder, work in works.items()
-        ]
-        side_by_side(stages, threads, progress)
-        self.took += time.monotonic() - started
-
-    def _noted(self, folder: str, work: Callable[[], Made]) -> Made:
         result = work()
         with self._lock:
             self._found[folder] = digest(self._run / folder / MARKER)
             write_json(self._run / STAGES, self._found)
         return result
+
+    def run_all(self, works: Mapping[str, Callable[[Progress], None]], threads: int, progress: Progress) -> None:
+        """Run the stages of several folders, ``threads`` at a time, or find them finished."""
+        stages = [
+            lambda progress, folder=folder, work=work: self.run(folder, partial(work, progress))
+            for folder, work in works.items()
+        ]
+        side_by_side(stages, threads, progress)
 
 
 def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:
@@ -194,9 +185,9 @@ def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:
 
 
 def _train_policies(config: Demo, stages: _Stages, progress: Progress) -> None:
-    """One thread per policy: a search waits for its slowest episode in every iteration, another one's need not."""
+    """One thread per policy: threads of one search would wait for its slowest episode in every iteration."""
     robot = load_robot(config.robot)
-    longest_first = sorted(_walks(config), key=lambda walk: walk.motors.physics_dt(robot))  # a last long one runs alone
+    longest_first = sorted(_walks(config), key=lambda walk: walk.motors.physics_dt(robot))  # or one would end up alone
     works = {
         f"walk/{walk.out.name}": partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first
     }

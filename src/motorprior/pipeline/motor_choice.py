@@ -149,7 +149,7 @@ class MotorChoice:
     """Delay of the PD's target [s]."""
 
     def physics_dt(self, robot: Robot) -> float:
-        """The step [s] these motors are simulated at: the robot's, or the longest that physical motors allow."""
+        """The step [s] that these motors are simulated at, see `Robot.physics_step`."""
         return robot.physics_step(PHYSICAL.longest_step) if self.actuator == "fleet" else robot.physics_dt
 
     def condition(self) -> str:

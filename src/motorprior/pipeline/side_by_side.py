@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from threading import Event
+from threading import Event, Lock, Thread
 from typing import TypeVar
 
 from motorprior.pipeline.progress import Progress, Task
@@ -16,31 +15,54 @@ Made = TypeVar("Made")
 def side_by_side(works: Sequence[Callable[[Progress], Made]], threads: int, progress: Progress) -> list[Made]:
     """Call every function with a `Progress`, at most ``threads`` at a time; returns their results in order.
 
-    When one fails, or the user interrupts, the others end at their next `Task.advance` as if interrupted themselves,
-    so that they keep what they keep then.
+    When one fails, or the user interrupts, KeyboardInterrupt is raised in the others at their next `Task.advance`, and
+    what waits is not begun.
 
     Raises:
         BaseException: what the first of them that failed raised, or KeyboardInterrupt.
     """
     if threads == 1:
         return [work(progress) for work in works]
-    stop = Event()
-    stoppable = _Stoppable(progress, stop)
-    with ThreadPoolExecutor(threads) as pool:
-        try:  # an interrupt may come as soon as the first has begun
-            futures = [pool.submit(work, stoppable) for work in works]
-            wait(futures, return_when=FIRST_EXCEPTION)
-        finally:
-            stop.set()  # changes nothing where all are done
-            pool.shutdown(cancel_futures=True)
-    failed = [error for future in futures if (error := _failure(future)) is not None]
+    stop, lock, waiting = Event(), Lock(), iter(enumerate(works))
+    made: dict[int, Made] = {}
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        while not stop.is_set():
+            with lock:
+                number, work = next(waiting, (None, None))
+            if number is None or work is None:
+                return
+            try:
+                made[number] = work(_Stoppable(progress, stop))
+            except BaseException as error:
+                failed.append(error)
+                stop.set()
+
+    _work_together([Thread(target=run) for _ in range(min(threads, len(works)))], stop, progress)
     for error in sorted(failed, key=lambda error: isinstance(error, KeyboardInterrupt)):
         raise error  # the cause comes before what it interrupted
-    return [future.result() for future in futures]
+    return [made[number] for number in range(len(works))]
 
 
-def _failure(future: Future) -> BaseException | None:
-    return None if future.cancelled() else future.exception()
+def _work_together(team: list[Thread], stop: Event, progress: Progress) -> None:
+    """Start the threads and wait for their ends; an interrupt sets ``stop`` first.
+
+    Not a ThreadPoolExecutor: interrupted while it starts a thread, it does not wait for that one.
+    """
+    try:
+        for thread in team:
+            thread.start()
+        for thread in team:
+            thread.join()
+    except KeyboardInterrupt:
+        progress.note("stopping: what is finished is kept")
+        raise
+    finally:
+        stop.set()
+        for thread in team:
+            if thread.ident is not None:  # it was started
+                thread.join()
 
 
 class _Stoppable:

@@ -1,9 +1,9 @@
 """A stage of work in a folder: finished or not, and whether what is there is what is asked for.
 
 ``stage.json`` is written last. It holds the resolved settings, the contents of the recipe, the digests of the
-inputs and of the code, the version, and the seconds that the stage took; a stage whose file says the same, whatever
-its seconds, is not run again, so an interrupted demo continues where it stopped. No path is part of it: a folder that
-was moved or copied is still finished.
+inputs and of the code, the version, and the seconds that the stage took, its share of them where several stages ran
+side by side; a stage whose file says the same, whatever its seconds, is not run again, so an interrupted demo continues
+where it stopped. No path is part of it: a folder that was moved or copied is still finished.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _NEEDS = {"validate": ("adapt",)}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
-    *(f"pipeline/{name}.py" for name in ("progress", "stage", "demo", "report", "speed", "raw_logs")),
+    *(f"pipeline/{name}.py" for name in ("progress", "side_by_side", "stage", "demo", "report", "speed", "raw_logs")),
     *("pipeline/train_policy.py", "pipeline/comparison.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
 )
@@ -132,7 +132,7 @@ def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
 
 
 def seconds_of(folder: Path) -> float:
-    """How long the finished stage in ``folder`` took [s], interrupted runs included.
+    """Seconds of the finished stage in ``folder``, see `Stopwatch`.
 
     Raises:
         ArtifactError: no finished stage, or a damaged marker.
@@ -163,6 +163,8 @@ class _SharedTime:
 
     def __init__(self):
         self._lock, self._running, self._seconds, self._read = Lock(), 0, 0.0, time.monotonic()
+        self.busy = 0.0
+        """Seconds of the clock with at least one stage."""
 
     def now(self) -> float:
         """So far."""
@@ -173,11 +175,18 @@ class _SharedTime:
         with self._lock:
             now = time.monotonic()
             self._seconds += (now - self._read) / max(1, self._running)
+            self.busy += (now - self._read) * (self._running > 0)
             self._read, self._running = now, self._running + more
             return self._seconds
 
 
 _SHARED_TIME = _SharedTime()
+
+
+def seconds_in_stages() -> float:
+    """Seconds of this process in which at least one stage was at work: what the seconds of its stages add up to."""
+    _SHARED_TIME.now()
+    return _SHARED_TIME.busy
 
 
 class Stopwatch:

@@ -286,7 +286,11 @@ def times(seconds: Mapping[str, float]) -> Section:
         seconds: kind of stage -> seconds of all of its kind.
     """
     rows = tuple((kind, round(took, 1)) for kind, took in seconds.items())
-    table = Table(("stage", "seconds"), rows, "Wall clock of the finished stages, interrupted runs included.")
+    table = Table(
+        ("stage", "seconds"),
+        rows,
+        "Interrupted runs included; stages side by side share the time.",
+    )
     return Section("Where the time goes", f"{sum(seconds.values()):.0f} s of work.", tables=(table,))
 
 

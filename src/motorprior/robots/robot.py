@@ -198,11 +198,11 @@ class Robot:
         return self.fleets[0][0]
 
     def physics_step(self, longest: float) -> float:
-        """Step [s] at which motors whose longest is ``longest`` [s] are simulated in training.
+        """Physics step [s] for motors that allow at most ``longest`` [s].
 
-        The robot's own where that is short enough; otherwise the twin's, or a still shorter ``longest``.
+        The robot's own for motors that allow any; otherwise ``twin_physics_dt``, or ``longest`` if that is shorter.
         """
-        return self.physics_dt if self.physics_dt <= longest else min(longest, self.twin_physics_dt)
+        return self.physics_dt if math.isinf(longest) else min(longest, self.twin_physics_dt)
 
     def require_legs(self) -> None:
         """Refuse a robot that cannot walk.

@@ -219,7 +219,7 @@ class WalkSimulator:
         conditions = self._walk.randomization.conditions(robot, seed, steps)
         motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
         sensors = self._walk.randomization.sensors(robot, seed, steps)
-        weights = np.asfortranarray(policy[0])  # `act` sums over all actions at once: side by side in memory
+        weights = np.asfortranarray(policy[0])  # the inner loop of `act` runs over the actions
         mean, m2 = np.zeros_like(policy[1]), np.zeros_like(policy[1])
         qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
         total, done, fault = _episode(
