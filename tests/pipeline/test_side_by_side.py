@@ -25,6 +25,7 @@ def patient(ended: list[str], began: Event | None = None) -> Callable[[Progress]
                     Event().wait(0.001)
                     task.advance()
             except KeyboardInterrupt:
+                Event().wait(0.3)  # keeping takes time
                 ended.append("kept")
                 raise
 
@@ -58,7 +59,12 @@ def test_a_failure_interrupts_the_others_and_is_raised():
 @pytest.mark.parametrize("threads", [2, 3])
 def test_an_interrupt_reaches_every_thread(threads: int):
     ended: list[str] = []
-    meeting = Barrier(threads, action=lambda: os.kill(os.getpid(), signal.SIGINT), timeout=60.0)
+
+    def interrupt() -> None:
+        Event().wait(0.2)  # all threads are started by then, and waited for
+        os.kill(os.getpid(), signal.SIGINT)
+
+    meeting = Barrier(threads, action=interrupt, timeout=60.0)
 
     def work(progress: Progress) -> Any:
         with progress.start("first", 1):

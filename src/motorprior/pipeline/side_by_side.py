@@ -27,42 +27,46 @@ def side_by_side(works: Sequence[Callable[[Progress], Made]], threads: int, prog
     made: dict[int, Made] = {}
     failed: list[BaseException] = []
 
-    def run() -> None:
+    def run(ended: Event) -> None:
         while not stop.is_set():
             with lock:
                 number, work = next(waiting, (None, None))
             if number is None or work is None:
-                return
+                break
             try:
                 made[number] = work(_Stoppable(progress, stop))
             except BaseException as error:
                 failed.append(error)
                 stop.set()
+        ended.set()
 
-    _work_together([Thread(target=run) for _ in range(min(threads, len(works)))], stop, progress)
+    _work_together(run, min(threads, len(works)), stop, progress)
     for error in sorted(failed, key=lambda error: isinstance(error, KeyboardInterrupt)):
         raise error  # the cause comes before what it interrupted
     return [made[number] for number in range(len(works))]
 
 
-def _work_together(team: list[Thread], stop: Event, progress: Progress) -> None:
-    """Start the threads and wait for their ends; an interrupt sets ``stop`` first.
+def _work_together(run: Callable[[Event], None], threads: int, stop: Event, progress: Progress) -> None:
+    """Call ``run`` in every thread and wait until each has set its event; an interrupt sets ``stop`` first.
 
-    Not a ThreadPoolExecutor: interrupted while it starts a thread, it does not wait for that one.
+    Not a ThreadPoolExecutor: interrupted while it starts a thread, it does not wait for that one. And no waiting in
+    Thread.join: interrupted there, Python takes a thread that runs for one that has ended (CPython issue 90882).
     """
+    events = [Event() for _ in range(threads)]
+    team = [Thread(target=run, args=(event,)) for event in events]
     try:
         for thread in team:
             thread.start()
-        for thread in team:
-            thread.join()
+        for event in events:
+            event.wait()
     except KeyboardInterrupt:
         progress.note("stopping: what is finished is kept")
         raise
     finally:
         stop.set()
-        for thread in team:
+        for thread, event in zip(team, events, strict=True):
             if thread.ident is not None:  # it was started
-                thread.join()
+                event.wait()
 
 
 class _Stoppable:
