@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Callable
+from functools import partial
 from threading import Barrier, Event
 from typing import Any
 
@@ -13,8 +14,8 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import side_by_side
 
 
-def patient(ended: list[str], began: Event | None = None) -> Callable[[Progress], None]:
-    """Work that goes on until it is interrupted."""
+def patient(ended: list[str], began: Event | None = None, seconds: float = 0.1) -> Callable[[Progress], None]:
+    """Work that goes on until it is interrupted, and then takes some seconds to keep what it has."""
 
     def work(progress: Progress) -> None:
         with progress.start("long", 1) as task:
@@ -25,7 +26,7 @@ def patient(ended: list[str], began: Event | None = None) -> Callable[[Progress]
                     Event().wait(0.001)
                     task.advance()
             except KeyboardInterrupt:
-                Event().wait(0.3)  # keeping takes time
+                Event().wait(seconds)
                 ended.append("kept")
                 raise
 
@@ -66,11 +67,11 @@ def test_an_interrupt_reaches_every_thread(threads: int):
 
     meeting = Barrier(threads, action=interrupt, timeout=60.0)
 
-    def work(progress: Progress) -> Any:
+    def work(progress: Progress, seconds: float) -> Any:
         with progress.start("first", 1):
             meeting.wait()
-        return patient(ended)(progress)
+        return patient(ended, seconds=seconds)(progress)
 
     with pytest.raises(KeyboardInterrupt):
-        side_by_side([work] * threads, threads, SILENT)
+        side_by_side([partial(work, seconds=0.5 / (n + 1)) for n in range(threads)], threads, SILENT)
     assert ended == ["kept"] * threads
