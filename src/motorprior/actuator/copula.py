@@ -15,8 +15,8 @@ import numpy as np
 
 SCORES = np.array([-2.0537, -1.2816, -0.6745, -0.2533, 0.0, 0.2533, 0.6745, 1.2816, 2.0537])
 """Standard normal quantiles of LEVELS."""
-_STEPS = np.diff(SCORES)[:, None]
 LEVELS = (0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98)
+_STEPS = np.diff(SCORES)[:, None]
 
 
 def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:

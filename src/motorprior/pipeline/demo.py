@@ -236,13 +236,14 @@ def _walks(config: Demo) -> list[Walk]:
         "tuned_pd": MotorChoice("pd", fleet=config.fleet, **tuned),
         "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, fleet=config.fleet),
     }
+    policies = config.seeds * len(conditions)
     return [
         Walk(
             config.out / "walk" / f"{name}_{seed}",
             motors,
             iterations=config.iterations,
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
-            workers=1,
+            workers=max(1, config.workers // policies),  # more than one where cores are left over
             robot=config.robot,
         )
         for seed in range(config.seeds)

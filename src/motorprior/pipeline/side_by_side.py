@@ -24,6 +24,7 @@ def side_by_side(works: Sequence[Callable[[Progress], Made]], threads: int, prog
     if threads == 1:
         return [work(progress) for work in works]
     stop, lock, waiting = Event(), Lock(), iter(enumerate(works))
+    stoppable = _Stoppable(progress, stop)
     made: dict[int, Made] = {}
     failed: list[BaseException] = []
 
@@ -34,15 +35,15 @@ def side_by_side(works: Sequence[Callable[[Progress], Made]], threads: int, prog
             if number is None or work is None:
                 break
             try:
-                made[number] = work(_Stoppable(progress, stop))
+                made[number] = work(stoppable)
             except BaseException as error:
                 failed.append(error)
                 stop.set()
         ended.set()
 
     _work_together(run, min(threads, len(works)), stop, progress)
-    for error in sorted(failed, key=lambda error: isinstance(error, KeyboardInterrupt)):
-        raise error  # the cause comes before what it interrupted
+    if failed:  # the cause, not what it interrupted
+        raise min(failed, key=lambda error: isinstance(error, KeyboardInterrupt))
     return [made[number] for number in range(len(works))]
 
 
