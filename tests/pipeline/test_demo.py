@@ -89,7 +89,7 @@ def test_real_logs_have_their_figures(demo: Run):
 
 
 def test_shares_are_shares(demo: Run):
-    shares = [name for name in demo.figures if name.startswith(("own_upright/", "twin_upright/", "mj_step_share/"))]
+    shares = [name for name in demo.figures if name.startswith(("own_upright/", "twin_upright/"))]
     assert [name for name in shares if not 0.0 <= demo.figures[name] <= 1.0] == []
 
 
