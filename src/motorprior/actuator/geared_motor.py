@@ -1,7 +1,7 @@
 """The geared motor of a grey box, compiled: constants decoded from a latent z, state as rows of a memory.
 
-    log θ = center + zᵀ·slope            θ: the 14 PARAMETERS, kept within e^±LOG_REACH of the centre;
-                                         encoder_zero = ZERO_SCALE·(center + zᵀ·slope), which may be negative
+    log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the motor's terms, kept within e^±LOG_REACH
+                                         of the centre; linear for those that may be negative (`servo_terms.SIGNED`)
 
 The formula of a step is that of `geared_motor_step`, traced into compiled code with one lane per motor.
 """
@@ -20,6 +20,8 @@ from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from motorprior.actuator.geared_motor_step import (
+    BASE_CONSTANTS,
+    BASE_STATE,
     LOG_REACH,
     LONGEST_DELAY,
     MotorState,
@@ -28,6 +30,7 @@ from motorprior.actuator.geared_motor_step import (
     step,
     step_constants,
 )
+from motorprior.actuator.servo_terms import TERMS
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -35,29 +38,32 @@ from motorprior.delay_line import fill_line, interpolated, write_line
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
 """Row of the table."""
 _DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(len(MotorState._fields))
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(BASE_STATE)
+_REFERENCE = MotorState._fields.index("reference")
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
 """Rows of the memory: the state, the delayed target, the delay line."""
 
 
 @dataclass(frozen=True)
 class GearedMotor:
-    """Linear map from z to the logarithms of the constants; P = 14 parameters, Z latents."""
+    """Linear map from z to the logarithms of the constants; P parameters, Z latents."""
 
     center: np.ndarray
     """(P,)"""
     slope: np.ndarray
     """(Z, P)"""
+    terms: tuple[str, ...] = ()
+    """of `servo_terms`, in their order there"""
 
-    def decode(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) constants by name of motors with latents z (n, Z)."""
+    def decode(self, z: np.ndarray, warmth: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
+        """(n,) constants by name of motors with latents z (n, Z), at this warmth (`servo_terms`)."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
-        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), np)
+        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), np, self.terms, warmth)
 
 
-def motor_table(values: dict[str, np.ndarray], physics_dt: float) -> np.ndarray:
-    """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]."""
-    return np.stack(step_constants(values, physics_dt, np))
+def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
+    """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
+    return np.stack([row for row in step_constants(values, physics_dt, np, terms) if row is not None])
 
 
 def memory_rows(physics_dt: float) -> int:
@@ -70,6 +76,7 @@ def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_po
     """Rotor at rest above the joint, in the middle of the backlash."""
     memory[:_LINE, :] = 0.0
     memory[ROTOR_POS, :] = joint_pos
+    memory[_REFERENCE, :] = position_target
     fill_line(memory, _LINE, position_target)
 
 
@@ -81,7 +88,7 @@ def _listen(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.nda
         memory[TARGET, motor] = interpolated(memory, _LINE, newest, p[_DELAY, motor] + 0.5, motor)
 
 
-def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any) -> None:
+def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:
     """One physics step for ``width`` neighbouring motors.
 
     Args:
@@ -90,20 +97,23 @@ def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any) ->
         columns: of table, memory, joint_pos, joint_vel, torque and damping: (address of the first motor's element in
             the first row, bytes from row to row).
         physics_dt: [s].
+        terms: that are computed.
     """
     table, memory, *vectors = columns
+    constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
+    states = len(MotorState._fields) if terms else BASE_STATE
 
     def read(column: Any, row: int = 0) -> Vector:
         return Vector.load(builder, _row(builder, column, row), width)
 
-    p = StepConstants(*(read(table, row) for row in range(len(StepConstants._fields))))
-    state = MotorState(*(read(memory, row) for row in range(len(MotorState._fields))))
+    p = StepConstants(*(read(table, row) for row in range(constants)))
+    state = MotorState(*(read(memory, row) for row in range(states)))
     q, dq = (read(column) for column in vectors[:2])
     h = Vector.broadcast(builder, physics_dt, width)
-    state, torque, damping = step(p, state, read(memory, TARGET), q, dq, h, LANE_ARITHMETIC)
+    state, torque, damping = step(p, state, read(memory, TARGET), q, dq, h, LANE_ARITHMETIC, terms)
     torque.store(_row(builder, vectors[2], 0))
     damping.store(_row(builder, vectors[3], 0))
-    for row, value in enumerate(state):
+    for row, value in enumerate(state[:states]):
         value.store(_row(builder, memory, row))
 
 
@@ -113,8 +123,8 @@ def _row(builder: Any, column: Any, row: int) -> Any:
     return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
 
 
-def _stepper(width: int) -> Any:
-    """An intrinsic that steps ``width`` motors."""
+def _stepper(width: int, terms: tuple[str, ...]) -> Any:
+    """An intrinsic that steps ``width`` motors with these terms."""
 
     def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
         """From motor number ``first`` on; the arrays are those of `step_geared_motor`."""
@@ -129,7 +139,7 @@ def _stepper(width: int) -> Any:
                 _column(context, builder, kind, value, first)
                 for kind, value in zip(signature.args[1:], values, strict=False)
             ]
-            _emit_step(builder, width, columns, physics_dt)
+            _emit_step(builder, width, columns, physics_dt, terms)
             return context.get_dummy_value()
 
         return signature, codegen
@@ -145,7 +155,8 @@ def _column(context: Any, builder: Any, kind: Any, value: Any, index: Any) -> tu
     return first, cgutils.unpack_tuple(builder, array.strides)[0]
 
 
-_step_eight, _step_four, _step_one = _stepper(8), _stepper(4), _stepper(1)
+_step_eight, _step_four, _step_one = (_stepper(width, ()) for width in (8, 4, 1))
+_servo_eight, _servo_one = (_stepper(width, tuple(TERMS)) for width in (8, 1))
 
 
 @njit(cache=True, nogil=True)
@@ -163,7 +174,8 @@ def step_geared_motor(
     """Write (n,) torque [N·m] and damping [N·m·s/rad] for the physics step that begins now.
 
     Args:
-        p: (rows, n) of `motor_table` for this step. All arrays are contiguous.
+        p: (rows, n) of `motor_table` for this step; more than BASE_CONSTANTS for motors with terms. All arrays are
+            contiguous.
         memory: (rows, n) state.
         now: steps since the reset.
         physics_dt: [s].
@@ -174,9 +186,15 @@ def step_geared_motor(
         damping: (n,) overwritten.
     """
     _listen(p, memory, now, position_target)
-    n, first = torque.shape[0], 0
+    n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS
     while first < n:
-        if n - first >= 8:
+        if servo and n - first >= 8:
+            _servo_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 8
+        elif servo:
+            _servo_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 1
+        elif n - first >= 8:
             _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
             first += 8
         elif n - first >= 4:

@@ -19,12 +19,23 @@ t is v̄ = (v + v')/2:
 The joint gets torque = τ_gear + d·dq and damping d = (gear_damping + h·gear_stiffness)/2 while the gear touches, for
 the engine to integrate implicitly: a stiff gear on a light shank then stays stable. What that takes from the joint is
 given back to the rotor one step later, so that momentum is kept.
+
+A motor may have further terms: a firmware's profile, an integral, a voltage limit and others (`servo_terms`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
+
+from motorprior.actuator.servo_terms import (
+    ABSENT,
+    LARGEST_SHARE,
+    SIGNED,
+    constants_of,
+    profiled,
+    within_voltage,
+)
 
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
@@ -39,11 +50,14 @@ LONGEST_DELAY = 0.04
 """[s]; a motor keeps its commands for so long."""
 LOG_REACH = 2.5
 """A constant of a drawn motor is within a factor of 12 of the central motor's."""
-ZERO_SCALE = 0.05
+ZERO_SCALE = SIGNED["encoder_zero"]
 """[rad]"""
 STRIBECK_VELOCITY = 0.3
 """[rad/s]"""
-_ENCODER_ZERO = PARAMETERS.index("encoder_zero")
+_TINY = 1e-12
+"""Keeps the derivative of a root at 0 finite."""
+_WEAKENED = ("kp", "torque_limit", "integral_limit")
+"""Constants that are torques of the law, which heat weakens."""
 
 Values = Any
 """Numbers of as many motors as are stepped at once, in the arithmetic's own type."""
@@ -62,6 +76,8 @@ class Arithmetic(NamedTuple):
     """max(x, 0); what is not a number stays it."""
     with_sign_of: Callable[[Values, Values], Values]
     """(magnitude, other): the magnitude, with the sign of ``other``."""
+    sqrt: Callable[[Values], Values]
+    """Of numbers that are not negative."""
 
 
 def array_arithmetic(xp: Any) -> Arithmetic:
@@ -75,6 +91,7 @@ def array_arithmetic(xp: Any) -> Arithmetic:
         clip=lambda x, limit: xp.clip(x, -limit, limit),
         positive_part=lambda x: xp.maximum(x, 0.0),
         with_sign_of=lambda magnitude, other: xp.sign(other) * magnitude,
+        sqrt=lambda x: xp.sqrt(x + _TINY),
     )
 
 
@@ -100,6 +117,17 @@ class StepConstants(NamedTuple):
     encoder_zero: Values
     mean_filter_gain: Values
     """the same share, of the filtered velocity's mean over the step [-]"""
+    output_encoder: Values = None
+    """1 where the law sees the joint, 0 where it sees the rotor; this and what follows only with terms"""
+    profile_speed: Values = None
+    profile_acceleration: Values = None
+    dead_zone: Values = None
+    integral_rate: Values = None
+    integral_limit: Values = None
+    stall_torque: Values = None
+    no_load_speed: Values = None
+    asymmetry: Values = None
+    bristle_stiffness: Values = None
 
 
 class MotorState(NamedTuple):
@@ -112,24 +140,51 @@ class MotorState(NamedTuple):
     """at the step before"""
     damping: Values
     """that the engine was given at the step before"""
+    reference: Values = None
+    """of the firmware's profile [rad]; this and what follows only with terms"""
+    reference_vel: Values = None
+    """[rad/s]"""
+    integral: Values = None
+    """[N·m]"""
+    bristle: Values = None
+    """deflection of the bristle [rad]"""
 
 
-def decode(raw: Values, xp: Any) -> dict[str, Values]:
+BASE_CONSTANTS = StepConstants._fields.index("output_encoder")
+BASE_STATE = MotorState._fields.index("reference")
+"""Number of fields that every motor has."""
+
+
+def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the constants of motors with these terms, in the order of the decoder's outputs."""
+    return PARAMETERS + constants_of(terms)
+
+
+def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), warmth: Any = 0.0) -> dict[str, Values]:
     """Constants by name, each (…), from the decoder's outputs (…, P); the array module ``xp`` is numpy or jax.numpy.
 
-    exp(raw) for every one but encoder_zero = ZERO_SCALE·raw, which may be negative; no delay is above LONGEST_DELAY.
+    exp(raw) for every one but those of `servo_terms.SIGNED`; no delay is above LONGEST_DELAY. Of motors with the term
+    ``heat`` the law's torques are those at ``warmth`` (…), 0 to 1.
     """
-    values = {name: xp.exp(raw[..., row]) for row, name in enumerate(PARAMETERS)}
+    values = {
+        name: SIGNED[name] * raw[..., row] if name in SIGNED else xp.exp(raw[..., row])
+        for row, name in enumerate(parameters_of(terms))
+    }
     values["delay"] = xp.minimum(values["delay"], LONGEST_DELAY)
-    values["encoder_zero"] = ZERO_SCALE * raw[..., _ENCODER_ZERO]
+    for share in ("asymmetry", "heat_loss"):
+        if share in values:
+            values[share] = xp.clip(values[share], -LARGEST_SHARE, LARGEST_SHARE)
+    if "heat" in terms:
+        left = 1.0 - values["heat_loss"] * warmth
+        values |= {name: left * values[name] for name in _WEAKENED if name in values}
     return values
 
 
-def step_constants(values: dict[str, Values], h: float, xp: Any) -> StepConstants:
+def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[str, ...] = ()) -> StepConstants:
     """Constants for steps of ``h`` [s] from constants by name; ``xp`` as in `decode`.
 
     Of a filter with time constant T, the velocity after a step moves by 1 - exp(-h/T) towards the input, its mean over
-    the step by 1 - (1 - exp(-h/T))·T/h.
+    the step by 1 - (1 - exp(-h/T))·T/h. With any term on, the constants of the others are those that do nothing.
     """
     steps = h / values["velocity_filter"]
     gain = -xp.expm1(-steps)
@@ -142,11 +197,22 @@ def step_constants(values: dict[str, Values], h: float, xp: Any) -> StepConstant
         "half_backlash": 0.5 * values["backlash"],
         "mean_filter_gain": 1.0 - gain / steps,
     }
+    if terms:
+        nothing = xp.zeros_like(gain)
+        changed |= {name: values.get(name, nothing + absent) for name, absent in ABSENT.items()}
+        changed["output_encoder"] = nothing + ("output_encoder" in terms)
     return StepConstants(**(same | changed))
 
 
 def step(
-    p: StepConstants, state: MotorState, target: Values, q: Values, dq: Values, h: Any, arithmetic: Arithmetic
+    p: StepConstants,
+    state: MotorState,
+    target: Values,
+    q: Values,
+    dq: Values,
+    h: Any,
+    arithmetic: Arithmetic,
+    terms: tuple[str, ...] = (),
 ) -> tuple[MotorState, Values, Values]:
     """Advance motors by one step.
 
@@ -158,11 +224,15 @@ def step(
         dq: joint velocity [rad/s].
         h: length of the step [s].
         arithmetic: of the values.
+        terms: of `servo_terms` that are computed.
 
     Returns:
         The state after the step, and for the engine torque [N·m] and damping [N·m·s/rad] of the joint.
     """
     where = arithmetic.where
+    if "profile" in terms:
+        state = profiled(p, state, target, h, arithmetic)
+        target = state.reference
     r, filtered, half_h = state.rotor_pos, state.filtered_vel, 0.5 * h
     # the momentum that the engine's implicit damping took from the joint
     v = state.rotor_vel + h * state.damping * (dq - state.joint_vel) / p.armature
@@ -179,24 +249,73 @@ def step(
 
     ratio = v / STRIBECK_VELOCITY
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
-    friction = h * (friction + p.load_friction * abs(gear))
+    friction = friction + p.load_friction * abs(gear)
     # forces are those at v, plus their slopes times v̄ - v = (v' - v)/2
-    push = p.kp * (target - r - p.encoder_zero) - p.kd * (filtered + p.mean_filter_gain * (v - filtered))
-    braking = p.kd * p.mean_filter_gain + half_h * p.kp
+    seen, seen_vel, follows = r, v, 1.0
+    if "output_encoder" in terms:
+        seen, seen_vel = r + p.output_encoder * (q - r), v + p.output_encoder * (dq - v)
+        follows = 1.0 - p.output_encoder * (1.0 - contact)
+    error, live = target - seen - p.encoder_zero, 1.0
+    if "dead_zone" in terms:
+        live = arithmetic.indicator(abs(error) > p.dead_zone)
+        error = error - arithmetic.clip(error, p.dead_zone)
+    push = p.kp * error - p.kd * (filtered + p.mean_filter_gain * (seen_vel - filtered))
+    if "integral" in terms:
+        state = state._replace(
+            integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
+        )
+        push = push + state.integral
+    braking = (p.kd * p.mean_filter_gain + half_h * p.kp * live) * follows
     inertia = p.armature + half_h * (lead + p.viscous_damping)
     carried = inertia * v - h * (gear + p.viscous_damping * v)
-    free = _after_friction(carried + h * push + half_h * braking * v, friction, arithmetic)
-    free = free / (inertia + half_h * braking)
+    dry = _Dry(p, state.bristle, friction, h, arithmetic, terms)
+    free, bristle = dry.after(carried + h * push + half_h * braking * v, inertia + half_h * braking)
     law = push - 0.5 * braking * (free - v)
-    held = _after_friction(carried + h * arithmetic.clip(law, p.torque_limit), friction, arithmetic) / inertia
-    after = where(abs(law) > p.torque_limit, held, free)
+    bounded = arithmetic.clip(law, p.torque_limit)
+    if "torque_speed" in terms:
+        bounded = within_voltage(p, bounded, v, arithmetic)
+    held, other_bristle = dry.after(carried + h * bounded, inertia)
+    limited = abs(law) > p.torque_limit if "torque_speed" not in terms else abs(law - bounded) > 0.0
+    after = where(limited, held, free)
 
     mean = 0.5 * (v + after)
     torque = gear + lead * (mean - v) + damping * dq
-    moved = MotorState(r + h * after, after, filtered + p.filter_gain * (mean - filtered), dq, damping)
+    mean_seen = mean if "output_encoder" not in terms else seen_vel + follows * (mean - v)
+    moved = state._replace(
+        rotor_pos=r + h * after,
+        rotor_vel=after,
+        filtered_vel=filtered + p.filter_gain * (mean_seen - filtered),
+        joint_vel=dq,
+        damping=damping,
+    )
+    if "presliding" in terms:
+        moved = moved._replace(bristle=where(limited, other_bristle, bristle))
     return moved, torque, damping
 
 
-def _after_friction(impulse: Values, friction: Values, arithmetic: Arithmetic) -> Values:
-    """What dry friction leaves of an impulse: it can stop a rotor, never reverse it."""
-    return arithmetic.with_sign_of(arithmetic.positive_part(abs(impulse) - friction), impulse)
+class _Dry(NamedTuple):
+    """Dry friction of a rotor in one step."""
+
+    p: StepConstants
+    bristle: Values
+    friction: Values
+    """largest force [N·m]"""
+    h: Any
+    arithmetic: Arithmetic
+    terms: tuple[str, ...]
+
+    def after(self, impulse: Values, inertia: Values) -> tuple[Values, Values]:
+        """Rotor velocity after an impulse [N·m·s] on ``inertia``, and the bristle's new deflection.
+
+        Friction can stop a rotor, never reverse it.
+        """
+        arithmetic, friction = self.arithmetic, self.friction
+        if "asymmetry" in self.terms:
+            friction = friction * (1.0 + arithmetic.where(impulse > 0.0, self.p.asymmetry, -self.p.asymmetry))
+        if "presliding" not in self.terms:
+            left = arithmetic.positive_part(abs(impulse) - self.h * friction)
+            return arithmetic.with_sign_of(left, impulse) / inertia, self.bristle
+        stiffness = self.p.bristle_stiffness
+        yielding = (impulse - self.h * stiffness * self.bristle) / (inertia + self.h * self.h * stiffness)
+        force = arithmetic.clip(stiffness * (self.bristle + self.h * yielding), friction)
+        return (impulse - self.h * force) / inertia, force / stiffness

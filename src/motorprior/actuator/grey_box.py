@@ -24,7 +24,8 @@ SCALES = 4
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Rotor at rest, histories filled with the present."""
-    reset_network(arrays, position_target, joint_pos)
+    if arrays.weights.shape[0] > 0:
+        reset_network(arrays, position_target, joint_pos)
     reset_geared_motor(arrays.memory[1:], position_target, joint_pos)
 
 
@@ -37,10 +38,12 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) torque [N·m] and ``arrays.damping``: the gear's, plus the network's torque, renewed every period."""
+    """Write (n,) torque [N·m] and ``arrays.damping``: the gear's, plus that of a network, renewed every period."""
     arrays, torque = borrowed(arrays), borrowed(torque)
     position_target, joint_pos, joint_vel = borrowed(position_target), borrowed(joint_pos), borrowed(joint_vel)
-    renew_torque(arrays, position_target, joint_pos, joint_vel)
+    has_network = arrays.weights.shape[0] > 0
+    if has_network:
+        renew_torque(arrays, position_target, joint_pos, joint_vel)
     step_geared_motor(
         arrays.parameters[SCALES:],
         arrays.memory[1:],
@@ -52,8 +55,9 @@ def _step(
         torque,
         arrays.damping,
     )
-    for motor in range(torque.shape[0]):
-        torque[motor] += arrays.memory[0, motor]
+    if has_network:
+        for motor in range(torque.shape[0]):
+            torque[motor] += arrays.memory[0, motor]
 
 
 def _limit_stiffness(arrays: ActuatorArrays, largest: float) -> None:

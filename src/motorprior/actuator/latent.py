@@ -107,9 +107,15 @@ class LatentNetwork:
         return z if self.copula is None else self.copula.decoder_latents(z)
 
     def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name, of a grey box."""
+        """(n,) physical constants by name, of a grey box; of one that warms, those of a cold motor."""
         assert self.motor is not None
         return self.motor.decode(self.decoder_latents(z))
+
+    def warmth(self, z: np.ndarray, seconds: float) -> np.ndarray | float:
+        """(n,) warmth of a grey box's motors with latents z (n, Z), ``seconds`` [s] after a cold start; 0 if they have none."""
+        if self.motor is None or "heat" not in self.motor.terms:
+            return 0.0
+        return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
 
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z); that of a grey box is inside its motor."""
@@ -135,10 +141,11 @@ class LatentNetwork:
 
 @dataclass(frozen=True)
 class LatentActuator:
-    """n learned motors: one network, one z (n, Z) each."""
+    """n learned motors: one network, one z (n, Z) each, and how warm they are (`servo_terms`)."""
 
     network: LatentNetwork
     z: np.ndarray
+    warmth: np.ndarray | float = 0.5
 
     @property
     def kind(self) -> ActuatorKind:
@@ -182,8 +189,8 @@ class LatentActuator:
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
-            values = net.motor.decode(latents[: self.num_motors])
-            parameters = np.concatenate([parameters, motor_table(values, physics_dt)])
+            values = net.motor.decode(latents[: self.num_motors], self.warmth)
+            parameters = np.concatenate([parameters, motor_table(values, physics_dt, net.motor.terms)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(
             law=self.kind.law,

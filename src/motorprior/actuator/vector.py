@@ -129,7 +129,11 @@ def _with_sign_of(magnitude: Vector, other: Vector) -> Vector:
     return magnitude._call("copysign", magnitude, other)
 
 
-LANE_ARITHMETIC = Arithmetic(_where, _indicator, _clip, _positive_part, _with_sign_of)
+def _sqrt(x: Vector) -> Vector:
+    return x._call("sqrt", x)
+
+
+LANE_ARITHMETIC = Arithmetic(_where, _indicator, _clip, _positive_part, _with_sign_of, _sqrt)
 
 
 def _pointer(builder: Any, address: Any, width: int) -> Any:

@@ -11,16 +11,10 @@ import numpy as np
 
 from motorprior.actuator.latent import scaled_torque
 from motorprior.identification.closed_loop import closed_loop
+from motorprior.identification.loss import SCALES, huber, huber_curvature
 from motorprior.identification.network import Parameters, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, Measured
-
-POSITION_SCALE = 0.01
-"""Position error at which the rollout loss turns from quadratic to linear [rad]."""
-VELOCITY_SCALE = 0.3
-"""Velocity error at which the rollout loss turns from quadratic to linear [rad/s]."""
-TORQUE_SCALE = 0.3
-"""Torque error at which the rollout loss turns from quadratic to linear [N·m]."""
 
 Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
 """(parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals."""
@@ -88,11 +82,6 @@ def torque_objective(preset: Preset, scales: dict[str, float], measured: Measure
     return Objective(residuals, jnp.square, lambda r: jnp.full_like(r, 2.0), 1.0)
 
 
-def huber(x: jnp.ndarray) -> jnp.ndarray:
-    """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
-    return jnp.sqrt(1.0 + x**2) - 1.0
-
-
 def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
     """The rollout loss: errors of simulated positions and velocities, and of torques if the log has them.
 
@@ -105,11 +94,11 @@ def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measur
     rollout = closed_loop(preset, scales, bounded, measured.at_rotor)
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
-        position, velocity, torque = rollout(parameters, windows, z)
-        scaled = [position / POSITION_SCALE, velocity / VELOCITY_SCALE, torque / TORQUE_SCALE]
-        return jnp.concatenate(scaled[: 3 if measured.torque else 2])
+        errors = rollout(parameters, windows, z)
+        scaled = [error / scale for error, scale in zip(errors, SCALES, strict=True)]
+        return jnp.concatenate(scaled[: measured.channels])
 
-    return Objective(residuals, huber, lambda r: (1.0 + r**2) ** -1.5, 3.0 if measured.torque else 2.0)
+    return Objective(residuals, huber, huber_curvature, float(measured.channels))
 
 
 OBJECTIVES = {"torque": torque_objective, "rollout": rollout_objective}

@@ -24,22 +24,29 @@ class Measured:
     torque: bool
     at_rotor: bool = False
 
+    @property
+    def channels(self) -> int:
+        """Number of errors per sample of a rollout: of position, velocity and, if it was measured, torque."""
+        return 3 if self.torque else 2
+
 
 @dataclass(frozen=True)
 class TrainingData:
     """Logs of M motors with R rows each.
 
     Attributes:
-        series: (M, R, 6) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
-            has none), external_torque, load_inertia. For a rollout the velocities are those of half a period earlier
+        series: (M, R, 7) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
+            has none), external_torque, load_inertia, seconds since the log began. For a rollout the velocities are those of half a period earlier
             and the torques are averages centred on the sample, as a semi-implicit step needs them.
         starts: (S,) first rows of the windows that lie inside one segment.
+        parts: rows of each segment.
         measured: measured channels.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
     """
 
     series: np.ndarray
     starts: np.ndarray
+    parts: tuple[slice, ...]
     scales: dict[str, float]
     measured: Measured
 
@@ -48,7 +55,7 @@ _REMEDIES = {
     "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import` and its option `hung`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
-TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA = range(6)
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS = range(7)
 MEANS = (VEL, TORQUE, EXTERNAL)
 """Channels of `TrainingData.series` that are averaged with the row before for a rollout."""
 
@@ -70,6 +77,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.joint_torque,
         log.external_torque,
         log.load_inertia,
+        np.broadcast_to((log.time - log.time[0])[:, None], log.joint_pos.shape),
     )
     series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
     if preset.objective == "rollout":
@@ -77,6 +85,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=_window_starts(log, preset, where),
+        parts=tuple(log.segment_slices()),
         scales=_scales(log, where),
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )

@@ -1,0 +1,91 @@
+"""What some motors do beyond the geared motor of `geared_motor_step`: terms that a motor prior has or lacks as a whole.
+
+A term is on or off for all motors of a prior; where it is off its formula is not even compiled for training. All
+quantities at the output shaft, h is the step. In the order in which they act:
+
+    profile        the firmware moves a reference towards the target, at most so fast and so accelerated that it can
+                   stop in time:  w = sign(d)·min(profile_speed, √(2·profile_acceleration·|d|), |d|/h),
+                   d = target - reference;  the reference's velocity changes towards w by at most
+                   profile_acceleration·h. Its position replaces the target. (Dynamixel, Feetech: profile velocity,
+                   profile acceleration, goal speed)
+    output_encoder the law sees the joint instead of the rotor. While the gear touches, the joint is taken to change its
+                   speed as the rotor does, so that the law is as implicit as with an encoder on the rotor.
+    dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
+    integral       torque I is added to the law:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)      (PI-D law)
+    torque_speed   |torque of the law| <= stall_torque·(1 - v/no_load_speed) in the driving direction (voltage limit)
+    asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
+    presliding     dry friction is a bristle's force, σ·z, at most F:  z' = z + h·v' until σ·|z| = F. So a rotor at rest
+                   yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
+    heat           torques of the law fall to (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) after t seconds of
+                   log; where the time is not known, warmth is drawn from [0, 1]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+TERMS: dict[str, tuple[str, ...]] = {
+    "profile": ("profile_speed", "profile_acceleration"),
+    "output_encoder": (),
+    "dead_zone": ("dead_zone",),
+    "integral": ("integral_rate", "integral_limit"),
+    "torque_speed": ("stall_torque", "no_load_speed"),
+    "asymmetry": ("asymmetry",),
+    "presliding": ("bristle_stiffness",),
+    "heat": ("heat_loss", "heat_time"),
+}
+"""Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
+integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], asymmetry [-], bristle_stiffness σ
+[N·m/rad], heat_loss [-], heat_time [s]."""
+ABSENT = {
+    "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
+    "stall_torque": 1e9, "no_load_speed": 1e9, "asymmetry": 0.0, "bristle_stiffness": 1e9,
+}  # fmt: skip
+"""Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
+INITIAL = {
+    "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
+    "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "asymmetry": 0.0, "bristle_stiffness": 10.0,
+    "heat_loss": 0.1, "heat_time": 10.0,
+}  # fmt: skip
+"""Where a search begins."""
+SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2}
+"""Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)."""
+LARGEST_SHARE = 0.9
+"""Of asymmetry and heat_loss, whatever a latent says."""
+
+
+def constants_of(terms: Iterable[str]) -> tuple[str, ...]:
+    """Names of the constants that these terms add."""
+    return tuple(name for term in terms for name in TERMS[term])
+
+
+def in_order(terms: Iterable[str]) -> tuple[str, ...]:
+    """The terms in the order of TERMS."""
+    wanted = set(terms)
+    return tuple(name for name in TERMS if name in wanted)
+
+
+def smaller(a: Any, b: Any, arithmetic: Any) -> Any:
+    """min(a, b), lane by lane."""
+    return a - arithmetic.positive_part(a - b)
+
+
+def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
+    """The state with the reference moved towards the target for one step."""
+    away = target - state.reference
+    distance = abs(away)
+    stopping = arithmetic.sqrt(2.0 * p.profile_acceleration * distance)
+    speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
+    change = arithmetic.with_sign_of(speed, away) - state.reference_vel
+    velocity = state.reference_vel + arithmetic.clip(change, h * p.profile_acceleration)
+    return state._replace(reference=state.reference + h * velocity, reference_vel=velocity)
+
+
+def within_voltage(p: Any, law: Any, v: Any, arithmetic: Any) -> Any:
+    """The law's torque within what the voltage leaves at rotor velocity v."""
+    share = v / p.no_load_speed
+    upper = arithmetic.positive_part(p.stall_torque * (1.0 - share))
+    lower = arithmetic.positive_part(p.stall_torque * (1.0 + share))
+    law = smaller(law, upper, arithmetic)
+    return law + arithmetic.positive_part(-law - lower)

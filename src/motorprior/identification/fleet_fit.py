@@ -1,0 +1,145 @@
+"""Fit of a fleet: every motor by itself, or together, where all motors' fits are a belief about each.
+
+Decoder outputs are the logarithms of the constants (linear where they may be negative), around a central motor; one
+latent is one output. Alone, motors are fitted by a random search, Gauss-Newton steps and restarts. Together, restarts
+also begin at what other motors have, and a Gaussian over the motors is estimated with them by turns (empirical Bayes):
+
+    m = median over motors, v = variance over motors;   precision = T / (N·v),   T the mean loss
+
+so that a window, of N, fitted as well as the average one counts as an observation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.servo_terms import INITIAL, SIGNED
+from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.window_runs import WindowRuns
+
+INITIAL_MOTOR = {
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
+    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
+    "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
+}  # fmt: skip
+"""Constants at which a fit begins, in SI units: a small geared servo."""
+SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
+RESTARTS, RESTART_DRAWS = 3, 96
+TURNS = ((WIDE, 5), (WIDE, 5), (WIDE, 5), (NARROW, 5), (NARROW, 5))
+"""Of the empirical Bayes: reach of the differences, and Gauss-Newton steps."""
+FIRST_STEPS, RESTART_STEPS = 12, 8
+STAGES = 1 + RESTARTS + len(TURNS)
+"""How often a fit reports."""
+_WEAK = 1e-4
+"""Precision of the belief in the initial motor, per unit of the loss."""
+_LEAST_SPREAD = 0.05
+"""Standard deviation of a constant's logarithm over motors that is not undercut."""
+_STREAM = 41
+
+
+@dataclass(frozen=True)
+class FleetFit:
+    """A central motor's decoder outputs (P,), and those of M motors relative to it (M, P); their losses (M,)."""
+
+    center: np.ndarray
+    offsets: np.ndarray
+    loss: np.ndarray
+    terms: tuple[str, ...]
+
+    def network(self, like: LatentNetwork) -> LatentNetwork:
+        """``like`` with these motors' decoder."""
+        return with_motor(like, self.center, self.terms)
+
+
+def initial_center(terms: tuple[str, ...]) -> np.ndarray:
+    """(P,) decoder outputs of the initial motor."""
+    values = [(name, INITIAL_MOTOR.get(name, 0.0)) for name in parameters_of(terms)]
+    return np.array([value / SIGNED[name] if name in SIGNED else np.log(value) for name, value in values])
+
+
+def with_motor(network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
+    """A network with this central motor, and one latent per constant; its own weights ignore the latents."""
+    size = len(center)
+    motor = GearedMotor(center, np.eye(size), terms)
+    return replace(
+        network, motor=motor, v1=np.zeros((size, network.num_neurons)), armature_slope=np.zeros(size), copula=None
+    )
+
+
+def fit_fleet(
+    network: LatentNetwork,
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    together: bool,
+    seed: int,
+    report: Callable[[], None] = lambda: None,
+) -> FleetFit:
+    """Fit all motors of the logs.
+
+    Args:
+        network: with a residual that stays as it is.
+        runs: the logs.
+        terms: of the motors (`servo_terms`).
+        together: whether the motors help each other.
+        seed: of the searches.
+        report: called STAGES times.
+    """
+    rng, center = np.random.default_rng([seed, _STREAM]), initial_center(terms)
+    fit, belief = MotorFit(with_motor(network, center, terms), runs), _weak(len(center))
+    start = fit.search(rng, np.zeros((runs.num_motors, len(center))), belief, SEARCH_RADII, SEARCH_DRAWS)
+    found = fit.polish(start, belief, FIRST_STEPS)
+    report()
+    for _ in range(RESTARTS):
+        start = _restart(rng, fit, found, belief, together)
+        found = found.better(fit.polish(start, belief, RESTART_STEPS))
+        report()
+    for reach, steps in TURNS:
+        if together:
+            belief = _belief(found, runs.windows)
+        found = replace(found, energy=found.loss + belief.energy(found.z))
+        again = fit.polish(found.z, belief, steps, reach)
+        start = _restart(rng, fit, again, belief, together)
+        found = again.better(fit.polish(start, belief, steps, reach))
+        report()
+    middle = np.median(found.z, axis=0)
+    return FleetFit(center + middle, found.z - middle, found.loss, terms)
+
+
+def _weak(size: int) -> Belief:
+    return Belief(np.zeros(size), np.full(size, _WEAK))
+
+
+def _belief(found: Fit, windows: int) -> Belief:
+    """What the motors say about one more."""
+    mean = np.median(found.z, axis=0)
+    variance = np.maximum(np.mean((found.z - mean) ** 2, axis=0), _LEAST_SPREAD**2)
+    return Belief(mean, found.loss.mean() / windows / variance)
+
+
+def _restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief, together: bool) -> np.ndarray:
+    """(M, Z) of each motor the best of RESTART_DRAWS other beginnings.
+
+    In half of them a random half of the constants is drawn anew: together, around the better motors' median with their
+    spread; alone, around the motor's own. Together, other motors' fits are beginnings, too.
+    """
+    motors, size = found.z.shape
+    if together:
+        good = found.z[found.loss <= np.quantile(found.loss, 0.6)]
+        middle = np.broadcast_to(np.median(good, axis=0), found.z.shape)
+        spread = np.maximum(1.4826 * np.median(np.abs(good - middle[0]), axis=0), _LEAST_SPREAD)
+    else:
+        middle, spread = found.z, np.full(size, SEARCH_RADII[1])
+    anew = middle[:, None] + spread * rng.standard_normal((motors, RESTART_DRAWS, size))
+    candidates = np.where(rng.random(anew.shape) < 0.5, found.z[:, None], anew)
+    if together:
+        others = found.z[rng.permutation(motors)[: RESTART_DRAWS // 2]]
+        candidates[:, : len(others)] = others
+        own = np.all(candidates == found.z[:, None], axis=2)
+        candidates[own] = candidates[:, -1][np.flatnonzero(own.any(axis=1))] if own.any() else 0.0
+    return fit.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), belief)

@@ -1,0 +1,200 @@
+"""Fit of many motors at once, each to its own log, by free runs: a global search, then damped Gauss-Newton steps.
+
+    minimise  U(z) = loss(z) + ½·Σ_k precision_k·(z_k - mean_k)²
+
+per motor, with the rollout loss of `loss` over all windows. Derivatives are central differences over a wide step, since
+stiction makes small ones meaningless, and a step is taken only if it lowers U: no fit diverges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.loss import huber, huber_curvature, huber_weight
+from motorprior.identification.window_runs import WindowRuns
+
+WIDE, NARROW = 0.1, 0.03
+"""Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)."""
+LARGEST_STEP = 0.5
+"""Of a latent, in one Gauss-Newton step."""
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
+"""Factors on the damping that are tried in every step."""
+_LANES = 768
+"""Motors simulated at a time; bounds the memory."""
+_NEVER = 1e9
+"""Loss of a simulation that broke down."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known of z before the log: independent Gaussians of this mean and precision, each (Z,)."""
+
+    mean: np.ndarray
+    precision: np.ndarray
+
+    def energy(self, z: np.ndarray) -> np.ndarray:
+        """(...) ½·Σ precision·(z - mean)² of z (..., Z)."""
+        return 0.5 * np.sum(self.precision * (z - self.mean) ** 2, axis=-1)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where M motors are: z (M, Z), energy U (M,) and loss (M,)."""
+
+    z: np.ndarray
+    energy: np.ndarray
+    loss: np.ndarray
+
+    def better(self, other: Fit) -> Fit:
+        """Of every motor the one with less energy."""
+        chosen = other.energy < self.energy
+        pick = lambda a, b: np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), b, a)  # noqa: E731
+        return Fit(*(pick(a, b) for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+
+class MotorFit:
+    """The problem: a decoder, logs, and which windows count.
+
+    Args:
+        network: decoder from z to motors.
+        runs: the logs of M motors.
+        chosen: (N,) mask of the windows that count; all if not given.
+    """
+
+    def __init__(self, network: LatentNetwork, runs: WindowRuns, chosen: np.ndarray | None = None):
+        self.network, self.runs = network, runs
+        self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
+        self._everyone = np.arange(runs.num_motors)
+
+    def _residuals(self, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
+        """(L, R) float32."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = self.runs.residuals(self.network, z, motor)[:, self._chosen]
+        return found.reshape(len(motor), -1)
+
+    def losses(self, z: np.ndarray) -> np.ndarray:
+        """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z)."""
+        shape = z.shape[:-1]
+        motor = np.broadcast_to(self._everyone.reshape(-1, *[1] * (z.ndim - 2)), shape).ravel()
+        rows, found = z.reshape(-1, z.shape[-1]), np.empty(len(motor))
+        for first in range(0, len(motor), _LANES):
+            some = slice(first, first + _LANES)
+            found[some] = self._loss(self._residuals(rows[some], motor[some]))
+        return found.reshape(shape)
+
+    def window_losses(self, z: np.ndarray) -> np.ndarray:
+        """(M, N) loss of each window at z (M, Z)."""
+        values = [
+            self.runs.residuals(self.network, z[[motor]], np.array([motor]))[:, self._chosen]
+            for motor in self._everyone
+        ]
+        return self.runs.channels * np.mean(huber(np.concatenate(values).astype(np.float64)), axis=(2, 3))
+
+    def _loss(self, residuals: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore", invalid="ignore"):
+            loss = self.runs.channels * np.mean(huber(residuals), axis=-1, dtype=np.float64)
+        return np.where(np.isfinite(loss), loss, _NEVER)
+
+    def best_of(self, candidates: np.ndarray, belief: Belief) -> np.ndarray:
+        """(M, Z) of each motor the candidate with the least energy; candidates are (M, K, Z)."""
+        energy = self.losses(candidates) + belief.energy(candidates)
+        return candidates[self._everyone, energy.argmin(axis=1)]
+
+    def search(
+        self, rng: np.random.Generator, start: np.ndarray, belief: Belief, radii: tuple[float, ...], count: int
+    ) -> np.ndarray:
+        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` draws per radius, ever closer."""
+        best = start
+        for radius in radii:
+            draws = radius * rng.standard_normal((count, start.shape[-1]))
+            draws[0] = 0.0
+            best = self.best_of(best[:, None] + draws, belief)
+        return best
+
+    def polish(
+        self,
+        start: np.ndarray,
+        belief: Belief,
+        steps: int,
+        reach: float = NARROW,
+        report: Callable[[], None] = lambda: None,
+    ) -> Fit:
+        """Damped Gauss-Newton steps from ``start`` (M, Z).
+
+        Args:
+            start: initial latents.
+            belief: part of the energy.
+            steps: at most.
+            reach: of the differences, WIDE or NARROW.
+            report: called after every step.
+        """
+        z, damping = start, np.full(len(start), 1e-2)
+        loss = self.losses(z)
+        energy = loss + belief.energy(z)
+        slope, curvature = self._derivatives(z, reach)
+        for step in range(steps):
+            tried = damping[:, None] * DAMPINGS
+            candidates = z[:, None] - self._moves(z, slope, curvature, belief, tried)
+            losses = self.losses(candidates)
+            energies = losses + belief.energy(candidates)
+            best = energies.argmin(axis=1)
+            found = energies[self._everyone, best]
+            lower = found < energy
+            damping = np.clip(np.where(lower, tried[self._everyone, best], 30.0 * damping), 1e-6, 1e4)
+            z = np.where(lower[:, None], candidates[self._everyone, best], z)
+            loss, energy = np.where(lower, losses[self._everyone, best], loss), np.where(lower, found, energy)
+            report()
+            if step + 1 < steps and lower.any():
+                moved = np.flatnonzero(lower)
+                slope[moved], curvature[moved] = self._derivatives(z, reach, moved)
+        return Fit(z, energy, loss)
+
+    def curvatures(self, z: np.ndarray, reach: float = NARROW) -> np.ndarray:
+        """(M, Z, Z) Gauss-Newton matrices of the loss: channels·mean of huber''(r)·∇r·∇rᵀ."""
+        return self._derivatives(z, reach, bend=huber_curvature)[1]
+
+    def _moves(
+        self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, belief: Belief, damping: np.ndarray
+    ) -> np.ndarray:
+        """(M, K, Z) steps for K dampings each."""
+        matrix = curvature + belief.precision * np.eye(z.shape[1])
+        gradient = slope + belief.precision * (z - belief.mean)
+        diagonal = np.einsum("mpp->mp", matrix)
+        scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
+        damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])
+        moves = np.linalg.solve(damped, np.broadcast_to(gradient[:, None, :, None], (*damped.shape[:3], 1)))[..., 0]
+        return np.clip(moves, -LARGEST_STEP, LARGEST_STEP)
+
+    def _derivatives(
+        self, z: np.ndarray, reach: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (M, Z) and Gauss-Newton matrix (M, Z, Z) of the loss, of these ``motors``.
+
+        The matrix has ``bend`` in place of the second derivative: with `huber_weight` it is an upper bound.
+        """
+        motors, size = self._everyone if motors is None else motors, z.shape[1]
+        slope, curvature = np.zeros((len(motors), size)), np.zeros((len(motors), size, size))
+        shifts = reach * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
+        together = max(1, _LANES // len(shifts))
+        for first in range(0, len(motors), together):
+            some = motors[first : first + together]
+            lanes = (z[some][:, None] + shifts).reshape(-1, size)
+            found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
+            for row, values in enumerate(found):
+                slope[first + row], curvature[first + row] = self._normal_equations(values, reach, bend)
+        return slope, curvature
+
+    def _normal_equations(self, found: np.ndarray, reach: float, bend: Callable) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and Gauss-Newton matrix from residuals (1 + 2Z, R) at z, above and below."""
+        size = (len(found) - 1) // 2
+        with np.errstate(over="ignore", invalid="ignore"):
+            here, slopes = found[0], (found[1 : size + 1] - found[size + 1 :]) / np.float32(2.0 * reach)
+            usable = np.isfinite(here) & np.isfinite(slopes).all(axis=0)
+        here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
+        factor = self.runs.channels / len(here)
+        gradient = factor * (slopes @ (huber_weight(here) * here))
+        return gradient.astype(np.float64), (factor * ((slopes * bend(here)) @ slopes.T)).astype(np.float64)
