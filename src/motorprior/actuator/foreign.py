@@ -109,6 +109,8 @@ class ForeignMotors:
     """stiffness of the spring behind the slider [N·m/rad], off at 0"""
     slider_torque: np.ndarray
     """torque at which the slider slips [N·m], off at 0"""
+    output_damping: np.ndarray
+    """viscous damping of the output shaft, seals and grease [N·m·s/rad], off at 0"""
     log_position_noise: np.ndarray
     """standard deviation of the angles in a log [rad], off at 0"""
     log_position_quantum: np.ndarray
@@ -129,8 +131,8 @@ class ForeignMotors:
         return ForeignMotors(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
     def table(self) -> np.ndarray:
-        """(45, n) in the order of the fields, without those of the log."""
-        return np.stack([getattr(self, field.name) for field in fields(self) if not field.name.startswith("log_")])
+        """(45, n) in the order of the fields, without the output shaft's and the log's."""
+        return np.stack([getattr(self, name) for name in ForeignMotors.__dataclass_fields__][: rows.NUM_ROWS])
 
     def actuator(self) -> ForeignActuator:
         """See `TrueMotors.actuator`."""
@@ -176,8 +178,8 @@ class ForeignActuator:
 
     @property
     def damping(self) -> np.ndarray:
-        """Zero: damping is simulated here."""
-        return np.zeros(self.num_motors)
+        """The output shaft's; the rotor's is simulated here."""
+        return self.motors.output_damping
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
@@ -192,7 +194,7 @@ class ForeignActuator:
         table[rows.HEAT_TIME] = _share(h, table[rows.HEAT_TIME], 0.0)
         table[rows.NO_LOAD_SPEED] = np.where(table[rows.NO_LOAD_SPEED] > 0.0, table[rows.NO_LOAD_SPEED], np.inf)
         table[rows.STRIBECK_VELOCITY] = np.maximum(table[rows.STRIBECK_VELOCITY], _CRAWL)
-        return empty_arrays(FOREIGN, table, rows.LINE + line, substeps)
+        return empty_arrays(FOREIGN, table, rows.LINE + line, substeps, self.damping)
 
 
 def _share(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:

@@ -24,7 +24,7 @@ constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the 
     rotor     armature·dw/dt = τ_motor - τ_gear - F - viscous_damping·w
 
 z takes its exact solution for the velocity at the start of the substep, which no bristle is too stiff for; viscous
-damping is implicit. A term is off where its first constant is 0, a firmware of period 0 ticks every substep. The joint
+damping is implicit. The engine damps the joint by output_damping·dq. A term is off where its first constant is 0, a firmware of period 0 ticks every substep. The joint
 gets the mean of τ_gear over the substeps.
 
 Sources. Friction: Canudas de Wit, Olsson, Åström and Lischinsky, A new model for control of systems with friction, IEEE
@@ -60,9 +60,9 @@ LONGEST_STEP = 0.001
     HEAT_LOSS, HEAT_TIME, WARMTH, RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, COGGING, COGGING_ORDER, COGGING_PHASE, ARMATURE,
     VISCOUS_DAMPING, COULOMB, STATIC_TORQUE, STRIBECK_VELOCITY, BRISTLE_STIFFNESS, BRISTLE_DAMPING, LOAD_FRICTION,
     ASYMMETRY, POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
-    GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE,
-) = range(45)  # fmt: skip
-"""Rows of the parameters. In `ActuatorArrays` the delay is in steps, the servo period at least a substep, a time
+    GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE, NUM_ROWS,
+) = range(46)  # fmt: skip
+"""Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a substep, a time
 constant the share of the way in a substep (of the velocity filter: in a tick)."""
 (
     ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND, TORQUE, BRISTLE, TWIST,

@@ -92,7 +92,7 @@ _FOREIGN_UNITS = {
     "stribeck_velocity": "rad/s", "bristle_stiffness": "N·m/rad", "bristle_damping": "N·m·s/rad", "load_friction": "1",
     "asymmetry": "1", "position_friction": "1", "position_order": "1/rev", "position_phase": "rad",
     "backlash": "rad", "gear_stiffness": "N·m/rad", "gear_hardening": "N·m/rad³", "gear_damping": "N·m·s/rad",
-    "slider_stiffness": "N·m/rad", "slider_torque": "N·m",
+    "slider_stiffness": "N·m/rad", "slider_torque": "N·m", "output_damping": "N·m·s/rad",
     "log_position_noise": "rad", "log_position_quantum": "rad", "log_velocity_filter": "s",
     "log_velocity_noise": "rad/s", "log_torque_noise": "N·m",
 }  # fmt: skip
