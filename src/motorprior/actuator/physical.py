@@ -88,6 +88,20 @@ class MotorParameters:
         """The motors at ``index``."""
         return MotorParameters(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
+    def actuator(self) -> PhysicalActuator:
+        """See `TrueMotors.actuator`."""
+        return PhysicalActuator(self)
+
+    def after(self, seconds: float) -> MotorParameters:
+        """Themselves: work changes nothing."""
+        return self
+
+    def logged(
+        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `TrueMotors.logged`: what is there, without noise."""
+        return joint_pos, joint_vel, torque
+
     def table(self) -> np.ndarray:
         """(17, n) in the order of the fields."""
         return np.stack([getattr(self, field.name) for field in fields(self)])

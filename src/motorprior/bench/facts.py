@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json
-from motorprior.bench.fleet import Fleet, fleet_of
+from motorprior.bench.families import GEARED
+from motorprior.bench.fleet import Fleet, family_named, fleet_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
@@ -50,13 +51,14 @@ class BenchFacts:
     steps: int
     seed: int
 
-    def physical_motors(self) -> MotorParameters:
+    def physical_motors(self) -> TrueMotors:
         """The motors that stood on the bench."""
         return training_motors(self.fleet, self.motors, self.seed)
 
     def as_json(self) -> dict[str, Any]:
-        """For bench.json and for a prior's provenance."""
-        return {
+        """For bench.json and for a prior's provenance; a family is named where it is not `GEARED`."""
+        family = {} if self.fleet.family == GEARED.name else {"family": self.fleet.family}
+        return family | {
             "fleet": self.fleet.name,
             "motor": self.fleet.motor,
             "robot": self.fleet.robot,
@@ -89,7 +91,7 @@ def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> No
         )
 
 
-def training_motors(fleet: Fleet, motors: int, seed: int) -> MotorParameters:
+def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
     """The motors of a bench with this seed; held-out motors come from another random stream."""
     return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
@@ -103,8 +105,9 @@ def facts_from_json(data: Any, where: str) -> BenchFacts:
     if not isinstance(data, dict):
         raise ArtifactError("the facts of its bench are missing", where=where, remedy=_AGAIN)
     try:
-        _FACTS.check(data, None)
-        fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters")
+        family = family_named(data.get("family", GEARED.name), None, _AGAIN)
+        _FACTS.check({key: value for key, value in data.items() if key != "family"}, None)
+        fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters", family)
         require_bench_size(data["motors"], data["steps"])
     except (ArtifactError, ConfigError) as error:
         problem = f"{error.where}: {error.problem}" if error.where else error.problem

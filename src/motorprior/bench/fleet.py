@@ -1,49 +1,26 @@
-"""A fleet: the population that physical motors are drawn from, as a TOML file with units and sources."""
+"""A fleet: the population that true motors are drawn from, as a TOML file with units and sources."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.true_motors import TrueMotors
+from motorprior.bench.families import FAMILIES, GEARED, Family
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
 
 _TEXT_KEYS = ("name", "motor", "robot")
-UNITS = {
-    "kp": "N·m/rad",
-    "kd_over_kp": "s",
-    "delay": "s",
-    "velocity_filter": "s",
-    "torque_limit": "N·m",
-    "stall_torque": "N·m",
-    "no_load_speed": "rad/s",
-    "armature": "kg·m²",
-    "coulomb": "N·m",
-    "stribeck_torque": "N·m",
-    "stribeck_velocity": "rad/s",
-    "viscous_damping": "N·m·s/rad",
-    "load_friction": "1",
-    "backlash": "rad",
-    "gear_stiffness": "N·m/rad",
-    "gear_damping": "N·m·s/rad",
-    "encoder_zero": "rad",
-}
-_STRICTLY_POSITIVE = {
-    "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
-    "stribeck_velocity", "gear_stiffness",
-}  # fmt: skip
 _LARGEST = 1e9
-_LARGEST_OF = {"delay": 1.0, "velocity_filter": 1.0}
-"""Upper bounds of the delay and of the velocity filter's time constant [s]; a delay takes memory."""
 _LARGEST_LOG_SPREAD = 3.0
 """A lognormal parameter varies by a factor of exp(3) = 20."""
 _KEYS = {
@@ -87,14 +64,20 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Fleet:
-    """A population of physical motors."""
+    """A population of true motors."""
 
     name: str
     motor: str
     robot: str
     parameters: dict[str, Distribution]
+    family: str = GEARED.name
 
-    def sample(self, count: int, seed: int | np.random.Generator) -> MotorParameters:
+    @property
+    def kind(self) -> ActuatorKind:
+        """Of every motor drawn from it."""
+        return FAMILIES[self.family].kind
+
+    def sample(self, count: int, seed: int | np.random.Generator) -> TrueMotors:
         """Draw the constants of ``count`` motors.
 
         Args:
@@ -106,20 +89,16 @@ class Fleet:
         """
         require_count("count", count)
         rng = generator_of(seed)
-        return _assemble({name: self.parameters[name].sample(rng, count) for name in UNITS})
+        return FAMILIES[self.family].motors({name: d.sample(rng, count) for name, d in self.parameters.items()})
 
-    def center(self, count: int) -> MotorParameters:
+    def center(self, count: int) -> TrueMotors:
         """``count`` copies of the central motor."""
-        return _assemble({name: np.full(count, self.parameters[name].center) for name in UNITS})
+        values = {name: np.full(count, d.center) for name, d in self.parameters.items()}
+        return FAMILIES[self.family].motors(values)
 
     def summary(self) -> dict[str, dict[str, float | str]]:
         """Kind and values of every parameter, for provenance."""
         return {name: {"kind": d.kind, **d.values} for name, d in self.parameters.items()}
-
-
-def _assemble(values: dict[str, np.ndarray]) -> MotorParameters:
-    values = {**values, "kd": values["kp"] * values["kd_over_kp"]}
-    return MotorParameters(**{field.name: values[field.name] for field in fields(MotorParameters)})
 
 
 def load_fleet(name_or_path: str | Path) -> Fleet:
@@ -141,16 +120,16 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:  # also a number of more digits than Python reads
         raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=_COMPARE) from error
-    Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | dict.fromkeys(UNITS, TABLE), _COMPARE).check(data, path)
-    texts = {key: data[key] for key in _TEXT_KEYS}
-    said = {name: {"unit": exactly(unit), "source": TEXT} for name, unit in UNITS.items()}
-    return Fleet(
-        **texts,
-        parameters={
-            name: _distribution(data[name], "distribution", said[name], name, f"{path}[{name}]", _COMPARE)
-            for name in UNITS
-        },
-    )
+    family = family_named(data.pop("family", GEARED.name), path, _COMPARE)
+    tables = dict.fromkeys(family.units, TABLE)
+    Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | tables, _COMPARE, family.optional).check(data, path)
+    said = {name: {"unit": exactly(unit), "source": TEXT} for name, unit in family.units.items()}
+    parameters = {
+        name: _distribution(data[name], "distribution", said[name], name, family, f"{path}[{name}]", _COMPARE)
+        for name in family.units
+        if name in data
+    }
+    return Fleet(**{key: data[key] for key in _TEXT_KEYS}, parameters=parameters, family=family.name)
 
 
 def fleet_path(name_or_path: str | Path) -> Path:
@@ -168,25 +147,38 @@ def fleet_path(name_or_path: str | Path) -> Path:
     return path
 
 
-def fleet_of(name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str) -> Fleet:
+def family_named(name: Any, where: str | Path | None, remedy: str) -> Family:
+    """The family of that name.
+
+    Raises:
+        ArtifactError: there is none.
+    """
+    require("family", name, one_of(*FAMILIES), where, remedy)
+    return FAMILIES[name]
+
+
+def fleet_of(
+    name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str, family: Family = GEARED
+) -> Fleet:
     """The fleet that `Fleet.summary` describes.
 
     Raises:
         ArtifactError: unknown or missing parameters or keys, or a value out of range.
     """
     remedy = "record the bench again"
-    Schema(dict.fromkeys(UNITS, TABLE), remedy, name="parameters").check(parameters, where)
+    Schema(dict.fromkeys(family.units, TABLE), remedy, family.optional, "parameters").check(parameters, where)
     made = {
-        parameter: _distribution(parameters[parameter], "kind", {}, parameter, f"{where}[{parameter}]", remedy)
-        for parameter in UNITS
+        parameter: _distribution(parameters[parameter], "kind", {}, parameter, family, f"{where}[{parameter}]", remedy)
+        for parameter in family.units
+        if parameter in parameters
     }
-    return Fleet(name, motor, robot, made)
+    return Fleet(name, motor, robot, made, family.name)
 
 
-def _number_fields(kind: str, name: str) -> dict[str, Field]:
+def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
     """Bounds of the numbers of parameter ``name`` for a distribution of this kind."""
-    most, unit, positive = _LARGEST_OF.get(name, _LARGEST), UNITS[name], name in _STRICTLY_POSITIVE
-    least = -most if name == "encoder_zero" else 0.0
+    most, unit, positive = family.largest.get(name, _LARGEST), family.units[name], name in family.positive
+    least = -most if name in family.signed else 0.0
     center = number(least, most, above=0.0 if positive else -inf, unit=unit)
     share = kind == "lognormal"  # relative to the center, like the spread of a logarithm
     spread = number(0.0, _LARGEST_LOG_SPREAD, unit="of the center") if share else number(0.0, most, unit=unit)
@@ -195,16 +187,22 @@ def _number_fields(kind: str, name: str) -> dict[str, Field]:
 
 
 def _distribution(
-    table: Mapping[str, Any], kind_key: str, others: Mapping[str, Field], name: str, where: str, remedy: str
+    table: Mapping[str, Any],
+    kind_key: str,
+    others: Mapping[str, Field],
+    name: str,
+    family: Family,
+    where: str,
+    remedy: str,
 ) -> Distribution:
     """The distribution of parameter ``name``, after checks of keys and ranges in its table."""
     kind = table.get(kind_key)
     require(kind_key, kind, one_of(*_KEYS), where, remedy)
-    numbers = _number_fields(str(kind), name)
+    numbers = _number_fields(str(kind), name, family)
     schema = Schema({kind_key: TEXT, **others, **numbers}, remedy, optional=frozenset({"minimum"}))
     schema.check(table, where)
     values = {key: float(table[key]) for key in numbers if key in table}
-    if kind == "normal" and name in _STRICTLY_POSITIVE and not values.get("minimum", 0.0) > 0:
+    if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
         raise ArtifactError(
             "a normal distribution can draw values that are not above 0",
             where=where,

@@ -1,4 +1,4 @@
-"""Bench recordings: a fleet of physical motors on the virtual dynamometer, written as one motor log.
+"""Bench recordings: a fleet of true motors on the virtual dynamometer, written as one motor log.
 
 Presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia without external torque,
 sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on loads
@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.excitation import excitation_named, held
 from motorprior.bench.fleet import Fleet
@@ -54,8 +54,8 @@ class BenchPreset:
 
 REFERENCE_LOAD = (1e-4, 3e-2)
 """Smallest and largest load inertia of the robot for which the presets are written [kg·m²]."""
-EXCITATION_STREAM = 13
-"""Tag of the random stream of a bench's excitation."""
+EXCITATION_STREAM, INSTRUMENTS_STREAM = 13, 47
+"""Tags of the random streams of a bench's excitation, and of the noise of its instruments."""
 PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
     "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "creep"), 5),
@@ -105,17 +105,18 @@ def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: 
     return Trial(np.stack(targets, axis=1), external, inertia, preset.period)
 
 
-def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
+def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
     """Record ``steps`` samples of every motor.
 
-    The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest.
+    The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest, with motors
+    that have worked since the log's start.
 
     Raises:
         ConfigError: fewer than 2 steps, or a motor whose gear is too stiff for its load.
     """
     if steps < 2:
         raise ConfigError(f"{steps} steps is below 2", remedy="record at least 2 steps")
-    actuator, parts, count = PhysicalActuator(motors), [], len(motors)
+    parts, count = [], len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]
     for segment, (first, last) in enumerate(pairwise(bounds)):
         rng = np.random.default_rng([seed, segment, EXCITATION_STREAM])
@@ -123,13 +124,19 @@ def record(motors: MotorParameters, preset: BenchPreset, steps: int, seed: int, 
         round_, slot = divmod(segment, len(preset.kinds))
         hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
         part = trial(rng, kind, last - first, count, preset, hold)
-        response = run(actuator, part)
+        response = run(motors.after(first * preset.period).actuator(), part)
         _require_finite(response, part, motors)
-        parts.append((part, response))
+        instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
+        parts.append((part, _logged(motors, instruments, preset.period, response)))
     return _as_log(parts, preset, fleet, seed)
 
 
-def _require_finite(response: Response, part: Trial, motors: MotorParameters) -> None:
+def _logged(motors: TrueMotors, rng: np.random.Generator, period: float, true: Response) -> Response:
+    pos, vel, torque = motors.logged(rng, period, true.joint_pos, true.joint_vel, true.joint_torque)
+    return replace(true, joint_pos=pos, joint_vel=vel, joint_torque=torque)
+
+
+def _require_finite(response: Response, part: Trial, motors: TrueMotors) -> None:
     """Refuse a recording in which the simulation of a motor diverged.
 
     Raises:

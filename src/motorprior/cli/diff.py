@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from motorprior.artifacts import write_json
-from motorprior.bench.fleet import UNITS
+from motorprior.bench.families import UNITS
 from motorprior.cli.console import table
 from motorprior.report.prior_difference import difference
 

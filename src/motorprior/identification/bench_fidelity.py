@@ -1,4 +1,4 @@
-"""Closed-loop fidelity on the bench: joint errors of models against physical motors, on held-out excitation."""
+"""Closed-loop fidelity on the bench: joint errors of models against true motors, on held-out excitation."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.recording import BenchPreset, trial
 from motorprior.signals import rmse
@@ -35,8 +35,10 @@ HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", 
 """Held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench."""
 HELD_OUT_SEED = 7_000_000
 """Seed of the held-out random streams, never used for training."""
-BENCH_STREAM = 17
-"""Tag of the random stream of held-out bench trials."""
+BENCH_STREAM, WORK_STREAM = 17, 53
+"""Tags of the random streams of held-out bench trials, and of how long their motors have worked."""
+LONGEST_WORK = 20.0
+"""Longest time that the motors of a held-out trial have worked [s]: how warm they are is not known."""
 FLOOR_OFFSET = 0.004
 """Initial position offset of the floor, a second simulation of the same physical motors [rad]."""
 _REPEATS = 4
@@ -67,19 +69,26 @@ def held_out_trials(kind: str, motors: int, seed: int, preset: BenchPreset = HEL
     ]
 
 
+def seconds_of_work(kind: str, seed: int, preset: BenchPreset = HELD_OUT) -> np.ndarray:
+    """(trials,) how long the motors have worked before each of `held_out_trials` [s], in [0, LONGEST_WORK]."""
+    rng = np.random.default_rng([HELD_OUT_SEED, seed, preset.kinds.index(kind), WORK_STREAM])
+    return rng.uniform(0.0, LONGEST_WORK, _REPEATS)
+
+
 def bench_errors(
-    motors: MotorParameters, models: Mapping[str, Prediction], seed: int, preset: BenchPreset = HELD_OUT
+    motors: TrueMotors, models: Mapping[str, Prediction], seed: int, preset: BenchPreset = HELD_OUT
 ) -> dict[str, dict[str, np.ndarray]]:
     """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
 
     ``physical`` is the floor: the true motors simulated again from a start FLOOR_OFFSET away.
     """
-    truth, index = PhysicalActuator(motors), np.arange(len(motors))
+    index = np.arange(len(motors))
     errors: dict[str, dict[str, np.ndarray]] = {}
     for kind in preset.kinds:
         cases = held_out_trials(kind, len(motors), seed, preset)
-        answers = [run(truth, case) for case in cases]
-        floor = [run(truth, case, FLOOR_OFFSET) for case in cases]
+        truths = [motors.after(seconds).actuator() for seconds in seconds_of_work(kind, seed, preset)]
+        answers = [run(truth, case) for truth, case in zip(truths, cases, strict=True)]
+        floor = [run(truth, case, FLOOR_OFFSET) for truth, case in zip(truths, cases, strict=True)]
         errors[kind] = {"physical": _mean_rmse(floor, answers)}
         for name, model in models.items():
             responses = [respond(model(index), case) for case in cases]

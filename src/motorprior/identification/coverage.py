@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.recording import BenchPreset
-from motorprior.identification.bench_fidelity import HELD_OUT, held_out_trials
+from motorprior.identification.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
 from motorprior.identification.latent_fit import Posterior
 from motorprior.identification.reference import draw_residuals
 from motorprior.results import Result, Results
@@ -49,7 +49,7 @@ def coverage(
     network: LatentNetwork,
     metrics: dict[str, float],
     posterior: Posterior,
-    motors: MotorParameters,
+    motors: TrueMotors,
     seed: int,
     preset: BenchPreset = HELD_OUT,
 ) -> Results:
@@ -58,12 +58,13 @@ def coverage(
     Returns:
         ``coverage50`` and ``coverage90``, over all motors, times and excitations, and for each excitation alone.
     """
-    rng, truth = np.random.default_rng([seed, COVERAGE_STREAM]), PhysicalActuator(motors)
+    rng = np.random.default_rng([seed, COVERAGE_STREAM])
     shares: dict[str, np.ndarray] = {}
     for kind in preset.kinds:
         shares[kind] = np.zeros(len(LEVELS))
-        for case in held_out_trials(kind, len(motors), seed, preset)[:REPEATS]:
-            answer = run(truth, case).joint_pos
+        cases, work = held_out_trials(kind, len(motors), seed, preset), seconds_of_work(kind, seed, preset)
+        for case, seconds in zip(cases[:REPEATS], work[:REPEATS], strict=True):
+            answer = run(motors.after(seconds).actuator(), case).joint_pos
             draws = predictive_draws(network, metrics, posterior, case, rng)
             bands = [band(draws, level) for level in LEVELS]
             shares[kind] += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]

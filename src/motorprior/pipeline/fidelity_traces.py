@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import preset_of_period, trial
@@ -30,7 +30,7 @@ TORQUE_STREAM, TROT_STREAM = 41, 43
 def write_traces(
     path: Path,
     robot: Robot,
-    motors: MotorParameters,
+    motors: TrueMotors,
     models: dict[str, ModelOfMotors],
     priors: dict[str, MotorPrior],
     seed: int,
@@ -38,7 +38,7 @@ def write_traces(
     """What the report draws: one bench trial, one robot trial, one torque fit."""
     index = np.arange(len(motors))
     case = held_out_trials("impacts", len(motors), seed, HELD_OUT.for_robot(robot))[0]
-    truth = run(PhysicalActuator(motors), case)
+    truth = run(motors.actuator(), case)
     tensors = {
         "bench/target": case.position_target[:, 0],
         "bench/external": case.external_torque[:, 0],
@@ -57,15 +57,13 @@ def write_traces(
     write_tensors(path, tensors, header)
 
 
-def _torque_traces(
-    name: str, robot: Robot, prior: MotorPrior, motors: MotorParameters, seed: int
-) -> dict[str, np.ndarray]:
+def _torque_traces(name: str, robot: Robot, prior: MotorPrior, motors: TrueMotors, seed: int) -> dict[str, np.ndarray]:
     """The prior shown the true history of 1 s of a sinusoid, on the bench and at the clock of its own logs."""
     period = prior.network.period
     preset = preset_of_period(period).for_robot(robot)
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
     case = trial(rng, "sine", round(1.0 / period) + prior.network.taps[-1], len(motors), preset, hold=False)
-    answer = run(PhysicalActuator(motors), case)
+    answer = run(motors.actuator(), case)
     predicted = teacher_forced_torque(prior.network, prior.mean, case, answer)[:, 0]
     known = ~np.isnan(predicted)
     return {
@@ -76,14 +74,14 @@ def _torque_traces(
 
 
 def _robot_traces(
-    robot: Robot, joint: int, motors: MotorParameters, models: dict[str, ModelOfMotors], seed: int
+    robot: Robot, joint: int, motors: TrueMotors, models: dict[str, ModelOfMotors], seed: int
 ) -> dict[str, np.ndarray]:
     """One joint in a standing trot, positions [rad] and torques [N·m] at every physics step."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
     index, targets = np.arange(robot.num_joints), trot_targets(robot, rng, 100)
     coarse, fine = (World(WorldConfig.of(robot, physics_dt=dt)) for dt in (robot.physics_dt, robot.twin_physics_dt))
     every = round(robot.physics_dt / robot.twin_physics_dt)
-    truth = replay(fine, PhysicalActuator(motors.take(index)), targets)
+    truth = replay(fine, motors.take(index).actuator(), targets)
     tensors = {
         "robot/target": np.repeat(targets[:, joint], coarse.config.substeps),
         "robot/position/truth": truth.joint_pos[every - 1 :: every, joint],

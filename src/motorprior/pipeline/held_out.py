@@ -9,12 +9,12 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.facts import BenchFacts
 from motorprior.bench.recording import bench_preset, preset_of_period, record
-from motorprior.identification.bench_fidelity import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
+from motorprior.identification.bench_fidelity import HELD_OUT, HELD_OUT_SEED, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.latent_fit import Posterior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
@@ -31,14 +31,12 @@ POPULATION, COMPARISONS = 256, 5
 _WHERE = "held-out log"
 
 
-def held_out_motors(facts: BenchFacts) -> MotorParameters:
+def held_out_motors(facts: BenchFacts) -> TrueMotors:
     """As many motors of the same fleet as stood on the bench, but others."""
     return facts.fleet.sample(facts.motors, np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]))
 
 
-def held_out_log(
-    robot: Robot, prior: MotorPrior, motors: MotorParameters, facts: BenchFacts, seconds: float
-) -> MotorLog:
+def held_out_log(robot: Robot, prior: MotorPrior, motors: TrueMotors, facts: BenchFacts, seconds: float) -> MotorLog:
     """A bench log of these motors at the prior's clock, with a held-out excitation."""
     preset = preset_of_period(prior.network.period)
     preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
@@ -47,7 +45,7 @@ def held_out_log(
 
 
 def adapt_all(
-    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: MotorParameters, facts: BenchFacts
+    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: TrueMotors, facts: BenchFacts
 ) -> dict[str, Posterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
     return {
@@ -148,7 +146,8 @@ def distribution(prior: MotorPrior, facts: BenchFacts, picture: Path) -> Results
     pairs = []
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
-        pairs.append((drawn, behaviours(PhysicalActuator(facts.fleet.sample(POPULATION, rng)))))
+        true = facts.fleet.sample(POPULATION, rng).after(LONGEST_WORK / 2)
+        pairs.append((drawn, behaviours(true.actuator())))
     drawn, physical = pairs[0]
     shown = feature_quantiles(
         drawn.names, drawn.units, drawn.values, physical.values, "draws of the prior", "held-out physical motors"

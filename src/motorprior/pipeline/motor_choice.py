@@ -13,7 +13,6 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import PHYSICAL, PhysicalActuator
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -111,7 +110,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
         ordered = _of_the_robot(motors, robot)
         return (lambda rng: ordered.sample(count, rng)), robot.physics_dt
     if isinstance(motors, Fleet):
-        return (lambda rng: PhysicalActuator(motors.sample(count, rng))), robot.physics_step(PHYSICAL.longest_step)
+        return (lambda rng: motors.sample(count, rng).actuator()), robot.physics_step(motors.kind.longest_step)
     if callable(motors):
         return motors, robot.physics_dt
     given = getattr(motors, "num_motors", None)
@@ -150,7 +149,9 @@ class MotorChoice:
 
     def physics_dt(self, robot: Robot) -> float:
         """The step [s] that these motors are simulated at, see `Robot.physics_step`."""
-        return robot.physics_step(PHYSICAL.longest_step) if self.actuator == "fleet" else robot.physics_dt
+        if self.actuator != "fleet":
+            return robot.physics_dt
+        return robot.physics_step(load_robot_fleet(robot, self.fleet).kind.longest_step)
 
     def condition(self) -> str:
         """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""

@@ -9,7 +9,6 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
@@ -123,8 +122,8 @@ def _replay_models(
     rng = np.random.default_rng(config.seed)
     models: dict[str, list[Actuator]] = {
         "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
-        "physical": [PhysicalActuator(fleet.center(robot.num_joints))],
-        "physical_draws": [PhysicalActuator(fleet.sample(robot.num_joints, rng)) for _ in range(config.draws)],
+        "physical": [fleet.center(robot.num_joints).actuator()],
+        "physical_draws": [fleet.sample(robot.num_joints, rng).actuator() for _ in range(config.draws)],
         prior.preset: [prior.sample(robot.num_joints, rng) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.results import Results
@@ -37,7 +36,7 @@ def measure_speed(
     actuators: dict[str, Actuator] = {
         "ideal_pd": nominal_pd(fleet, robot.num_joints),
         "rollout": learned,
-        "physical": PhysicalActuator(fleet.center(robot.num_joints)),
+        "physical": fleet.center(robot.num_joints).actuator(),
     }
     with progress.start("speed: episodes side by side", REPEATS) as task, ExitStack() as stack:
         paths = compiled_paths(robot, actuators) | (interpreted_paths(robot, learned) if interpreted else {})

@@ -6,6 +6,7 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Fleet
+from motorprior.exceptions import ConfigError
 from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.virtual.firmware import Drive, Sensors
 from motorprior.robots.robot import Robot
@@ -16,8 +17,19 @@ TWIN_STREAM = 0x7710
 
 
 def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
-    """The motors of virtual robot number ``seed``."""
-    return fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed]))
+    """The motors of virtual robot number ``seed``, whose firmware sets their gains over the wire.
+
+    Raises:
+        ConfigError: a fleet of another family than the geared motors.
+    """
+    motors = fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed]))
+    if not isinstance(motors, MotorParameters):
+        raise ConfigError(
+            f"fleet {fleet.name!r} is of family {fleet.family}, whose firmware has a law of its own",
+            remedy="give a virtual robot a fleet of geared motors",
+            argument="fleet",
+        )
+    return motors
 
 
 class TwinBody:

@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import BenchFacts, facts_from_json
 from motorprior.bench.fleet import Fleet
@@ -182,7 +182,7 @@ def _held_out(
     return results
 
 
-def _tune_baselines(out: Path, robot: Robot, motors: MotorParameters, facts: BenchFacts, progress: Progress) -> IdealPd:
+def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchFacts, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
     from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, GAINS, fit_pd
@@ -197,7 +197,7 @@ def _tune_baselines(out: Path, robot: Robot, motors: MotorParameters, facts: Ben
 
 
 def fidelity(
-    robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], motor_set: str, seed: int, task: Task
+    robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], motor_set: str, seed: int, task: Task
 ) -> Results:
     """Medians and means of `COLUMNS` and the displacement error of the base; three advances of ``task``."""
     rows: list[Result] = []
@@ -223,7 +223,7 @@ def fidelity(
     return Results.of(rows)
 
 
-def _armature(motors: MotorParameters, priors: dict[str, MotorPrior]) -> Results:
+def _armature(motors: TrueMotors, priors: dict[str, MotorPrior]) -> Results:
     """How the decoded armature compares with the rotors' own: mean ratio, and correlation over the motors."""
     rows: list[Result] = []
     for name, prior in priors.items():

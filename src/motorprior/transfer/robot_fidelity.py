@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
 from motorprior.locomotion.body import body_of
@@ -57,7 +57,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 
 
 def robot_fidelity(
-    robot: Robot, motors: MotorParameters, models: Mapping[str, Prediction], hung: bool, seed: int
+    robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], hung: bool, seed: int
 ) -> RobotFidelity:
     """Compare every model, and the floor, over DRAWS draws of one motor per joint."""
     fast = World(WorldConfig.of(robot, hung=hung))
@@ -66,7 +66,7 @@ def robot_fidelity(
     for draw in range(DRAWS):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
         index = rng.permutation(len(motors))[: robot.num_joints]
-        targets, physical = trot_targets(robot, rng, STEPS), PhysicalActuator(motors.take(index))
+        targets, physical = trot_targets(robot, rng, STEPS), motors.take(index).actuator()
         truth = replay(fine, physical, targets)
         start = robot.nominal_pose + FLOOR_OFFSET * rng.choice([-1.0, 1.0], robot.num_joints)
         rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth, robot.control_dt))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
@@ -24,7 +23,7 @@ DURATION_STEPS = 500
 def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
     """The motors of one twin."""
     own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
-    return PhysicalActuator(fleet.sample(robot.num_joints, own))
+    return fleet.sample(robot.num_joints, own).actuator()
 
 
 def twin_simulator(robot: Robot, fleet: Fleet) -> WalkSimulator:

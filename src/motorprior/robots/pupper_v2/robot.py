@@ -67,7 +67,9 @@ PUPPER_V2 = Robot(
     hung_height=0.4,
     reference_torque=1.0,
     foot_friction=spec.FOOT_FRICTION,
-    fleets=tuple((name, str(_FLEETS / f"{name}.toml")) for name in ("pupper_v2", "mixed")),
+    fleets=tuple(
+        (name, str(_FLEETS / f"{name}.toml")) for name in ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
+    ),
     physics_dt=spec.PHYSICS_DT,
     control_dt=spec.CONTROL_DT,
     twin_physics_dt=spec.TWIN_PHYSICS_DT,

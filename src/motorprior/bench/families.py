@@ -1,0 +1,118 @@
+"""Families of true motors that a fleet can be of: their parameters with units and bounds, and what makes the motors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.foreign import ForeignMotors
+from motorprior.actuator.foreign_step import FOREIGN as FOREIGN_KIND
+from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.physical import PHYSICAL, MotorParameters
+from motorprior.actuator.true_motors import TrueMotors
+
+
+@dataclass(frozen=True)
+class Family:
+    """Motors of the same equations.
+
+    Attributes:
+        name: in a fleet's file and in bench.json.
+        kind: of the actuator.
+        make: the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd.
+        units: of the parameters, in the order in which a sample draws them.
+        positive: parameters above 0.
+        largest: upper bounds, of parameters that have one of their own.
+        signed: parameters that may be negative.
+        optional: parameters that may be left out, which then are 0: their term is off.
+    """
+
+    name: str
+    kind: ActuatorKind
+    make: Callable[..., TrueMotors]
+    units: Mapping[str, str]
+    positive: frozenset[str]
+    largest: Mapping[str, float]
+    signed: frozenset[str]
+    optional: frozenset[str] = frozenset()
+
+    def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
+        """The motors of these parameters, (n,) each."""
+        known = {**values, "kd": values["kp"] * values["kd_over_kp"]}
+        missing = np.zeros(len(known["kp"]))
+        return self.make(**{name: known.get(name, missing) for name in (*self.units, "kd") if name != "kd_over_kp"})
+
+
+GEARED = Family(
+    name="geared",
+    kind=PHYSICAL,
+    make=MotorParameters,
+    units={
+        "kp": "N·m/rad",
+        "kd_over_kp": "s",
+        "delay": "s",
+        "velocity_filter": "s",
+        "torque_limit": "N·m",
+        "stall_torque": "N·m",
+        "no_load_speed": "rad/s",
+        "armature": "kg·m²",
+        "coulomb": "N·m",
+        "stribeck_torque": "N·m",
+        "stribeck_velocity": "rad/s",
+        "viscous_damping": "N·m·s/rad",
+        "load_friction": "1",
+        "backlash": "rad",
+        "gear_stiffness": "N·m/rad",
+        "gear_damping": "N·m·s/rad",
+        "encoder_zero": "rad",
+    },
+    positive=frozenset(
+        {
+            "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
+            "stribeck_velocity", "gear_stiffness",
+        }
+    ),
+    largest={"delay": 1.0, "velocity_filter": 1.0},  # [s]; a delay takes memory
+    signed=frozenset({"encoder_zero"}),
+)  # fmt: skip
+"""Motors of `actuator.physical`; the family of a fleet that names none."""
+
+_FOREIGN_UNITS = {
+    "kp": "N·m/rad", "kd_over_kp": "s", "torque_limit": "N·m",
+    "delay": "s", "servo_period": "s", "profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad",
+    "ki": "N·m/(rad·s)", "integral_limit": "N·m",
+    "output_encoder": "1", "encoder_quantum": "rad", "encoder_zero": "rad", "velocity_filter": "s",
+    "current_time": "s", "stall_torque": "N·m", "no_load_speed": "rad/s", "sag": "1",
+    "heat_loss": "1", "heat_time": "s", "warmth": "1",
+    "ripple": "1", "ripple_order": "1/rev", "ripple_phase": "rad",
+    "cogging": "N·m", "cogging_order": "1/rev", "cogging_phase": "rad",
+    "armature": "kg·m²", "viscous_damping": "N·m·s/rad", "coulomb": "N·m", "static_torque": "N·m",
+    "stribeck_velocity": "rad/s", "bristle_stiffness": "N·m/rad", "bristle_damping": "N·m·s/rad", "load_friction": "1",
+    "asymmetry": "1", "position_friction": "1", "position_order": "1/rev", "position_phase": "rad",
+    "backlash": "rad", "gear_stiffness": "N·m/rad", "gear_hardening": "N·m/rad³", "gear_damping": "N·m·s/rad",
+    "slider_stiffness": "N·m/rad", "slider_torque": "N·m", "output_damping": "N·m·s/rad",
+    "log_position_noise": "rad", "log_position_quantum": "rad", "log_velocity_filter": "s",
+    "log_velocity_noise": "rad/s", "log_torque_noise": "N·m",
+}  # fmt: skip
+_FOREIGN_NEEDS = frozenset({"kp", "torque_limit", "armature", "gear_stiffness"})
+_SHARES = (
+    "output_encoder", "sag", "heat_loss", "warmth", "ripple", "load_friction", "asymmetry", "position_friction",
+)  # fmt: skip
+
+FOREIGN = Family(
+    name="foreign",
+    kind=FOREIGN_KIND,
+    make=ForeignMotors,
+    units=_FOREIGN_UNITS,
+    positive=_FOREIGN_NEEDS,
+    largest=dict.fromkeys(_SHARES, 1.0) | dict.fromkeys(("delay", "servo_period", "velocity_filter"), 1.0),
+    signed=frozenset({"encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase"}),
+    optional=frozenset(_FOREIGN_UNITS) - _FOREIGN_NEEDS - {"kd_over_kp"},
+)
+"""Motors of `actuator.foreign`, whose equations no learned decoder shares."""
+
+FAMILIES = {family.name: family for family in (GEARED, FOREIGN)}
+UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
+"""Of the parameters of all families."""
