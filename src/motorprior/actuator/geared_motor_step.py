@@ -126,6 +126,10 @@ class StepConstants(NamedTuple):
     integral_limit: Values = None
     stall_torque: Values = None
     no_load_speed: Values = None
+    current_gain: Values = None
+    """share of the way to the law's torque that the current goes in a step [-]"""
+    mean_current_gain: Values = None
+    """the same share, of the current's mean over the step [-]"""
     asymmetry: Values = None
     bristle_stiffness: Values = None
 
@@ -146,6 +150,8 @@ class MotorState(NamedTuple):
     """[rad/s]"""
     integral: Values = None
     """[N·m]"""
+    current: Values = None
+    """torque of the motor behind its lag [N·m]"""
     bristle: Values = None
     """deflection of the bristle [rad]"""
 
@@ -199,8 +205,10 @@ def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[st
     }
     if terms:
         nothing = xp.zeros_like(gain)
-        changed |= {name: values.get(name, nothing + absent) for name, absent in ABSENT.items()}
-        changed["output_encoder"] = nothing + ("output_encoder" in terms)
+        full = {name: values.get(name, nothing + absent) for name, absent in ABSENT.items()}
+        lags = h / full.pop("current_time")
+        full |= {"current_gain": -xp.expm1(-lags), "mean_current_gain": 1.0 + xp.expm1(-lags) / lags}
+        changed |= full | {"output_encoder": nothing + ("output_encoder" in terms)}
     return StepConstants(**(same | changed))
 
 
@@ -266,15 +274,19 @@ def step(
         )
         push = push + state.integral
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * live) * follows
+    old, share = 0.0, 1.0  # of the torque in force
+    if "current" in terms:
+        old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
     inertia = p.armature + half_h * (lead + p.viscous_damping)
     carried = inertia * v - h * (gear + p.viscous_damping * v)
     dry = _Dry(p, state.bristle, friction, h, arithmetic, terms)
-    free, bristle = dry.after(carried + h * push + half_h * braking * v, inertia + half_h * braking)
+    in_force, eased = old + share * push, share * braking
+    free, bristle = dry.after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
     law = push - 0.5 * braking * (free - v)
     bounded = arithmetic.clip(law, p.torque_limit)
     if "torque_speed" in terms:
         bounded = within_voltage(p, bounded, v, arithmetic)
-    held, other_bristle = dry.after(carried + h * bounded, inertia)
+    held, other_bristle = dry.after(carried + h * (old + share * bounded), inertia)
     limited = abs(law) > p.torque_limit if "torque_speed" not in terms else abs(law - bounded) > 0.0
     after = where(limited, held, free)
 
@@ -288,6 +300,9 @@ def step(
         joint_vel=dq,
         damping=damping,
     )
+    if "current" in terms:
+        wanted = where(limited, bounded, law)
+        moved = moved._replace(current=state.current + p.current_gain * (wanted - state.current))
     if "presliding" in terms:
         moved = moved._replace(bristle=where(limited, other_bristle, bristle))
     return moved, torque, damping

@@ -13,6 +13,7 @@ quantities at the output shaft, h is the step. In the order in which they act:
     dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
     integral       torque I is added to the law:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)      (PI-D law)
     torque_speed   |torque of the law| <= stall_torque·(1 - v/no_load_speed) in the driving direction (voltage limit)
+    current        the law's torque reaches the rotor through a lag:  τ' = τ + (1 - exp(-h/current_time))·(law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
     presliding     dry friction is a bristle's force, σ·z, at most F:  z' = z + h·v' until σ·|z| = F. So a rotor at rest
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
@@ -31,24 +32,31 @@ TERMS: dict[str, tuple[str, ...]] = {
     "dead_zone": ("dead_zone",),
     "integral": ("integral_rate", "integral_limit"),
     "torque_speed": ("stall_torque", "no_load_speed"),
+    "current": ("current_time",),
     "asymmetry": ("asymmetry",),
     "presliding": ("bristle_stiffness",),
     "heat": ("heat_loss", "heat_time"),
 }
 """Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
-integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], asymmetry [-], bristle_stiffness σ
+integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry [-], bristle_stiffness σ
 [N·m/rad], heat_loss [-], heat_time [s]."""
 ABSENT = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
-    "stall_torque": 1e9, "no_load_speed": 1e9, "asymmetry": 0.0, "bristle_stiffness": 1e9,
+    "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-9, "asymmetry": 0.0, "bristle_stiffness": 1e9,
 }  # fmt: skip
 """Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
-    "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "asymmetry": 0.0, "bristle_stiffness": 10.0,
+    "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "current_time": 0.003, "asymmetry": 0.0, "bristle_stiffness": 10.0,
     "heat_loss": 0.1, "heat_time": 10.0,
 }  # fmt: skip
 """Where a search begins."""
+FAINT = {
+    "profile_speed": 40.0, "profile_acceleration": 4000.0, "dead_zone": 1e-4, "integral_rate": 0.05,
+    "integral_limit": 0.05, "stall_torque": 20.0, "no_load_speed": 100.0, "current_time": 3e-4, "asymmetry": 0.0,
+    "bristle_stiffness": 200.0, "heat_loss": 0.01, "heat_time": 10.0,
+}  # fmt: skip
+"""Constants with which a term does next to nothing: where a search begins, too."""
 SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2}
 """Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)."""
 LARGEST_SHARE = 0.9

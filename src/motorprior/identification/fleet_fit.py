@@ -11,7 +11,7 @@ so that a window, of N, fitted as well as the average one counts as an observati
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,8 +59,15 @@ class FleetFit:
 
 def initial_center(terms: tuple[str, ...]) -> np.ndarray:
     """(P,) decoder outputs of the initial motor."""
-    values = [(name, INITIAL_MOTOR.get(name, 0.0)) for name in parameters_of(terms)]
-    return np.array([value / SIGNED[name] if name in SIGNED else np.log(value) for name, value in values])
+    return encoded(INITIAL_MOTOR, terms)
+
+
+def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
+    """(P,) decoder outputs of a motor with these constants; outputs of constants that are not given are 0."""
+    return np.array([
+        values.get(name, 0.0) / SIGNED[name] if name in SIGNED else np.log(values.get(name, 1.0))
+        for name in parameters_of(terms)
+    ])  # fmt: skip
 
 
 def with_motor(network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
@@ -91,12 +98,12 @@ def fit_fleet(
         report: called STAGES times.
     """
     rng, center = np.random.default_rng([seed, _STREAM]), initial_center(terms)
-    fit, belief = MotorFit(with_motor(network, center, terms), runs), _weak(len(center))
+    fit, belief = MotorFit(with_motor(network, center, terms), runs), weak_belief(len(center))
     start = fit.search(rng, np.zeros((runs.num_motors, len(center))), belief, SEARCH_RADII, SEARCH_DRAWS)
     found = fit.polish(start, belief, FIRST_STEPS)
     report()
     for _ in range(RESTARTS):
-        start = _restart(rng, fit, found, belief, together)
+        start = restart(rng, fit, found, belief, together)
         found = found.better(fit.polish(start, belief, RESTART_STEPS))
         report()
     for reach, steps in TURNS:
@@ -104,14 +111,15 @@ def fit_fleet(
             belief = _belief(found, runs.windows)
         found = replace(found, energy=found.loss + belief.energy(found.z))
         again = fit.polish(found.z, belief, steps, reach)
-        start = _restart(rng, fit, again, belief, together)
+        start = restart(rng, fit, again, belief, together)
         found = again.better(fit.polish(start, belief, steps, reach))
         report()
     middle = np.median(found.z, axis=0)
     return FleetFit(center + middle, found.z - middle, found.loss, terms)
 
 
-def _weak(size: int) -> Belief:
+def weak_belief(size: int) -> Belief:
+    """Next to nothing: what keeps constants that a log does not show where they began."""
     return Belief(np.zeros(size), np.full(size, _WEAK))
 
 
@@ -122,7 +130,7 @@ def _belief(found: Fit, windows: int) -> Belief:
     return Belief(mean, found.loss.mean() / windows / variance)
 
 
-def _restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief, together: bool) -> np.ndarray:
+def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief, together: bool) -> np.ndarray:
     """(M, Z) of each motor the best of RESTART_DRAWS other beginnings.
 
     In half of them a random half of the constants is drawn anew: together, around the better motors' median with their
@@ -137,9 +145,8 @@ def _restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief
         middle, spread = found.z, np.full(size, SEARCH_RADII[1])
     anew = middle[:, None] + spread * rng.standard_normal((motors, RESTART_DRAWS, size))
     candidates = np.where(rng.random(anew.shape) < 0.5, found.z[:, None], anew)
-    if together:
-        others = found.z[rng.permutation(motors)[: RESTART_DRAWS // 2]]
-        candidates[:, : len(others)] = others
-        own = np.all(candidates == found.z[:, None], axis=2)
-        candidates[own] = candidates[:, -1][np.flatnonzero(own.any(axis=1))] if own.any() else 0.0
+    if together and motors > 1:
+        for motor in range(motors):
+            others = rng.permutation(np.delete(np.arange(motors), motor))[: RESTART_DRAWS // 2]
+            candidates[motor, : len(others)] = found.z[others]
     return fit.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), belief)
