@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import fleet_path, load_fleet
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
@@ -79,7 +80,7 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_sampled_motor_can_exist(name):
-    motors = load_fleet(name).sample(20000, np.random.default_rng(1))
+    motors = geared(load_fleet(name).sample(20000, np.random.default_rng(1)))
     for field in ("kp", "kd", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature"):
         assert np.min(getattr(motors, field)) > 0.0, field
     for field in ("delay", "coulomb", "stribeck_torque", "viscous_damping", "load_friction", "backlash"):
@@ -90,7 +91,7 @@ def test_every_sampled_motor_can_exist(name):
 
 def test_same_generator_same_motors_and_the_center_is_the_median():
     fleet = load_fleet("pupper_v2")
-    a, b, other = (fleet.sample(5, np.random.default_rng(seed)).table() for seed in (3, 3, 4))
+    a, b, other = (geared(fleet.sample(5, np.random.default_rng(seed))).table() for seed in (3, 3, 4))
     np.testing.assert_array_equal(a, b)
     assert np.any(a != other)
     center = fleet.center(2)

@@ -11,6 +11,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
@@ -27,7 +28,7 @@ def ideal_pd(n):
 
 
 def physical(n):
-    motors = load_fleet("pupper_v2").sample(n, np.random.default_rng(2))
+    motors = geared(load_fleet("pupper_v2").sample(n, np.random.default_rng(2)))
     return PhysicalActuator(replace(motors, torque_limit=np.full(n, LIMIT)))
 
 
