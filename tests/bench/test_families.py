@@ -29,13 +29,7 @@ motor = "test"
 robot = "pupper_v2"
 """ + "".join(
     f'[{name}]\nunit = "{UNITS[name]}"\ndistribution = "constant"\ncenter = {value}\nsource = "test"\n'
-    for name, value in {
-        "kp": 9.0,
-        "kd_over_kp": 0.05,
-        "torque_limit": 2.0,
-        "armature": 0.003,
-        "gear_stiffness": 60.0,
-    }.items()
+    for name, value in zip(sorted(FOREIGN.units.keys() - FOREIGN.optional), (0.003, 60.0, 0.05, 9.0, 2.0), strict=True)
 )
 
 
@@ -114,20 +108,15 @@ def test_a_bench_gives_its_motors_back(tmp_path, name):
 def test_a_log_is_of_motors_that_warm_up_and_of_noisy_instruments():
     motors, fleet = sampled("foreign_direct", 2), load_fleet("foreign_direct")
     preset = replace(PRESETS["rollout"], segment_steps=200, kinds=("sine",))
-    logs = {}
-    for name, changed in {
-        "warm": {},
-        "cold": {"heat_loss": np.zeros(2)},
-        "clean": {"log_position_noise": np.zeros(2)},
-    }.items():
-        logs[name] = record(replace(motors, **changed), preset, 401, 0, fleet)
-    assert record(motors, preset, 401, 0, fleet).joint_pos.tobytes() == logs["warm"].joint_pos.tobytes()
-    noise = logs["warm"].joint_pos - logs["clean"].joint_pos
-    assert np.std(noise) == pytest.approx(2e-4, rel=0.1)
-    again = record(motors.after(preset.period * 200), preset, 200, 0, fleet)  # a second segment starts warmer
-    assert np.any(again.joint_pos != logs["warm"].joint_pos[:200])
-    first = replace(motors, heat_time=np.full(2, 1e-6), warmth=np.zeros(2))
-    assert np.all(first.after(1.0).warmth == 1.0)
+    noisy, again = (record(motors, preset, 400, 0, fleet).joint_pos for _ in range(2))
+    clean = record(replace(motors, log_position_noise=np.zeros(2)), preset, 400, 0, fleet).joint_pos
+    assert noisy.tobytes() == again.tobytes() and np.std(noisy - clean) == pytest.approx(2e-4, rel=0.1)
+    loss = np.full(2, 0.3)  # warm at once, so that all but the first segment starts warm
+    fast = replace(motors, heat_loss=loss, heat_time=np.full(2, 1e-9), warmth=np.zeros(2))
+    warm = replace(motors, heat_loss=loss, heat_time=np.zeros(2), warmth=np.ones(2))
+    one, other = (record(each, preset, 400, 0, fleet).joint_pos for each in (fast, warm))
+    np.testing.assert_array_equal(one[200:], other[200:])
+    assert np.any(other[200:] != noisy[200:])
 
 
 def test_the_warmth_of_held_out_trials_is_not_known():
