@@ -21,6 +21,7 @@ class Family:
 
     Attributes:
         name: in a fleet's file and in bench.json.
+        motor: what such a motor has, for readers.
         kind: of the actuator.
         make: the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd.
         units: of the parameters, in the order in which a sample draws them.
@@ -31,6 +32,7 @@ class Family:
     """
 
     name: str
+    motor: str
     kind: ActuatorKind
     make: Callable[..., TrueMotors]
     units: Mapping[str, str]
@@ -48,6 +50,8 @@ class Family:
 
 GEARED = Family(
     name="geared",
+    motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
+    "limit, a delay and a velocity filter; its encoder sits on the rotor.",
     kind=PHYSICAL,
     make=MotorParameters,
     units={
@@ -104,6 +108,8 @@ _SHARES: tuple[str, ...] = (
 
 FOREIGN = Family(
     name="foreign",
+    motor="The foreign motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a gear "
+    "that hardens and has play and hysteresis; no learned model has its equations.",
     kind=FOREIGN_KIND,
     make=ForeignMotors,
     units=_FOREIGN_UNITS,
