@@ -30,7 +30,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import MotorParameters
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.facts import training_motors
@@ -151,7 +151,7 @@ def measure(point: Point) -> dict[str, float]:
     new = fleet.sample(NEW_MOTORS, rng)
     log = record(new, BENCH, round(NEW_SECONDS / BENCH.period), point.seed + 1_000_000, fleet)
     posterior = adapt(found.network, training_data(log, preset, "log"), preset, temperature)
-    physical = behaviours(PhysicalActuator(fleet.sample(POPULATION, rng))).values
+    physical = behaviours(fleet.sample(POPULATION, rng).actuator()).values
     drawn = behaviours(LatentActuator(found.network, rng.standard_normal((POPULATION, point.latents)))).values
     return {
         "train": 1e3 * impact_error(LatentActuator(found.network, found.mean), motors, point.seed),

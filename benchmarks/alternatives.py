@@ -33,7 +33,6 @@ import numpy as np
 import optax
 import tyro
 
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.artifacts import write_text
 from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
@@ -187,7 +186,7 @@ def train(box: BlackBox, data: TrainingData, lengths: tuple[int, ...], steps: in
 def measured_inertias(fleet: str) -> tuple[float, float]:
     """10th and 90th percentile of the joints' inertias in a trotting robot, without contacts: 1 / (M⁻¹)_jj [kg·m²]."""
     world, rng = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)), np.random.default_rng(0)
-    motors = PhysicalActuator(load_fleet(fleet).sample(spec.NUM_JOINTS, rng))
+    motors = load_fleet(fleet).sample(spec.NUM_JOINTS, rng).actuator()
     trot = replay(world, motors, trot_targets(PUPPER_V2, rng, STEPS))
     data, inertias = mujoco.MjData(world.model), []
     for joint_pos in trot.joint_pos[::50]:

@@ -19,7 +19,6 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -46,7 +45,7 @@ def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuato
     if kind == "learned":
         return prior.sample(spec.NUM_JOINTS, rng)
     if kind == "physical":
-        return PhysicalActuator(load_fleet("pupper_v2").sample(spec.NUM_JOINTS, rng))
+        return load_fleet("pupper_v2").sample(spec.NUM_JOINTS, rng).actuator()
     rotors = 0.003 if kind == "pd_armature_delay" else 0.0
     return IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=rotors, delay=0.008 if rotors else 0.0)
 

@@ -9,32 +9,30 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
-from motorprior.bench.facts import LOG, read_bench
 from motorprior.identification.bench_fidelity import Ensemble, Prediction
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.held_out import held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import description, is_finished, seconds_of, working, write_results
+from motorprior.pipeline.stage import seconds_of, write_results
 from motorprior.pipeline.validate import Validate, fidelity, load_priors, run_validate
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.metrics import COLUMNS
+from with_play import WITH_PLAY, fit_with_play
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
 PROGRESS = Lines(sys.stderr)
-WITH_PLAY = "per_motor_play"
-"""The recipe per_motor with backlash and stiffness of the gear among its constants."""
 MEMBERS = 3
 """Networks of the ensemble, of different seeds; it predicts the mean of their trajectories."""
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "hung_rmse")
@@ -67,31 +65,6 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
     return folder / PRIOR
 
 
-def fit_with_play(settings: Settings) -> Path:
-    """Identify the prior of separately fitted motors with backlash, unless it exists."""
-    from motorprior.identification.per_motor import fit_motors
-    from motorprior.identification.presets import identification_preset
-    from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.windows import training_data
-
-    bench, folder = settings.out / "bench" / "rollout", settings.out / "priors" / WITH_PLAY
-    log, facts = read_bench(bench)
-    preset = identification_preset("per_motor")
-    wanted = description("identify", {"preset": WITH_PLAY}, [bench / LOG], recipe=asdict(preset))
-    if is_finished(folder, wanted):
-        return folder / PRIOR
-    with working(folder, wanted):
-        data = training_data(log, preset, str(bench))
-        with PROGRESS.start(f"identify {WITH_PLAY}", 1):
-            network, mean, log_var = fit_motors(data, preset)
-        provenance = {"bench": facts.as_json(), "recipe": asdict(preset), "seed": settings.seed}
-        metrics = reference_metrics(network, data, preset, mean, log)
-        MotorPrior(
-            network, mean, log_var, WITH_PLAY, facts.fleet.robot, facts.fleet.motor, provenance, metrics
-        ).save(folder / PRIOR)  # fmt: skip
-    return folder / PRIOR
-
-
 def measure(settings: Settings) -> Results:
     """Everything; the position-only prior and the ensemble are models of their own names."""
     for preset in ("rollout", "paper"):
@@ -101,7 +74,10 @@ def measure(settings: Settings) -> Results:
             ),
             PROGRESS,
         )
-    priors = (*(identify(settings, preset, preset) for preset in PRESETS), fit_with_play(settings))
+    played = fit_with_play(
+        settings.out / "bench" / "rollout", settings.out / "priors" / WITH_PLAY, settings.seed, PROGRESS
+    )
+    priors = (*(identify(settings, preset, preset) for preset in PRESETS), played)
     results = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
     blind = identify(settings, "rollout", "position_only", torque=False)
     found = run_validate(Validate((blind,), settings.out / "validate" / "position_only", settings.seed), PROGRESS)

@@ -26,6 +26,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.distribution import two_sample_auc
 from motorprior.identification.standardise import standardised
@@ -74,12 +75,12 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
     fleet, rng = load_fleet(fleet_name), np.random.default_rng(1)
 
     def auc(boxes: LatentActuator) -> float:
-        physical = PhysicalActuator(fleet.sample(POPULATION, rng))
+        physical = fleet.sample(POPULATION, rng).actuator()
         return two_sample_auc(behaviours(boxes).values, behaviours(physical).values, 0)
 
-    figures = {"two_sample_auc": auc(true_grey_box(fleet.sample(POPULATION, rng)))}
+    figures = {"two_sample_auc": auc(true_grey_box(geared(fleet.sample(POPULATION, rng))))}
     for count in KNOWN:
-        known = [true_grey_box(fleet.sample(count, rng)) for _ in range(SETS)]
+        known = [true_grey_box(geared(fleet.sample(count, rng))) for _ in range(SETS)]
         for sampler in (gaussian, copula):
             areas = [auc(sampler(motors, rng)) for motors in known]
             figures[f"two_sample_auc/{sampler.__name__}/{count}"] = float(np.median(areas))
@@ -93,7 +94,10 @@ def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[floa
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])
-        motors, targets = load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng), trot_targets(PUPPER_V2, rng, STEPS)
+        motors, targets = (
+            geared(load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng)),
+            trot_targets(PUPPER_V2, rng, STEPS),
+        )
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)
         error, chatter, apart = compare(found, truth, spec.CONTROL_DT)

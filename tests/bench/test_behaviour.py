@@ -9,6 +9,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench import behaviour
 from motorprior.bench.behaviour import behaviours
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 
 KP, KD, ARMATURE = np.array([8.0, 12.0]), np.array([0.8, 0.9]), np.array([0.002, 0.004])
@@ -20,7 +21,7 @@ def pd(delay=0.0, kd=KD, limit=50.0):
 
 def central(**changes):
     """Two central motors of the fleet, changed."""
-    motors = load_fleet("pupper_v2").center(2)
+    motors = geared(load_fleet("pupper_v2").center(2))
     return replace(motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()})
 
 
@@ -107,7 +108,7 @@ def test_a_motor_that_fails_a_trial_gets_the_end_of_the_scale():
 
 
 def test_features_are_rounded_named_and_belong_to_their_motor():
-    motors = load_fleet("mixed").sample(3, np.random.default_rng(4))
+    motors = geared(load_fleet("mixed").sample(3, np.random.default_rng(4)))
     every = behaviours(PhysicalActuator(motors))
     alone = behaviours(PhysicalActuator(motors.take(np.array([2]))))
     np.testing.assert_array_equal(every.values[2], alone.values[0])

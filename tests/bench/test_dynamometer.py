@@ -6,6 +6,7 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 
@@ -79,7 +80,7 @@ def test_a_recorded_log_obeys_newton(preset):
 
 def test_an_encoder_on_the_rotor_sees_neither_play_nor_wind_up():
     """encoder_pos differs from joint_pos by the zero and up to half the play and the gear's twist under its torque."""
-    motors = load_fleet("mixed").sample(4, np.random.default_rng(0))
+    motors = geared(load_fleet("mixed").sample(4, np.random.default_rng(0)))
     rng, steps = np.random.default_rng(1), 400
     case = Trial(np.cumsum(rng.normal(0.0, 0.02, (steps, 4)), axis=0), np.zeros((steps, 4)), np.full(4, 0.002), 0.002)
     answer = run(PhysicalActuator(motors), case)

@@ -5,12 +5,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.foreign import ForeignActuator, ForeignMotors
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
@@ -27,8 +29,18 @@ def ideal_pd(n):
 
 
 def physical(n):
-    motors = load_fleet("pupper_v2").sample(n, np.random.default_rng(2))
+    motors = geared(load_fleet("pupper_v2").sample(n, np.random.default_rng(2)))
     return PhysicalActuator(replace(motors, torque_limit=np.full(n, LIMIT)))
+
+
+def foreign(n):
+    """Without what depends on the absolute position, so that only differences count."""
+    motors = load_fleet("foreign_direct").sample(n, np.random.default_rng(2))
+    assert isinstance(motors, ForeignMotors)
+    nothing, absolute = np.zeros(n), ("encoder_quantum", "encoder_zero", "cogging", "ripple", "position_friction")
+    return replace(
+        motors, torque_limit=np.full(n, LIMIT), heat_loss=nothing, **dict.fromkeys(absolute, nothing)
+    ).actuator()
 
 
 def latent(n):
@@ -66,7 +78,7 @@ def grey_box(n):
     return LatentActuator(network, rng.standard_normal((n, 3)))
 
 
-MAKERS = {"ideal_pd": ideal_pd, "physical": physical, "latent": latent, "grey_box": grey_box}
+MAKERS = {"ideal_pd": ideal_pd, "physical": physical, "latent": latent, "grey_box": grey_box, "foreign": foreign}
 
 
 @pytest.fixture(params=MAKERS)
@@ -78,8 +90,8 @@ def only(actuator, motor):
     """One motor of several."""
     if isinstance(actuator, LatentActuator):
         return replace(actuator, z=actuator.z[[motor]])
-    if isinstance(actuator, PhysicalActuator):
-        return PhysicalActuator(actuator.motors.take(np.array([motor])))
+    if isinstance(actuator, PhysicalActuator | ForeignActuator):
+        return actuator.motors.take(np.array([motor])).actuator()
     return IdealPd(*(getattr(actuator, field.name)[[motor]] for field in fields(actuator)))
 
 
@@ -183,6 +195,9 @@ def static_band(actuator):
     if isinstance(actuator, PhysicalActuator):
         motors, left_over = actuator.motors, 0.0
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
+    elif isinstance(actuator, ForeignActuator):
+        motors, left_over = actuator.motors, 0.0
+        dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
     elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
         values, left_over = actuator.network.constants(actuator.z), LEFT_OVER
         dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]

@@ -8,7 +8,6 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -32,7 +31,7 @@ def mujoco(_: object) -> Backend:
     """Physical motors of the shipped fleet."""
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
-        lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng)),
+        lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator(),
         WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
     )
 
@@ -46,7 +45,7 @@ def mujoco_of_grey_boxes(grey_network) -> Backend:
 def pybullet(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("pupper_v2")
-    return PybulletBackend(lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng)), BULLET)
+    return PybulletBackend(lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator(), BULLET)
 
 
 def pybullet_of_grey_boxes(grey_network) -> Backend:
@@ -58,14 +57,14 @@ def pybullet_of_grey_boxes(grey_network) -> Backend:
 def pybullet_rough(_: object) -> Backend:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     fleet = load_fleet("mixed")
-    motors = lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng))  # noqa: E731
+    motors = lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator()  # noqa: E731
     return PybulletBackend(motors, BULLET, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
 
 
 def mujoco_randomized(_: object) -> Backend:
     fleet = load_fleet("pupper_v2")
     return MujocoBackend(
-        lambda rng: PhysicalActuator(fleet.sample(spec.NUM_JOINTS, rng)),
+        lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator(),
         WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
         EVERYTHING,
     )

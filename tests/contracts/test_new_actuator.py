@@ -113,13 +113,16 @@ def test_one_entry_gives_it_a_name_and_a_colour_in_every_table(monkeypatch: pyte
 def test_a_kind_says_where_its_encoder_is():
     encoders = {kind.name: kind.encoder for kind in (*registry.KINDS, SPRING)}
     assert encoders == {
-        "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "spring": "rotor"
+        "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "foreign": "rotor",
+        "spring": "rotor",
     }  # fmt: skip
 
 
 def test_a_kind_says_how_finely_it_is_simulated():
     steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in (*registry.KINDS, SPRING)}
-    assert steps == {"ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "spring": 0.001}
+    assert steps == {
+        "ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "foreign": 0.001, "spring": 0.001,
+    }  # fmt: skip
     light = replace(PUPPER_V2, physics_dt=0.001, twin_physics_dt=0.00025)
     assert light.physics_step(registry.PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"
     assert replace(light, twin_physics_dt=0.005).physics_step(registry.PHYSICAL.longest_step) == 0.001

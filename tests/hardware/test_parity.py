@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.axes import backend_state, from_wire, quaternion, to_wire
 from motorprior.hardware.framing import command_frame, telemetry_reader
@@ -65,7 +64,7 @@ def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
     policy = Policy(*numbers, PUPPER_V2.name, PUPPER_V2.joint_names)
     fleet = load_fleet("pupper_v2")
     config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
-    spy = Spy(MujocoBackend(lambda draw: PhysicalActuator(fleet.sample(12, draw)), config))
+    spy = Spy(MujocoBackend(lambda draw: fleet.sample(12, draw).actuator(), config))
     env, walker, action = WalkEnv(PUPPER_V2, spy), Walker(PUPPER_V2, policy), np.zeros(16)
     observation, _ = env.reset(seed=0)
     body = ShownBody(spy.state)

@@ -8,6 +8,7 @@ import pytest
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import run
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.bench_fidelity import held_out_trials
@@ -22,7 +23,7 @@ RECIPE = replace(identification_preset("per_motor"), warm_up=60, window=48)
 
 def test_motors_are_fitted_one_by_one_with_their_play():
     fleet = load_fleet("pupper_v2")
-    motors = replace(fleet.center(3), backlash=np.array([0.005, 0.02, 0.05]))
+    motors = replace(geared(fleet.center(3)), backlash=np.array([0.005, 0.02, 0.05]))
     data = training_data(record(motors, bench_preset("adapt"), 2500, 0, fleet), RECIPE, "log")
     network, mean, log_var = fit_motors(data, RECIPE)
     assert network.motor is not None and mean.shape == log_var.shape == (3, 14)

@@ -8,6 +8,7 @@ import pytest
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.bench_fidelity import Prediction, bench_errors
@@ -25,7 +26,7 @@ CHANGES = (("kp", 2.5), ("kd", 0.25))
 
 
 def motors() -> MotorParameters:
-    return load_fleet("mixed").sample(16, np.random.default_rng(3))
+    return geared(load_fleet("mixed").sample(16, np.random.default_rng(3)))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import pytest
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
@@ -25,7 +24,7 @@ HUNG = WorldConfig.of(PUPPER_V2, hung=True, physics_dt=0.001)
 STANDING = WorldConfig.of(PUPPER_V2, physics_dt=0.001)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
-PHYSICAL = PhysicalActuator(load_fleet("pupper_v2").sample(12, np.random.default_rng(0)))
+PHYSICAL = load_fleet("pupper_v2").sample(12, np.random.default_rng(0)).actuator()
 KNEE_INERTIA = 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
 """Of the shank about the knee [kg·m²]."""
 

@@ -13,7 +13,6 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.actuator.torque_law import measure_joint_pos, step_actuator
 from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
@@ -52,7 +51,7 @@ def draw_pd(rng):
 
 
 def draw_physical(rng):
-    return PhysicalActuator(FLEET.sample(12, rng))
+    return FLEET.sample(12, rng).actuator()
 
 
 def draw_latent(rng):

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.robots.pupper_v2 import spec
@@ -22,6 +21,6 @@ def test_the_central_motor_replays_a_real_log(shared_data: Path, name: str):
     if not folder.is_dir():
         pytest.skip("no logs of a real Pupper")
     log = read_puppersim_logs(folder, PUPPER_V2)[name]
-    center = PhysicalActuator(load_fleet("pupper_v2").center(spec.NUM_JOINTS))
+    center = load_fleet("pupper_v2").center(spec.NUM_JOINTS).actuator()
     error = replay_log(log, PUPPER_V2, center, prepare(log, PUPPER_V2, name)).rmse
     assert np.nanmean(error) <= BOUND

@@ -140,7 +140,7 @@ class ForeignMotors:
 
     def after(self, seconds: float) -> ForeignMotors:
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
-        return replace(self, warmth=1.0 - (1.0 - self.warmth) * (1.0 - _share(seconds, self.heat_time, 0.0)))
+        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _share(seconds, self.heat_time, 0.0))
 
     def logged(
         self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray

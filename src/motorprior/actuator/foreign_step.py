@@ -24,8 +24,8 @@ constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the 
     rotor     armature·dw/dt = τ_motor - τ_gear - F - viscous_damping·w
 
 z takes its exact solution for the velocity at the start of the substep, which no bristle is too stiff for; viscous
-damping is implicit. The engine damps the joint by output_damping·dq. A term is off where its first constant is 0, a firmware of period 0 ticks every substep. The joint
-gets the mean of τ_gear over the substeps.
+damping is implicit. A term is off where its first constant is 0, a firmware of period 0 ticks every substep. The joint
+gets the mean of τ_gear over the substeps, and the engine damps it by output_damping·dq.
 
 Sources. Friction: Canudas de Wit, Olsson, Åström and Lischinsky, A new model for control of systems with friction, IEEE
 TAC 40 (1995); damping of the bristles that falls with speed, and friction that differs by direction: Olsson et al.,
@@ -62,8 +62,8 @@ LONGEST_STEP = 0.001
     ASYMMETRY, POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
     GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE, NUM_ROWS,
 ) = range(46)  # fmt: skip
-"""Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a substep, a time
-constant the share of the way in a substep (of the velocity filter: in a tick)."""
+"""Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
+substep, a time constant the share of the way in a substep (of the velocity filter: in a tick)."""
 (
     ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND, TORQUE, BRISTLE, TWIST,
     SLIDER, HEAT, WAIT, LINE,

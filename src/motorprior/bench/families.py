@@ -12,6 +12,7 @@ from motorprior.actuator.foreign_step import FOREIGN as FOREIGN_KIND
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.physical import PHYSICAL, MotorParameters
 from motorprior.actuator.true_motors import TrueMotors
+from motorprior.exceptions import ConfigError
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Family:
 
     Attributes:
         name: in a fleet's file and in bench.json.
+        motor: what such a motor has, for readers.
         kind: of the actuator.
         make: the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd.
         units: of the parameters, in the order in which a sample draws them.
@@ -30,6 +32,7 @@ class Family:
     """
 
     name: str
+    motor: str
     kind: ActuatorKind
     make: Callable[..., TrueMotors]
     units: Mapping[str, str]
@@ -47,6 +50,8 @@ class Family:
 
 GEARED = Family(
     name="geared",
+    motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
+    "limit, a delay and a velocity filter; its encoder sits on the rotor.",
     kind=PHYSICAL,
     make=MotorParameters,
     units={
@@ -97,17 +102,19 @@ _FOREIGN_UNITS = {
     "log_velocity_noise": "rad/s", "log_torque_noise": "N·m",
 }  # fmt: skip
 _FOREIGN_NEEDS = frozenset({"kp", "torque_limit", "armature", "gear_stiffness"})
-_SHARES = (
+_SHARES: tuple[str, ...] = (
     "output_encoder", "sag", "heat_loss", "warmth", "ripple", "load_friction", "asymmetry", "position_friction",
 )  # fmt: skip
 
 FOREIGN = Family(
     name="foreign",
+    motor="The foreign motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a gear "
+    "that hardens and has play and hysteresis; no learned model has its equations.",
     kind=FOREIGN_KIND,
     make=ForeignMotors,
     units=_FOREIGN_UNITS,
     positive=_FOREIGN_NEEDS,
-    largest=dict.fromkeys(_SHARES, 1.0) | dict.fromkeys(("delay", "servo_period", "velocity_filter"), 1.0),
+    largest=dict.fromkeys((*_SHARES, "delay", "servo_period", "velocity_filter"), 1.0),
     signed=frozenset({"encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase"}),
     optional=frozenset(_FOREIGN_UNITS) - _FOREIGN_NEEDS - {"kd_over_kp"},
 )
@@ -116,3 +123,18 @@ FOREIGN = Family(
 FAMILIES = {family.name: family for family in (GEARED, FOREIGN)}
 UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
 """Of the parameters of all families."""
+
+
+def geared(motors: TrueMotors) -> MotorParameters:
+    """The same motors, for what only geared motors can do.
+
+    Raises:
+        ConfigError: motors of another family.
+    """
+    if isinstance(motors, MotorParameters):
+        return motors
+    raise ConfigError(
+        f"the fleet's motors are {motors.actuator().kind.name}, not {GEARED.name}",
+        remedy=f"use a fleet of {GEARED.name} motors, one that names no other family",
+        argument="fleet",
+    )

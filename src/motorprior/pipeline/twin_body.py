@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import Fleet
-from motorprior.exceptions import ConfigError
 from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.virtual.firmware import Drive, Sensors
 from motorprior.robots.robot import Robot
@@ -22,14 +22,7 @@ def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
     Raises:
         ConfigError: a fleet of another family than the geared motors.
     """
-    motors = fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed]))
-    if not isinstance(motors, MotorParameters):
-        raise ConfigError(
-            f"fleet {fleet.name!r} is of family {fleet.family}, whose firmware has a law of its own",
-            remedy="give a virtual robot a fleet of geared motors",
-            argument="fleet",
-        )
-    return motors
+    return geared(fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed])))
 
 
 class TwinBody:

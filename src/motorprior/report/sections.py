@@ -12,6 +12,7 @@ import numpy as np
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.facts import read_bench
+from motorprior.bench.families import FAMILIES
 from motorprior.report import plots
 from motorprior.report.gait_picture import gait_animation, gait_strip
 from motorprior.report.page import Picture, Section, Table, picture
@@ -58,10 +59,7 @@ def bench(run: Path) -> list[Section]:
     _, facts = read_bench(run / "bench" / "rollout")
     count = f"{facts.motors} physical motors of fleet {facts.fleet.name}"
     lead = f"{count} on a virtual dynamometer, {facts.steps} steps each."
-    body = (
-        "The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
-        "limit, a delay and a velocity filter; its encoder sits on the rotor. No two motors are alike.",
-    )
+    body = (f"{FAMILIES[facts.fleet.family].motor} No two motors are alike.",)
     return [Section("Bench: excitation and response", lead, body, tuple(pictures))]
 
 

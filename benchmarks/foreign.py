@@ -1,0 +1,159 @@
+"""How far learned motors are from motors whose equations they do not share, in closed loop.
+
+    python benchmarks/foreign.py --out runs/foreign
+
+For each fleet of foreign motors: a bench, three models of its motors, their errors on held-out excitation, on the
+motors of the bench (train) and on others of the same fleet that 10 s of log tell of (new). Beside them ``floor``, the
+true motors started 4 mrad away, ``floor_warmth``, the true motors after 10 s of work whatever their warmth, and
+``tuned_pd``, one PD for all. figures.json has the medians over motors [rad] as FAMILY/EXCITATION/MODEL/SET, and of the
+rollout's draws FAMILY/coverage90 and FAMILY/two_sample_auc. Stages that are finished are kept.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.true_motors import TrueMotors
+from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.bench.facts import BenchFacts, read_bench
+from motorprior.identification.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.held_out import adapt_all, adapted_models, distribution, held_out_motors
+from motorprior.pipeline.identify import PRIOR, Identify, run_identify
+from motorprior.pipeline.motor_choice import nominal_pd
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from with_play import WITH_PLAY, fit_with_play
+
+PRESETS = ("rollout", "latent_network")
+EXCITATIONS = ("gait", "impacts", "chirp")
+SETS = ("train", "new")
+MODELS = (*PRESETS, WITH_PLAY, "tuned_pd", "floor_warmth", "floor")
+PROGRESS = Lines(sys.stderr)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Identify the motors of every family and measure how far the models are from them."""
+
+    out: Path
+    """Run folder."""
+    motors: int = 32
+    """Motors on the bench."""
+    steps: int = 10_000
+    """Samples per motor."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    seed: int = 0
+    """Seed of bench, training and held-out excitation."""
+    families: tuple[str, ...] = ("foreign_direct", "foreign_servo")
+    """Fleets."""
+
+
+def identify(settings: Settings, family: str) -> dict[str, Path]:
+    """The priors of the family's bench, recorded and trained unless they are there."""
+    bench, priors = settings.out / family / "bench", settings.out / family / "priors"
+    run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
+    for preset in PRESETS:
+        run_identify(Identify(bench, priors / preset, preset, settings.seed, settings.adam_steps), PROGRESS)
+    fit_with_play(bench, priors / WITH_PLAY, settings.seed, PROGRESS)
+    return {name: priors / name / PRIOR for name in (*PRESETS, WITH_PLAY)}
+
+
+def measure(settings: Settings, family: str) -> dict[str, float]:
+    """The figures of one family, measured unless they are there."""
+    paths, folder = identify(settings, family), settings.out / family / "measured"
+    wanted = description("validate", asdict(settings) | {"families": [family]}, list(paths.values()))
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            write_json(folder / FIGURES, figures(settings, family, paths))
+    return read_json(folder / FIGURES)
+
+
+def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
+    """Errors [rad] on both sets of motors, and what the rollout's draws are worth."""
+    from motorprior.identification.coverage import coverage
+
+    robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
+    facts = read_bench(settings.out / family / "bench")[1]
+    pd = tuned_pd(settings, family, facts)
+    with PROGRESS.start(f"{family}: train, new, coverage, draws", 4) as task:
+        train: dict[str, ModelOfMotors] = {name: prior.training_motors for name, prior in priors.items()}
+        found = errors(settings, family, "train", facts.physical_motors(), train | pd)
+        task.advance()
+        new = held_out_motors(facts)
+        known = adapt_all(robot, priors, paths, new, facts)
+        found |= errors(settings, family, "new", new, adapted_models(priors, known, len(new)) | pd)
+        task.advance()
+        prior, preset = priors["rollout"], HELD_OUT.for_robot(robot)
+        covered = coverage(prior.network, prior.metrics, known["rollout"], new, settings.seed, preset)
+        found[f"{family}/coverage90"] = covered.value(quantity="coverage90", part=None)
+        task.advance()
+        drawn = distribution(prior, facts, settings.out / family / "measured" / "behaviour_quantiles.png")
+        found[f"{family}/two_sample_auc"] = drawn.value(quantity="two_sample_auc", statistic="median")
+        task.advance()
+    return found
+
+
+def tuned_pd(settings: Settings, family: str, facts: BenchFacts) -> dict[str, ModelOfMotors]:
+    """One PD for all motors, fitted to the log of the bench."""
+    from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, fit_pd, repeated
+
+    log, nominal = read_bench(settings.out / family / "bench")[0], nominal_pd(facts.fleet, 1)
+    with PROGRESS.start(f"{family}: tune the PD", EVALUATIONS) as task:
+        tuned = fit_pd(log, nominal, EVERYTHING, task.advance)
+    return {"tuned_pd": lambda index: repeated(tuned, len(index))}
+
+
+def errors(
+    settings: Settings, family: str, which: str, motors: TrueMotors, models: dict[str, ModelOfMotors]
+) -> dict[str, float]:
+    """Median RMSE over motors [rad] of every model and both floors, by its key in figures.json."""
+    lukewarm = motors.after(LONGEST_WORK / 2)
+    floors: dict[str, ModelOfMotors] = {"floor_warmth": lambda index: lukewarm.take(index).actuator()}
+    found = bench_errors(motors, models | floors, settings.seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
+    return {
+        f"{family}/{kind}/{'floor' if name == 'physical' else name}/{which}": float(np.median(values))
+        for kind in EXCITATIONS
+        for name, values in found[kind].items()
+    }
+
+
+def table(figures: dict[str, float], family: str) -> str:
+    """Markdown: one row per model, medians over motors [mrad]."""
+    columns = [(kind, which) for kind in EXCITATIONS for which in SETS]
+    lines = [
+        f"| {family} [mrad] | {' | '.join(f'{kind}, {which}' for kind, which in columns)} |",
+        "|---" * (1 + len(columns)) + "|",
+    ]
+    for model in MODELS:
+        cells = [f"{1e3 * figures[f'{family}/{kind}/{model}/{which}']:.2f}" for kind, which in columns]
+        lines.append(f"| {model} | {' | '.join(cells)} |")
+    drawn = (f"{name} {figures[f'{family}/{name}']:.2f}" for name in ("coverage90", "two_sample_auc"))
+    return "\n".join(lines) + f"\n\nDraws of the rollout: {', '.join(drawn)}."
+
+
+def main() -> None:
+    """Measure, write figures.json and tables.md, print the tables."""
+    settings = tyro.cli(Settings, description=__doc__)
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    found: dict[str, float] = {}
+    for family in settings.families:
+        found |= measure(settings, family)
+    write_json(settings.out / FIGURES, found)
+    text = "\n\n".join(table(found, family) for family in settings.families)
+    write_text(settings.out / "tables.md", text + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

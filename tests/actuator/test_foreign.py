@@ -1,0 +1,269 @@
+"""Every term of a foreign motor by itself, against its closed form."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator import foreign_step as rows
+from motorprior.actuator.foreign import ForeignActuator, ForeignMotors
+from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Response, Trial, run
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import trial
+from motorprior.identification.bench_fidelity import HELD_OUT
+
+DT = 1e-4
+BLOCKED = 1e9
+"""Inertia of a joint that does not move [kg·m²]."""
+
+
+def motor(**constants: float) -> ForeignMotors:
+    """One motor of which everything is off but what is given, a rotor and a stiff gear."""
+    known = {"torque_limit": 1e3, "armature": 0.004, "gear_stiffness": 4000.0, "gear_damping": 1.0} | constants
+    names = [field.name for field in fields(ForeignMotors)]
+    assert set(known) <= set(names)
+    return ForeignMotors(**{name: np.array([known.get(name, 0.0)]) for name in names})
+
+
+def respond(
+    motors: ForeignMotors, target: np.ndarray, external: np.ndarray | float = 0.0, load: float = 0.01
+) -> Response:
+    """Of one motor to (steps,) targets [rad] and torques [N·m], in steps of DT."""
+    torque = np.broadcast_to(external, target.shape)
+    return run(motors.actuator(), Trial(target[:, None], torque[:, None], np.array([load]), DT))
+
+
+def step(height: float, seconds: float) -> np.ndarray:
+    target = np.full(round(seconds / DT), height)
+    target[0] = 0.0
+    return target
+
+
+def referred(motors: ForeignMotors, targets: np.ndarray) -> np.ndarray:
+    """(steps,) reference of the firmware [rad] after every step of DT, the joint at rest."""
+    arrays, still, torque = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
+    reset_actuator(arrays, targets[:1].copy(), still)
+    found = []
+    for target in targets:
+        step_actuator(arrays, DT, np.array([target]), still, still, torque)
+        found.append(arrays.memory[rows.REFERENCE, 0])
+    return np.array(found)
+
+
+def test_the_rows_of_the_parameters_are_the_fields():
+    names = [field.name.upper() for field in fields(ForeignMotors)][: rows.NUM_ROWS]
+    assert [getattr(rows, name) for name in names] == list(range(rows.NUM_ROWS))
+    two = ForeignMotors(*(np.array([k, k + 100.0]) for k in range(len(fields(ForeignMotors)))))
+    np.testing.assert_array_equal(two.table()[:, 0], np.arange(rows.NUM_ROWS))
+    np.testing.assert_array_equal(two.take(np.array([1])).table()[:, 0], np.arange(rows.NUM_ROWS) + 100.0)
+    assert len(two) == 2 and isinstance(two.actuator(), ForeignActuator)
+
+
+def test_with_everything_off_it_is_a_second_order_system():
+    kp, kd, viscous, inertia = 9.0, 0.3, 0.05, 0.014  # of rotor and load
+    answer = respond(motor(kp=kp, kd=kd, viscous_damping=viscous), step(0.1, 0.6)).joint_pos[:, 0]
+    decay, time = (kd + viscous) / (2 * inertia), DT * np.arange(len(answer))
+    omega = np.sqrt(kp / inertia - decay**2)
+    known = 0.1 * (1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time)))
+    np.testing.assert_allclose(answer, known, atol=0.0008)
+
+
+def test_the_delay_shifts_the_response():
+    constants = {"kp": 9.0, "kd": 0.3}
+    at_once = respond(motor(**constants), step(0.1, 0.3)).joint_pos[:, 0]
+    late = respond(motor(**constants, delay=0.0123), step(0.1, 0.3)).joint_pos[:, 0]
+    np.testing.assert_allclose(late[123:], at_once[:-123], atol=1e-12)
+
+
+def test_before_it_slides_friction_is_lu_gres_spring():
+    """dz/dx = 1 - sigma·z/g loaded slowly and one way: x = -g/sigma·ln(1 - torque/g)."""
+    g, sigma, torque, stiffness = 0.05, 20.0, 0.04, 4000.0
+    motors = motor(coulomb=g, bristle_stiffness=sigma, viscous_damping=0.5, gear_stiffness=stiffness)
+    external = torque * np.clip(np.linspace(0.0, 1.5, 20_000), 0.0, 1.0)
+    moved = respond(motors, np.zeros(20_000), external, load=0.001).joint_pos[-1, 0]
+    assert moved == pytest.approx(-g / sigma * np.log(1 - torque / g) + torque / stiffness, rel=0.01)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_sliding_friction_is_that_of_the_direction(direction):
+    motors = motor(coulomb=0.05, bristle_stiffness=200.0, asymmetry=0.2)
+    speed = respond(motors, np.zeros(3000), 0.2 * direction, load=0.01).joint_vel[:, 0]
+    friction = 0.2 - abs(speed[2999] - speed[1999]) * 0.014 / 0.1
+    assert friction == pytest.approx(0.05 * (1 + 0.2 * direction), rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
+def test_a_motor_that_is_switched_off_only_takes_energy(name):
+    """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
+    n, nothing = 16, np.zeros(16)
+    motors = load_fleet(name).sample(n, np.random.default_rng(0))
+    assert isinstance(motors, ForeignMotors)
+    motors = replace(motors, kp=nothing, kd=nothing, ki=nothing, cogging=nothing)
+    rng, load = np.random.default_rng(1), np.geomspace(1e-3, 2e-2, n)
+    external = np.repeat(rng.uniform(-0.6, 0.6, (20, n)), 400, axis=0)
+    answer = run(motors.actuator(), Trial(np.zeros_like(external), external, load, DT))
+    work = np.cumsum(external[:-1] * np.diff(answer.joint_pos, axis=0), axis=0)
+    kinetic = 0.5 * load * answer.joint_vel[1:] ** 2
+    assert np.all(work - kinetic >= -1e-4 * kinetic.max())
+    assert kinetic.max() > 0.01
+
+
+def test_the_profile_keeps_its_speed_and_acceleration_and_lands_on_the_target():
+    speed, acceleration, period = 5.0, 60.0, 0.0013
+    motors = motor(profile_speed=speed, profile_acceleration=acceleration, servo_period=period)
+    found = referred(motors, step(1.2, 0.5))
+    ticks = found[np.r_[True, np.diff(found) != 0]]
+    velocity = np.diff(ticks) / period
+    assert np.max(np.abs(velocity)) == pytest.approx(speed)
+    assert np.max(np.abs(np.diff(velocity))) <= acceleration * period * (1 + 1e-9)
+    assert found.max() <= 1.2 + 1e-9 and found[-1] == pytest.approx(1.2, abs=1e-3)
+    rest = 1.2 / speed + speed / acceleration  # of a trapezoid
+    assert DT * np.argmax(found > 1.19) == pytest.approx(rest, abs=0.03)
+
+
+def test_a_profile_that_is_off_follows_at_once():
+    np.testing.assert_array_equal(referred(motor(), step(1.2, 0.01)), 1.2 * (step(1.2, 0.01) > 0))
+
+
+def test_the_profile_keeps_its_bounds_when_the_target_jumps_about():
+    rng, period = np.random.default_rng(0), 0.001
+    targets = np.repeat(rng.uniform(-1.0, 1.0, 30), 700)
+    found = referred(motor(profile_speed=4.0, profile_acceleration=50.0, servo_period=period), targets)[9::10]
+    velocity = np.diff(found) / period
+    assert np.abs(velocity).max() <= 4.0 + 1e-9 and np.abs(np.diff(velocity)).max() <= 50.0 * period + 1e-9
+
+
+def held_torque(motors: ForeignMotors, error: float, seconds: float = 0.1) -> np.ndarray:
+    """(steps,) torque [N·m] on a joint that is blocked at 0, with this target [rad]."""
+    return respond(motors, step(error, seconds), load=BLOCKED).joint_torque[:, 0]
+
+
+def test_a_warm_motor_is_weaker_by_its_loss_and_warms_exponentially():
+    motors = motor(kp=5.0, viscous_damping=0.3, heat_loss=0.15, heat_time=0.5, warmth=0.2)
+    torque = held_torque(motors, 0.1, 2.0)
+    for seconds in (0.5, 1.0, 1.9):
+        warmth = 1 - 0.8 * np.exp(-seconds / 0.5)
+        angle = torque[round(seconds / DT)] / 4000.0  # the gear's twist lowers the error
+        assert torque[round(seconds / DT)] == pytest.approx(5.0 * (0.1 - angle) * (1 - 0.15 * warmth), rel=1e-4)
+        assert motors.after(seconds).warmth[0] == pytest.approx(warmth)
+    later = held_torque(motors.after(1.0), 0.1, 0.9)
+    assert later[-1] == pytest.approx(torque[round(1.9 / DT) - 1], rel=1e-3)
+    cold = replace(motors, heat_time=np.zeros(1))
+    np.testing.assert_array_equal(cold.after(100.0).warmth, cold.warmth)
+
+
+def test_dead_zone_integral_and_limit_shape_the_torque_at_rest():
+    damped = {"kp": 5.0, "viscous_damping": 0.3, "gear_stiffness": 1e5}
+    assert held_torque(motor(**damped, dead_zone=0.03), 0.1)[-1] == pytest.approx(5.0 * 0.07, rel=1e-3)
+    assert held_torque(motor(**damped, dead_zone=0.03), 0.02)[-1] == 0.0
+    assert held_torque(motor(**damped, ki=4.0, integral_limit=1.0), 0.1, 0.5)[-1] == pytest.approx(0.7, rel=2e-3)
+    assert held_torque(motor(**damped, ki=4.0, integral_limit=0.05), 0.1, 0.5)[-1] == pytest.approx(0.55, rel=2e-3)
+    assert held_torque(motor(**damped | {"torque_limit": 0.3}), 0.1)[-1] == pytest.approx(0.3)
+
+
+def test_the_supply_sags_under_its_own_current():
+    """Torque = stall - sag·torque at rest."""
+    motors = motor(kp=1e3, viscous_damping=0.3, stall_torque=2.0, no_load_speed=30.0, sag=0.25, current_time=0.001)
+    assert held_torque(motors, 1.0)[-1] == pytest.approx(2.0 / 1.25, rel=1e-3)
+
+
+def test_a_free_motor_ends_at_the_speed_that_leaves_no_torque():
+    motors = motor(kp=1e3, stall_torque=2.0, no_load_speed=30.0)
+    assert respond(motors, step(1e3, 3.0)).joint_vel[-1, 0] == pytest.approx(30.0, rel=1e-3)
+
+
+def test_a_current_loop_is_a_first_order_lag():
+    stiff = motor(kp=5.0, armature=1e6, current_time=0.004)  # a rotor that does not move
+    arrays, still, torque = stiff.actuator().arrays(DT), np.zeros(1), np.zeros(1)
+    reset_actuator(arrays, still, still)
+    for _ in range(40):
+        step_actuator(arrays, DT, np.ones(1), still, still, torque)
+    assert arrays.memory[rows.TORQUE, 0] == pytest.approx(5.0 * (1 - np.exp(-1.0)))
+
+
+def twisted(motors: ForeignMotors, twist: np.ndarray) -> np.ndarray:
+    """(steps,) torque of the gear [N·m] behind a rotor that does not move."""
+    arrays, torque, still = motors.actuator().arrays(DT), np.zeros((len(twist), 1)), np.zeros(1)
+    reset_actuator(arrays, still, still)
+    for angle, out in zip(twist, torque, strict=True):
+        step_actuator(arrays, DT, still, np.array([-angle]), still, out)
+    return torque[:, 0]
+
+
+def test_the_gear_hardens_behind_its_play():
+    motors = motor(armature=1e9, backlash=0.02, gear_stiffness=50.0, gear_hardening=2e4)
+    twist = np.linspace(-0.03, 0.03, 61)
+    pressed = np.sign(twist) * np.maximum(0.0, np.abs(twist) - 0.01)
+    np.testing.assert_allclose(twisted(motors, twist), 50.0 * pressed + 2e4 * pressed**3, atol=1e-9)
+
+
+def test_a_cycle_of_the_gear_costs_the_sliders_parallelogram():
+    """4·torque·(amplitude - torque / stiffness) per cycle, Iwan (1966)."""
+    motors = motor(armature=1e9, gear_stiffness=80.0, slider_stiffness=40.0, slider_torque=0.1)
+    twist = 0.02 * np.sin(np.linspace(0.0, 4 * np.pi, 8001)) + 0.1
+    torque = twisted(motors, twist)[4000:]
+    area = np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(twist[4000:]))
+    assert area == pytest.approx(4 * 0.1 * (0.02 - 0.1 / 40.0), rel=0.01)
+
+
+def test_ripple_and_cogging_go_by_the_rotors_position():
+    for position in (0.0, 0.05, 0.3):
+        motors = motor(kp=5.0, armature=1e9, ripple=0.03, ripple_order=36.0, cogging=0.02, cogging_order=72.0)
+        arrays, at = motors.actuator().arrays(DT), np.array([position])
+        reset_actuator(arrays, at + 0.1, at)
+        step_actuator(arrays, DT, at + 0.1, at, np.zeros(1), np.zeros(1))
+        known = 0.5 * (1 + 0.03 * np.sin(36 * position)) - 0.02 * np.sin(72 * position)
+        assert arrays.memory[rows.ROTOR_VEL, 0] * 1e9 / DT == pytest.approx(known)
+
+
+@pytest.mark.parametrize("output", [0.0, 1.0])
+def test_the_encoder_reads_its_own_shaft_in_steps(output):
+    motors = motor(output_encoder=output, encoder_quantum=0.01, encoder_zero=0.004, armature=1e9)
+    arrays, out = motors.actuator().arrays(DT), np.zeros(1)
+    reset_actuator(arrays, np.zeros(1), np.zeros(1))  # the rotor stays at 0
+    measure_joint_pos(arrays, np.array([0.0433]), out)
+    assert out[0] == pytest.approx(0.05 if output else 0.0)
+
+
+@pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
+@pytest.mark.parametrize("kind", ["gait", "impacts", "chirp"])
+def test_halving_the_substep_changes_a_response_by_less_than_noise(name, kind):
+    motors, given = load_fleet(name).sample(24, 0), trial(np.random.default_rng(5), kind, 500, 24, HELD_OUT, hold=False)
+    found = []
+    for parts in (20, 40):
+        targets, external = (np.repeat(part, parts, axis=0) for part in (given.position_target, given.external_torque))
+        finer = Trial(targets, external, given.load_inertia, given.dt / parts)
+        found.append(run(motors.actuator(), finer).joint_pos[::parts])
+    apart = np.sqrt(np.mean((found[0] - found[1]) ** 2, axis=0))
+    assert np.median(apart) < 3e-4
+
+
+@pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
+@pytest.mark.parametrize("load", [1e-4, 1e-3, 1e-2])
+def test_shipped_motors_come_to_rest_on_every_load(name, load):
+    targets = np.full((1500, 32), 0.3)
+    targets[:50] = 0.0
+    answer = run(load_fleet(name).sample(32, 1).actuator(), Trial(targets, 0 * targets, np.full(32, load), 0.002))
+    assert np.median(np.ptp(answer.joint_pos[-500:], axis=0)) < 0.004
+    assert np.abs(answer.joint_pos[-500:] - 0.3).max() < 0.1
+
+
+def test_a_log_has_the_noise_and_the_steps_of_its_instruments():
+    shape, rng = (20_000, 1), np.random.default_rng(0)
+    pos, vel, torque = (scale * np.sin(np.linspace(0, 20, shape[0]))[:, None] for scale in (1.0, 2.0, 3.0))
+    noisy = motor(log_position_noise=0.001, log_velocity_noise=0.05, log_torque_noise=0.02)
+    for seen, true, spread in zip(
+        noisy.logged(rng, 0.002, pos, vel, torque), (pos, vel, torque), (1e-3, 5e-2, 2e-2), strict=True
+    ):
+        assert np.std(seen - true) == pytest.approx(spread, rel=0.03)
+    coarse = motor(log_position_quantum=0.01, log_velocity_filter=0.01)
+    angle, speed, same = coarse.logged(rng, 0.002, pos, vel, torque)
+    np.testing.assert_allclose(angle / 0.01, np.round(angle / 0.01), atol=1e-9)
+    np.testing.assert_array_equal(same, torque)
+    share, low = 1 - np.exp(-0.2), 0.0
+    for row, difference in zip(speed[1:50, 0], np.diff(angle[:50, 0]) / 0.002, strict=True):
+        low += share * (difference - low)
+        assert row == pytest.approx(low)
+    for seen, true in zip(motor().logged(rng, 0.002, pos, vel, torque), (pos, vel, torque), strict=True):
+        np.testing.assert_array_equal(seen, true)
