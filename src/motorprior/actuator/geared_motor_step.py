@@ -132,6 +132,7 @@ class StepConstants(NamedTuple):
     """the same share, of the current's mean over the step [-]"""
     asymmetry: Values = None
     bristle_stiffness: Values = None
+    output_damping: Values = None
 
 
 class MotorState(NamedTuple):
@@ -305,7 +306,7 @@ def step(
         moved = moved._replace(current=state.current + p.current_gain * (wanted - state.current))
     if "presliding" in terms:
         moved = moved._replace(bristle=where(limited, other_bristle, bristle))
-    return moved, torque, damping
+    return moved, torque, damping if "output_damping" not in terms else damping + p.output_damping
 
 
 class _Dry(NamedTuple):

@@ -17,6 +17,7 @@ quantities at the output shaft, h is the step. In the order in which they act:
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
     presliding     dry friction is a bristle's force, σ·z, at most F:  z' = z + h·v' until σ·|z| = F. So a rotor at rest
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
+    output_damping the joint itself is braked by output_damping·dq, which the engine integrates
     heat           torques of the law fall to (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) after t seconds of
                    log; where the time is not known, warmth is drawn from [0, 1]
 """
@@ -35,26 +36,28 @@ TERMS: dict[str, tuple[str, ...]] = {
     "current": ("current_time",),
     "asymmetry": ("asymmetry",),
     "presliding": ("bristle_stiffness",),
+    "output_damping": ("output_damping",),
     "heat": ("heat_loss", "heat_time"),
 }
 """Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
 integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry [-], bristle_stiffness σ
-[N·m/rad], heat_loss [-], heat_time [s]."""
+[N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s]."""
 ABSENT = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
     "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-9, "asymmetry": 0.0, "bristle_stiffness": 1e9,
+    "output_damping": 0.0,
 }  # fmt: skip
 """Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
     "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "current_time": 0.003, "asymmetry": 0.0, "bristle_stiffness": 10.0,
-    "heat_loss": 0.1, "heat_time": 10.0,
+    "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0,
 }  # fmt: skip
 """Where a search begins."""
 FAINT = {
     "profile_speed": 40.0, "profile_acceleration": 4000.0, "dead_zone": 1e-4, "integral_rate": 0.05,
     "integral_limit": 0.05, "stall_torque": 20.0, "no_load_speed": 100.0, "current_time": 3e-4, "asymmetry": 0.0,
-    "bristle_stiffness": 200.0, "heat_loss": 0.01, "heat_time": 10.0,
+    "bristle_stiffness": 200.0, "output_damping": 1e-4, "heat_loss": 0.01, "heat_time": 10.0,
 }  # fmt: skip
 """Constants with which a term does next to nothing: where a search begins, too."""
 SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2}
@@ -83,10 +86,11 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     """The state with the reference moved towards the target for one step."""
     away = target - state.reference
     distance = abs(away)
-    stopping = arithmetic.sqrt(2.0 * p.profile_acceleration * distance)
+    change = 0.5 * h * p.profile_acceleration  # of speed in half a step, so that whole steps land on the target
+    stopping = arithmetic.sqrt(change * change + 2.0 * p.profile_acceleration * distance) - change
     speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
-    change = arithmetic.with_sign_of(speed, away) - state.reference_vel
-    velocity = state.reference_vel + arithmetic.clip(change, h * p.profile_acceleration)
+    wanted = arithmetic.with_sign_of(speed, away) - state.reference_vel
+    velocity = state.reference_vel + arithmetic.clip(wanted, 2.0 * change)
     return state._replace(reference=state.reference + h * velocity, reference_vel=velocity)
 
 

@@ -83,6 +83,7 @@ def fit_fleet(
     network: LatentNetwork,
     runs: WindowRuns,
     terms: tuple[str, ...],
+    center: np.ndarray,
     together: bool,
     seed: int,
     report: Callable[[], None] = lambda: None,
@@ -93,11 +94,12 @@ def fit_fleet(
         network: with a residual that stays as it is.
         runs: the logs.
         terms: of the motors (`servo_terms`).
+        center: (P,) decoder outputs of the motor at which the search begins.
         together: whether the motors help each other.
         seed: of the searches.
         report: called STAGES times.
     """
-    rng, center = np.random.default_rng([seed, _STREAM]), initial_center(terms)
+    rng = np.random.default_rng([seed, _STREAM])
     fit, belief = MotorFit(with_motor(network, center, terms), runs), weak_belief(len(center))
     start = fit.search(rng, np.zeros((runs.num_motors, len(center))), belief, SEARCH_RADII, SEARCH_DRAWS)
     found = fit.polish(start, belief, FIRST_STEPS)

@@ -1,0 +1,121 @@
+"""Positions and velocities of a log without the noise of its readings, for the states in which free runs begin.
+
+A Kalman filter and the Rauch-Tung-Striebel smoother, with the joint's acceleration as a random walk,
+
+    x = (q, dq, ddq),   x' = F·x + w,   w ~ N(0, d²·Q(dt)),   reading = q + n,   n ~ N(0, r²)
+
+per motor, forwards and backwards over each segment. Deviation r of a reading and density d [rad/s²/√s] of the random
+walk are those with which the readings are most likely, on a grid. Where r comes out below LEAST_NOISE the log is left
+as it is. Recorded velocities, often filtered differences of the same readings, are not used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.compiled import njit
+
+LEAST_NOISE = 4e-5
+"""Deviation of a reading below which a log counts as free of noise [rad]."""
+NOISES = np.geomspace(1e-5, 3e-3, 11)
+"""Deviations r that are tried [rad]."""
+DENSITIES = np.geomspace(1e2, 3e4, 6)
+"""Densities d that are tried [rad/s²/√s]."""
+_WIDE = 1e2
+"""Initial deviation of velocity [rad/s] and of acceleration over 100 [rad/s²]."""
+_TRIED_ROWS = 4000
+"""Rows on which noise and density are chosen."""
+
+
+@njit(cache=True, nogil=True)
+def _filter(readings, dt, noise, density, means, covariances, predicted, predicted_covariances):
+    """Kalman filter of (steps,) readings; fills states after and before each reading. Returns the log-likelihood."""
+    r, d = noise * noise, density * density
+    x = np.array([readings[0], 0.0, 0.0])
+    cov = np.diag(np.array([r, _WIDE**2 * 1e-2, _WIDE**4]))
+    move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+    extra = d * np.array([
+        [dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt],
+    ])
+    likelihood = 0.0
+    for step in range(readings.shape[0]):
+        if step > 0:
+            x = move @ x
+            cov = move @ cov @ move.T + extra
+        predicted[step], predicted_covariances[step] = x, cov
+        variance = cov[0, 0] + r
+        surprise = readings[step] - x[0]
+        gain = cov[:, 0] / variance
+        if step > 10:
+            likelihood -= 0.5 * (surprise * surprise / variance + np.log(variance))
+        x = x + gain * surprise
+        cov = cov - np.outer(gain, cov[0])
+        means[step], covariances[step] = x, cov
+    return likelihood
+
+
+@njit(cache=True, nogil=True)
+def _smooth(readings, dt, noise, density, out):
+    """Fill out (2, steps) with smoothed positions and velocities of (steps,) readings."""
+    steps = readings.shape[0]
+    means, predicted = np.empty((steps, 3)), np.empty((steps, 3))
+    covariances, predicted_covariances = np.empty((steps, 3, 3)), np.empty((steps, 3, 3))
+    _filter(readings, dt, noise, density, means, covariances, predicted, predicted_covariances)
+    move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+    x = means[steps - 1].copy()
+    out[0, steps - 1], out[1, steps - 1] = x[0], x[1]
+    for back in range(steps - 2, -1, -1):
+        gain = covariances[back] @ move.T @ np.linalg.inv(predicted_covariances[back + 1])
+        x = means[back] + gain @ (x - predicted[back + 1])
+        out[0, back], out[1, back] = x[0], x[1]
+
+
+@njit(cache=True, nogil=True)
+def _likelihoods(readings, dt, noises, densities, out):
+    """Fill out (noises, densities) with the log-likelihood of (steps,) readings."""
+    steps = readings.shape[0]
+    means, predicted = np.empty((steps, 3)), np.empty((steps, 3))
+    covariances, predicted_covariances = np.empty((steps, 3, 3)), np.empty((steps, 3, 3))
+    for i in range(noises.shape[0]):
+        for j in range(densities.shape[0]):
+            out[i, j] += _filter(
+                readings, dt, noises[i], densities[j], means, covariances, predicted, predicted_covariances
+            )
+
+
+def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
+    """Deviation r [rad] of one motor's (R,) readings, and density d of its motion, of which the former is most likely.
+
+    Args:
+        readings: angles [rad].
+        parts: rows of each segment.
+        dt: sample period [s].
+    """
+    likelihood, left = np.zeros((len(NOISES), len(DENSITIES))), _TRIED_ROWS
+    for part in parts:
+        some = readings[part][:left]
+        if len(some) > 20:
+            _likelihoods(np.ascontiguousarray(some, np.float64), dt, NOISES, DENSITIES, likelihood)
+        left -= len(some)
+        if left <= 0:
+            break
+    best = np.unravel_index(likelihood.argmax(), likelihood.shape)
+    return float(NOISES[best[0]]), float(DENSITIES[best[1]])
+
+
+def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings; None where these are free of noise.
+
+    Raises nothing; a log of which half of the motors have less noise than LEAST_NOISE is free of it.
+    """
+    found = [noise_of(column, parts, dt) for column in readings.T]
+    noise, density = np.median(found, axis=0)
+    if noise < LEAST_NOISE:
+        return None
+    out = np.empty((2, *readings.shape))
+    for motor, column in enumerate(readings.T):
+        for part in parts:
+            filled = np.empty((2, part.stop - part.start))
+            _smooth(np.ascontiguousarray(column[part], np.float64), dt, noise, density, filled)
+            out[:, part, motor] = filled
+    return out[0], out[1]
