@@ -27,7 +27,6 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.metrics import COLUMNS
-from with_play import WITH_PLAY, fit_with_play
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -74,10 +73,7 @@ def measure(settings: Settings) -> Results:
             ),
             PROGRESS,
         )
-    played = fit_with_play(
-        settings.out / "bench" / "rollout", settings.out / "priors" / WITH_PLAY, settings.seed, PROGRESS
-    )
-    priors = (*(identify(settings, preset, preset) for preset in PRESETS), played)
+    priors = tuple(identify(settings, preset, preset) for preset in PRESETS)
     results = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
     blind = identify(settings, "rollout", "position_only", torque=False)
     found = run_validate(Validate((blind,), settings.out / "validate" / "position_only", settings.seed), PROGRESS)

@@ -32,12 +32,11 @@ from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import FIGURES, description, is_finished, working
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from with_play import WITH_PLAY, fit_with_play
 
-PRESETS = ("rollout", "latent_network")
+PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = ("gait", "impacts", "chirp")
 SETS = ("train", "new")
-MODELS = (*PRESETS, WITH_PLAY, "tuned_pd", "floor_warmth", "floor")
+MODELS = (*PRESETS, "tuned_pd", "floor_warmth", "floor")
 PROGRESS = Lines(sys.stderr)
 
 
@@ -65,8 +64,7 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
     for preset in PRESETS:
         run_identify(Identify(bench, priors / preset, preset, settings.seed, settings.adam_steps), PROGRESS)
-    fit_with_play(bench, priors / WITH_PLAY, settings.seed, PROGRESS)
-    return {name: priors / name / PRIOR for name in (*PRESETS, WITH_PLAY)}
+    return {name: priors / name / PRIOR for name in PRESETS}
 
 
 def measure(settings: Settings, family: str) -> dict[str, float]:

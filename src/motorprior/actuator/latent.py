@@ -112,7 +112,7 @@ class LatentNetwork:
         return self.motor.decode(self.decoder_latents(z))
 
     def warmth(self, z: np.ndarray, seconds: float) -> np.ndarray | float:
-        """(n,) warmth of a grey box's motors with latents z (n, Z), ``seconds`` [s] after a cold start; 0 if they have none."""
+        """(n,) warmth of a grey box's motors, ``seconds`` [s] after a cold start; 0 if they do not warm."""
         if self.motor is None or "heat" not in self.motor.terms:
             return 0.0
         return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])

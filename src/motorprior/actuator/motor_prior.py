@@ -11,13 +11,14 @@ import numpy as np
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
+from motorprior.actuator.servo_terms import TERMS, in_order
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.schema import TABLE, TEXT, TRUTH, Field, Header, Tensor, check_tensors, exactly, number
+from motorprior.schema import TABLE, TEXT, TRUTH, Field, Header, Tensor, check_tensors, exactly, many, number, one_of
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
@@ -37,12 +38,13 @@ def _are_taps(taps: object) -> bool:
 
 _HEADER = Header(
     "motor prior",
-    3,
+    4,
     {
         "units": exactly(UNITS),
         "sign": exactly(SIGN),
         "input_order": exactly(INPUT_ORDER),
-        "motor_parameters": exactly(list(PARAMETERS)),
+        "motor_parameters": many(TEXT),
+        "motor_terms": many(one_of(*TERMS)),
         **dict.fromkeys(("period", *_SCALES), number(1e-9, 1e9)),
         "taps": Field(f"integers that ascend from 0 to {_OLDEST_TAP} at most", _are_taps),
         **dict.fromkeys(("has_armature", "grey_box", "standardised"), TRUTH),
@@ -70,8 +72,8 @@ _MOTORS = {
     "log_var": Tensor(("motors", "latents"), _LARGEST_LOGARITHM),
 }
 _GREY_BOX = {
-    "motor_center": Tensor((len(PARAMETERS),), _LARGEST_LOGARITHM),
-    "motor_slope": Tensor(("latents", len(PARAMETERS)), LARGEST_SLOPE),
+    "motor_center": Tensor(("constants",), _LARGEST_LOGARITHM),
+    "motor_slope": Tensor(("latents", "constants"), LARGEST_SLOPE),
 }
 _COPULA = {
     "mixing": Tensor(("latents", "latents"), _LARGEST),
@@ -152,8 +154,10 @@ class MotorPrior:
             tensors |= {"motor_center": net.motor.center, "motor_slope": net.motor.slope}
         if net.copula is not None:
             tensors |= {"mixing": net.copula.mixing, "quantiles": net.copula.quantiles}
+        terms = () if net.motor is None else net.motor.terms
         header = _HEADER.write(
-            units=UNITS, sign=SIGN, input_order=INPUT_ORDER, motor_parameters=list(PARAMETERS),
+            units=UNITS, sign=SIGN, input_order=INPUT_ORDER, motor_parameters=list(parameters_of(terms)),
+            motor_terms=list(terms),
             taps=list(net.taps), period=net.period, has_armature=net.has_armature, grey_box=net.motor is not None,
             standardised=net.copula is not None, **{name: getattr(net, name) for name in _SCALES},
             preset=self.preset, robot=self.robot, motor=self.motor, provenance=self.provenance, metrics=self.metrics,
@@ -173,7 +177,8 @@ class MotorPrior:
         _check(tensors, header, path)
         numbers: dict[str, Any] = {name: float(header[name]) for name in ("period", *_SCALES)}
         arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
-        motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"]) if header["grey_box"] else None
+        terms = tuple(header["motor_terms"])
+        motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"], terms) if header["grey_box"] else None
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
         network = LatentNetwork(
             **arrays, **numbers, taps=tuple(header["taps"]), has_armature=header["has_armature"], motor=motor,
@@ -188,16 +193,22 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     check_metrics(header["metrics"], path)
     wanted = _MOTORS | _WEIGHTS
     wanted |= (_GREY_BOX if header["grey_box"] else {}) | (_COPULA if header["standardised"] else {})
-    sizes = check_tensors(tensors, wanted, path, _REMEDY, {"inputs": 2 * len(header["taps"])})
+    names = parameters_of(tuple(header["motor_terms"]))
+    known = {"inputs": 2 * len(header["taps"]), "constants": len(names)}
+    sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
     if header["grey_box"]:
-        check_central_motor(tensors["motor_center"], path)
+        check_central_motor(tensors["motor_center"], names, path)
     wrong = {
         "grey_box and has_armature are both true: the rotor would count twice": header["grey_box"]
         and header["has_armature"],
         "standardised is true, but it has no latents": header["standardised"] and sizes["latents"] == 0,
         "quantiles that do not rise, or a singular mixing": header["standardised"] and not _is_copula(tensors),
         "it has 0 training motors": sizes["motors"] == 0,
-        f"{sizes['neurons']} neurons per layer is not a multiple of 4": sizes["neurons"] % 4 or not sizes["neurons"],
+        "motor_terms are not in their order, or motor_parameters are not theirs": header["motor_terms"]
+        != list(in_order(header["motor_terms"]))
+        or header["motor_parameters"] != list(names),
+        f"{sizes['neurons']} neurons per layer is not a multiple of 4": sizes["neurons"] % 4,
+        "it has neither a network nor a motor": not sizes["neurons"] and not header["grey_box"],
     }
     for problem, is_so in wrong.items():
         if is_so:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
+from motorprior.actuator.servo_terms import SIGNED
 from motorprior.exceptions import ArtifactError
 from motorprior.schema import number, require
 
@@ -18,8 +18,13 @@ CENTRAL_MOTOR = {
     "torque_limit": (1e-3, 1e3), "armature": (1e-6, 1.0), "coulomb": (NOTHING, 1e3), "stribeck_torque": (NOTHING, 1e3),
     "viscous_damping": (NOTHING, 1e3), "load_friction": (NOTHING, 10.0), "gear_stiffness": (1e-3, 1e7),
     "backlash": (NOTHING, 1.0), "gear_damping": (NOTHING, 1e2), "encoder_zero": (-1.5, 1.5),
+    "profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (NOTHING, 1.0),
+    "integral_rate": (NOTHING, 1e3), "integral_limit": (NOTHING, 1e3), "stall_torque": (1e-3, 1e6),
+    "no_load_speed": (1e-3, 1e6), "current_time": (NOTHING, 1.0), "asymmetry": (-1.0, 1.0),
+    "bristle_stiffness": (1e-3, 1e7), "output_damping": (NOTHING, 1e2), "heat_loss": (NOTHING, 1.0),
+    "heat_time": (1e-3, 1e6),
 }  # fmt: skip
-"""(least, most) of a grey box's constants at z = 0, in the units of PARAMETERS."""
+"""(least, most) of a grey box's constants at z = 0, in SI units."""
 FASTEST_GEAR = 500.0
 """Of gear_damping/armature [1/s]: at 2 ms, from 1000 on, a rotor so light swings up on what its joint gives back."""
 LARGEST_SLOPE = 10.0
@@ -29,19 +34,20 @@ LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
 _REMEDY, _LONGEST_NAME = "identify it again", 80
 
 
-def check_central_motor(center: np.ndarray, path: Path) -> None:
+def check_central_motor(center: np.ndarray, names: tuple[str, ...], path: Path) -> None:
     """Refuse a grey box whose central motor is none.
 
     Args:
-        center: (14,) of `GearedMotor`.
+        center: (P,) of `GearedMotor`.
+        names: of its constants.
         path: for the message.
 
     Raises:
         ArtifactError: names the constant, its value in SI units and its bounds.
     """
     values: dict[str, float] = {}
-    for name, raw in zip(PARAMETERS, center.tolist(), strict=True):
-        value = values[name] = ZERO_SCALE * raw if name == "encoder_zero" else math.exp(raw)
+    for name, raw in zip(names, center.tolist(), strict=True):
+        value = values[name] = SIGNED[name] * raw if name in SIGNED else math.exp(raw)
         require(name, value, number(*CENTRAL_MOTOR[name]), path, _REMEDY, "motor_center")
     rate = values["gear_damping"] / values["armature"]
     if rate > FASTEST_GEAR:

@@ -40,8 +40,8 @@ TERMS: dict[str, tuple[str, ...]] = {
     "heat": ("heat_loss", "heat_time"),
 }
 """Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
-integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry [-], bristle_stiffness σ
-[N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s]."""
+integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry [-],
+bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s]."""
 ABSENT = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
     "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-9, "asymmetry": 0.0, "bristle_stiffness": 1e9,
@@ -50,8 +50,8 @@ ABSENT = {
 """Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
-    "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "current_time": 0.003, "asymmetry": 0.0, "bristle_stiffness": 10.0,
-    "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0,
+    "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "current_time": 0.003, "asymmetry": 0.0,
+    "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0,
 }  # fmt: skip
 """Where a search begins."""
 FAINT = {

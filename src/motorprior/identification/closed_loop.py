@@ -27,7 +27,7 @@ from motorprior.bench.loaded_joint import next_velocity
 from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed
 from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, TORQUE, VEL
+from motorprior.identification.windows import EXTERNAL, INERTIA, POS, SECONDS, TARGET, TORQUE, VEL
 
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
@@ -56,7 +56,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
     velocities of all rows but the first, and the torques that lead to them. ``bounded`` limits the gradient of each
     window (for training, in reverse mode). ``at_rotor`` marks windows whose positions and velocities are the rotors'.
     """
-    taps, dt = np.asarray(preset.taps), preset.period
+    taps, dt, terms = np.asarray(preset.taps), preset.period, preset.terms
     limit = scales["torque_limit"] / scales["torque_scale"]
     at_rotor = at_rotor and preset.grey_box
     kept = max(preset.taps[-1], round(LONGEST_DELAY / dt) + 1) + 1
@@ -64,7 +64,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
     def start(first: jnp.ndarray) -> _Memory:
         error = _fill((first[:, TARGET] - first[:, POS]) / scales["error_scale"], kept)
         velocity = _fill(first[:, VEL] / scales["velocity_scale"], kept)
-        return _Memory(error, velocity, _fill(first[:, TARGET], kept), at_rest(first[:, POS], first[:, VEL]))
+        state = at_rest(first[:, TARGET], first[:, POS], first[:, VEL], terms)
+        return _Memory(error, velocity, _fill(first[:, TARGET], kept), state)
 
     def actuate(
         parameters: Parameters, bias: jnp.ndarray, motor: Constants, memory: _Memory, target: Any, q: Any, dq: Any
@@ -77,7 +78,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         damping = jnp.zeros_like(q)
         if preset.grey_box:
             wanted = delayed(commands, motor["delay"] + 0.5 * dt, dt)
-            state, gear, damping = advance(motor, state, wanted, q, dq, dt)
+            state, gear, damping = advance(motor, state, wanted, q, dq, dt, terms)
             torque = torque + gear
         return _Memory(errors, velocities, commands, state), torque, damping
 
@@ -85,14 +86,15 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray
     ) -> tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]:
         own = decoder_latents(parameters, z)
-        bias, motor = motor_bias(parameters, own), decode(parameters, own, bounded) if preset.grey_box else {}
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]
+        motor = decode(parameters, own, bounded, terms, free[0, :, SECONDS]) if preset.grey_box else {}
+        bias = motor_bias(parameters, own)
         inertia = free[0, :, INERTIA]
         if preset.has_armature:
             inertia = inertia + armature(parameters, own)
         if at_rotor:
-            central = decode(parameters, decoder_latents(parameters, jnp.zeros_like(z)), bounded)
+            central = decode(parameters, decoder_latents(parameters, jnp.zeros_like(z)), bounded, terms)
             motor |= {"backlash": jax.lax.stop_gradient(central["backlash"]), "encoder_zero": jnp.zeros_like(inertia)}
 
         def step(state, row):

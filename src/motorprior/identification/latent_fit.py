@@ -4,8 +4,8 @@
 
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
-observation (a generalised posterior with a Laplace approximation). U is minimised by Adam on random subsets of the
-windows, then by Gauss-Newton steps on all windows.
+observation (a generalised posterior with a Laplace approximation). U of a grey box is minimised by `grey_box_fit`, that
+of a network by Adam on random subsets of the windows, then by Gauss-Newton steps on all windows.
 """
 
 from __future__ import annotations
@@ -16,9 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification import grey_box_fit
+from motorprior.identification.grey_box_fit import Posterior, inverse_precision
+from motorprior.identification.motor_fit import MotorFit
 from motorprior.identification.motor_loss import MotorLoss, as_latents, motor_loss
 from motorprior.identification.network import Parameters
 from motorprior.identification.presets import Preset
+from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
 
 STEPS = 300
@@ -33,23 +37,6 @@ SCREENED_WINDOWS = 24
 """Number of windows on which the random search evaluates a draw."""
 SEARCH_RADII = (1.0, 1.0, 0.5, 0.25, 0.12)
 """Standard deviation of the draws in each round of the random search."""
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """Posterior of M motors with Z latents each.
-
-    Attributes:
-        mean: (M, Z).
-        covariance: (M, Z, Z).
-        loss: (M,) mean loss per window at the mean.
-        windows: N, windows per motor.
-    """
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    loss: np.ndarray
-    windows: int
 
 
 def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
@@ -78,9 +65,11 @@ def adapt(
         data: logs of the new motors, stacked.
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
-        steps: number of Adam steps.
+        steps: number of Adam steps, for a network.
         start: (M, Z) initial latents; found by a random search if not given.
     """
+    if network.motor is not None:
+        return grey_box_fit.adapt(network, data, preset, temperature, start)
     windows = jnp.asarray(tiled_windows(data, preset))
     fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
     first = fit.best_starts(network.num_latents) if start is None else as_latents(start)
@@ -95,12 +84,16 @@ def laplace_covariance(
     network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray, temperature: float
 ) -> np.ndarray:
     """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
+    if network.motor is not None:
+        return grey_box_fit.covariance(network, data, preset, z, temperature)
     windows = jnp.asarray(tiled_windows(data, preset))
     return _Fit(*motor_loss(network, preset, data.measured), windows, temperature).covariance(as_latents(z))
 
 
 def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
     """(M, N) loss of each of the non-overlapping windows, with the motors at latents z (M, Z)."""
+    if network.motor is not None:
+        return MotorFit(network, WindowRuns(data, preset)).window_losses(z)
     functions, parameters = motor_loss(network, preset, data.measured)
     windows = jnp.asarray(tiled_windows(data, preset))
     return np.asarray(functions.window_losses(parameters, as_latents(z), windows), np.float64)
@@ -169,7 +162,4 @@ class _Fit:
     def covariance(self, z: jnp.ndarray) -> np.ndarray:
         """(M, Z, Z) Laplace approximation (I + N·G/T)⁻¹, with negative eigenvalues of G set to 0."""
         curvature = np.asarray(self.functions.curvatures(self.parameters, z, self.windows), np.float64)
-        precision = curvature * self.count / self.temperature
-        values, vectors = np.linalg.eigh(0.5 * (precision + precision.transpose(0, 2, 1)))
-        inverse = 1.0 / (1.0 + np.maximum(values, 0.0))
-        return np.einsum("mij,mj,mkj->mik", vectors, inverse, vectors)
+        return inverse_precision(curvature * self.count / self.temperature)

@@ -10,7 +10,14 @@ import jax
 import jax.numpy as jnp
 
 from motorprior.actuator import geared_motor_step
-from motorprior.actuator.geared_motor_step import LOG_REACH, MotorState, array_arithmetic, step, step_constants
+from motorprior.actuator.geared_motor_step import (
+    LOG_REACH,
+    MotorState,
+    array_arithmetic,
+    parameters_of,
+    step,
+    step_constants,
+)
 from motorprior.identification.network import Parameters
 
 LARGEST_SENSITIVITY = 3.0
@@ -41,22 +48,41 @@ def _backward(_: None, gradient: jnp.ndarray) -> tuple[jnp.ndarray]:
 _bounded_gradient.defvjp(_forward, _backward)
 
 
-def decode(parameters: Parameters, z: jnp.ndarray, bounded: bool) -> Constants:
+def decode(
+    parameters: Parameters,
+    z: jnp.ndarray,
+    bounded: bool,
+    terms: tuple[str, ...] = (),
+    seconds: jnp.ndarray | float = 0.0,
+) -> Constants:
     """(B,) constants by name for latents z (B, Z).
 
     Args:
         parameters: parameters of the grey box.
         z: latents.
         bounded: limit the gradient of each row; reverse mode only.
+        terms: of the motors.
+        seconds: (B,) since their cold start, for motors that warm.
     """
     slope = parameters["motor_slope"]  # (P,) if each constant has a latent of its own
     raw = parameters["motor_center"] + jnp.clip(z @ slope if slope.ndim == 2 else z * slope, -LOG_REACH, LOG_REACH)
-    return geared_motor_step.decode(_bounded_gradient(raw) if bounded else raw, jnp)
+    raw, warmth = _bounded_gradient(raw) if bounded else raw, 0.0
+    if "heat" in terms:
+        warmth = 1.0 - jnp.exp(-seconds / jnp.exp(raw[:, parameters_of(terms).index("heat_time")]))
+    return geared_motor_step.decode(raw, jnp, terms, warmth)
 
 
-def at_rest(joint_pos: jnp.ndarray, joint_vel: jnp.ndarray) -> MotorState:
-    """State in the middle of the backlash: the rotor at the joint's angle and velocity."""
-    return MotorState(joint_pos, joint_vel, joint_vel, joint_vel, jnp.zeros_like(joint_pos))
+def at_rest(
+    target: jnp.ndarray, joint_pos: jnp.ndarray, joint_vel: jnp.ndarray, terms: tuple[str, ...] = ()
+) -> MotorState:
+    """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
+    zero = jnp.zeros_like(joint_pos)
+    base = MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero)
+    return (
+        base._replace(reference=target, reference_vel=zero, integral=zero, current=zero, bristle=zero)
+        if terms
+        else base
+    )
 
 
 def delayed(commands: jnp.ndarray, delay: jnp.ndarray, dt: float) -> jnp.ndarray:
@@ -73,9 +99,11 @@ def advance(
     joint_pos: jnp.ndarray,
     joint_vel: jnp.ndarray,
     dt: float,
+    terms: tuple[str, ...] = (),
 ) -> tuple[MotorState, jnp.ndarray, jnp.ndarray]:
     """Advance one step ``dt`` [s]; returns the new state, and torque [N·m] and damping [N·m·s/rad] on the joint.
 
     ``target`` is the mean of the delayed command over the step.
     """
-    return step(step_constants(motor, dt, jnp), state, target, joint_pos, joint_vel, dt, _ARITHMETIC)
+    constants = step_constants(motor, dt, jnp, terms)
+    return step(constants, state, target, joint_pos, joint_vel, dt, _ARITHMETIC, terms)

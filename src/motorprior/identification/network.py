@@ -9,26 +9,15 @@ import numpy as np
 
 from motorprior.actuator import copula
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.fleet_fit import initial_center
 from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002
 """Initial decoded armature [kg·m²]."""
-INITIAL_MOTOR = {
-    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
-    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
-    "backlash": 0.015, "gear_damping": 0.03,
-}  # fmt: skip
-"""Initial constants of a grey box's central motor, in SI units: a small geared servo."""
 MIXED_SPREAD = 0.1
 """Initial standard deviation of d log(constant) / d latent where every latent acts on every constant [-]."""
-OWN_SPREAD = 0.5
-"""Initial d log(constant) / d latent where each latent acts on its own constant [-]."""
-NO_BACKLASH = 1e-5
-"""Backlash of a motor that is fitted without one [rad]."""
-_RIGID = ("backlash", "gear_stiffness", "gear_damping")
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -51,13 +40,10 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         "armature_slope": jnp.zeros(latents),
     }
     if preset.grey_box:  # the network starts at zero torque, so that the physics explain what they can
-        center = np.array([np.log(INITIAL_MOTOR[name]) if name in INITIAL_MOTOR else 0.0 for name in PARAMETERS])
-        slope = MIXED_SPREAD * rng.standard_normal((latents, len(PARAMETERS)))
+        center = initial_center(preset.terms)
+        slope = MIXED_SPREAD * rng.standard_normal((latents, len(center)))
         if preset.own_latents:
-            slope = np.full(len(PARAMETERS), OWN_SPREAD)
-        if preset.per_motor:
-            center[PARAMETERS.index("backlash")] = np.log(NO_BACKLASH)
-            slope = OWN_SPREAD * np.array([name not in _RIGID for name in PARAMETERS])
+            slope = np.ones(len(center))
         parameters |= {"w3": jnp.zeros(neurons), "motor_center": jnp.asarray(center, jnp.float32)}
         parameters |= {"motor_slope": jnp.asarray(slope, jnp.float32)}
     return parameters
@@ -95,7 +81,7 @@ def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> 
     motor = None
     if preset.grey_box:
         slope = values.pop("motor_slope")
-        motor = GearedMotor(values.pop("motor_center"), np.diag(slope) if preset.own_latents else slope)
+        motor = GearedMotor(values.pop("motor_center"), np.diag(slope) if preset.own_latents else slope, preset.terms)
     values |= scales
     return LatentNetwork(
         **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, motor=motor

@@ -31,7 +31,10 @@ class Preset:
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
         own_latents: each latent scales one of the 14 constants; otherwise every latent acts on every constant.
-        per_motor: fit every motor by itself, one latent per constant, without backlash or network.
+        physics_first: fit the constants by compiled free runs before anything else: ``together``, where motors help
+            each other, or ``alone``; the network then learns what they leave, if that is worth it. "" if everything
+            is trained at once.
+        terms: of `servo_terms` that the motors have; a fit that puts physics first chooses them.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
     """
@@ -51,7 +54,8 @@ class Preset:
     steps: int = 3000
     learning_rate: float = 3e-3
     own_latents: bool = False
-    per_motor: bool = False
+    physics_first: str = ""
+    terms: tuple[str, ...] = ()
     standardise: bool = False
 
     @property
@@ -63,8 +67,8 @@ class Preset:
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # Baselines.
 # one_motor: rollout without latents, the best single set of constants.
-# per_motor: a servo with delay, friction and rotor, but no backlash, fitted to every motor by itself (in the manner of
-#     PACE, Bjelonic et al., 2025).
+# per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
+#     Bjelonic et al., 2025, whose motors have no backlash).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
@@ -72,16 +76,17 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": Preset(
-        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=1e-4,
-        warm_up=120, noisy=False, steps=4000, learning_rate=1e-2, own_latents=True, standardise=True,
+        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=0.0,
+        warm_up=120, noisy=False, steps=1000, learning_rate=3e-3, own_latents=True, physics_first="together",
+        standardise=True,
     ),
     "one_motor": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
         learning_rate=1e-2,
     ),
     "per_motor": Preset(
-        "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=4, kl_weight=0.0,
-        warm_up=90, noisy=False, learning_rate=1e-2, own_latents=True, per_motor=True, standardise=True,
+        "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
+        warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", standardise=True,
     ),
     "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),

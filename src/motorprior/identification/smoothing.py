@@ -23,8 +23,8 @@ DENSITIES = np.geomspace(1e2, 3e4, 6)
 """Densities d that are tried [rad/s²/√s]."""
 _WIDE = 1e2
 """Initial deviation of velocity [rad/s] and of acceleration over 100 [rad/s²]."""
-_TRIED_ROWS = 4000
-"""Rows on which noise and density are chosen."""
+_TRIED_ROWS, _TRIED_MOTORS = 2000, 6
+"""Rows and motors on which noise and density are chosen."""
 
 
 @njit(cache=True, nogil=True)
@@ -34,9 +34,13 @@ def _filter(readings, dt, noise, density, means, covariances, predicted, predict
     x = np.array([readings[0], 0.0, 0.0])
     cov = np.diag(np.array([r, _WIDE**2 * 1e-2, _WIDE**4]))
     move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-    extra = d * np.array([
-        [dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt],
-    ])
+    extra = d * np.array(
+        [
+            [dt**5 / 20, dt**4 / 8, dt**3 / 6],
+            [dt**4 / 8, dt**3 / 3, dt**2 / 2],
+            [dt**3 / 6, dt**2 / 2, dt],
+        ]
+    )
     likelihood = 0.0
     for step in range(readings.shape[0]):
         if step > 0:
@@ -106,10 +110,16 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
 def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings; None where these are free of noise.
 
-    Raises nothing; a log of which half of the motors have less noise than LEAST_NOISE is free of it.
+    Noise and density are the medians over some motors.
+
+    Args:
+        readings: angles [rad].
+        parts: rows of each segment.
+        dt: sample period [s].
     """
-    found = [noise_of(column, parts, dt) for column in readings.T]
-    noise, density = np.median(found, axis=0)
+    motors = readings.shape[1]
+    some = np.unique(np.linspace(0, motors - 1, min(_TRIED_MOTORS, motors)).astype(int))
+    noise, density = np.median([noise_of(readings[:, motor], parts, dt) for motor in some], axis=0)
     if noise < LEAST_NOISE:
         return None
     out = np.empty((2, *readings.shape))

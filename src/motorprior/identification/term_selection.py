@@ -118,7 +118,7 @@ class _Trial:
 
     def __init__(self, network: LatentNetwork, runs: WindowRuns, rng: np.random.Generator):
         self._network, self._runs, self._rng = network, runs, rng
-        held_out = _held_out(runs)
+        held_out = held_out_windows(runs)
         self._seen, self._unseen = ~held_out, held_out
 
     def first(self) -> _State:
@@ -175,7 +175,7 @@ class _Trial:
         return _State(terms, raw, losses[:, self._seen].mean(axis=1), losses[:, self._unseen].mean(axis=1))
 
 
-def _held_out(runs: WindowRuns) -> np.ndarray:
+def held_out_windows(runs: WindowRuns) -> np.ndarray:
     """(N,) whether a window is judged, not fitted: every second segment, or, of few segments, stretches of windows."""
     groups = runs.groups()
     if groups[-1] < 3:

@@ -2,97 +2,109 @@
 
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
-the variances are computed afterwards (`posterior`).
+the variances are computed afterwards (`posterior`). A preset with ``physics_first`` fits the motors' constants by
+`fleet_fit`, with the terms that `term_selection` finds, and trains only the residual network this way (`residual`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.exceptions import MotorPriorError
+from motorprior.actuator.servo_terms import TERMS
+from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
-from motorprior.identification.network import Parameters, export, initial_parameters
-from motorprior.identification.objectives import OBJECTIVES, kl_to_standard_normal
+from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
+from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
 from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import TrainingData, draw
+from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
+from motorprior.identification.term_selection import MOTORS, held_out_windows, select_terms
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import TrainingData
 
-CHUNK = 100
-"""Adam steps per compiled call, after which progress is reported."""
-CHECKPOINT_EVERY = 5
-"""Number of chunks between two checkpoints."""
-Progress = Callable[[int, int, float], None]
+_STAGE = CHUNK
+"""Share of the work that one stage of a fit is, in Adam steps."""
 
 
 @dataclass(frozen=True)
 class Identified:
     """A trained network with the posteriors of the training motors, mean and log_var (M, Z).
 
-    ``losses`` holds the mean loss of every CHUNK steps; ``aggregate_kl`` is the KL divergence of the mixture of all
-    posteriors from N(0, I) [nat].
+    Attributes:
+        network: of the prior.
+        mean: (M, Z).
+        log_var: (M, Z).
+        preset: the recipe, with the terms that were found and without a network that brought nothing.
+        losses: mean losses: of every CHUNK steps, or of the finished fits.
+        aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
+        metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
+            ``saved_residual``, that of the residual network.
+        notes: what a user should know of it, line by line.
     """
 
     network: LatentNetwork
     mean: np.ndarray
     log_var: np.ndarray
+    preset: Preset
     losses: np.ndarray
     aggregate_kl: float
+    metrics: dict[str, float]
+    notes: tuple[str, ...]
 
 
-class Checkpoints(Protocol):
-    """Storage of the state from which an interrupted training continues."""
-
-    def load(self) -> dict[str, np.ndarray] | None:
-        """The last state that this training saved, or None."""
-        ...
-
-    def save(self, state: dict[str, np.ndarray]) -> None:
-        """Save the state in place of the previous one."""
-        ...
+def work_of(preset: Preset) -> int:
+    """Sum of the numbers that `identify` reports, if nothing diverges."""
+    stages = 1 + STAGES if preset.physics_first else 0
+    return _STAGE * stages + (preset.steps if preset.num_neurons or not preset.physics_first else 0)
 
 
 def identify(
     data: TrainingData,
     preset: Preset,
     seed: int,
-    progress: Progress | None = None,
+    report: Report = lambda work, text: None,
     checkpoints: Checkpoints | None = None,
 ) -> Identified:
     """Train a prior. The same data, preset and seed give the same bytes, also after an interruption.
 
+    Args:
+        data: logs.
+        preset: recipe.
+        seed: of weights, windows, noise and searches.
+        report: called with parts of `work_of` and what to say of them.
+        checkpoints: where an interrupted training goes on.
+
     Raises:
-        MotorPriorError: the loss became NaN or infinite.
+        MotorPriorError: the training diverged.
     """
-    trainable = _initial(data, preset, np.random.default_rng([seed, 0]))
-    schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)
-    optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
-    advance = _compiled_chunk(data, preset, optimiser)
-    state, losses = _resume((trainable, optimiser.init(trainable)), checkpoints)
-    for first in range(CHUNK * len(losses), preset.steps, CHUNK):
-        count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
-        rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
-        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
-        state, loss = advance(state, (*rows, keys))
-        losses.append(_finite(float(loss), first + count))
-        if checkpoints is not None and len(losses) % CHECKPOINT_EVERY == 0:
-            checkpoints.save(_flat(state) | {"losses": np.asarray(losses)})
-        if progress is not None:
-            progress(first + count, preset.steps, losses[-1])
-    trained = state[0]
+    if preset.physics_first:
+        return _physics_first(data, preset, seed, report, checkpoints)
+    trained, losses = descend(
+        _initial(data, preset, np.random.default_rng([seed, 0])), data, preset, seed, report, checkpoints
+    )
     network = export(trained["network"], preset, data.scales)
     mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+    return _finished(network, mean, log_var, data, preset, losses, {}, ())
+
+
+def _finished(
+    network: LatentNetwork,
+    mean: np.ndarray,
+    log_var: np.ndarray,
+    data: TrainingData,
+    preset: Preset,
+    losses: np.ndarray,
+    metrics: dict[str, float],
+    notes: tuple[str, ...],
+) -> Identified:
     if preset.standardise:
         network, mean, log_var = standard_posterior(network, data, preset, mean)
     divergence = aggregate_posterior_summary(mean, log_var).kl if mean.size else 0.0
-    return Identified(network, mean, log_var, np.asarray(losses), float(divergence))
+    return Identified(network, mean, log_var, preset, losses, float(divergence), metrics, notes)
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
@@ -104,55 +116,118 @@ def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Pa
     }
 
 
-def _flat(state: Any) -> dict[str, np.ndarray]:
-    """The arrays of a pytree, named by number."""
-    return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
+def _physics_first(
+    data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
+) -> Identified:
+    runs = WindowRuns(data, preset)
+    found, saved = _physics(data, preset, runs, seed, report, checkpoints)
+    preset = replace(preset, terms=found.terms, num_latents=len(found.center))
+    network = found.network(without_residual(data.scales, preset.taps, preset.period, preset.num_latents))
+    metrics = {f"saved_{name}": value for name, value in saved.items()}
+    notes, losses = (
+        [f"terms: {', '.join(found.terms) or 'none'} beyond the geared motor"],
+        np.array([found.loss.mean()]),
+    )
+    if preset.num_neurons:
+        stored = None if checkpoints is None else _Beside(checkpoints, _as_arrays(found, saved))
+        candidate = _residual(network, found.offsets, data, preset, runs, seed, report, stored)
+        judged = held_out_windows(runs)
+        less, closer = gain(network, candidate, runs, found.offsets, judged)
+        metrics["saved_residual"] = less
+        if less > LEAST_GAIN and closer >= 0.0:
+            network = candidate
+            notes.append(f"residual network: saves {100 * less:.0f} % of the held-out loss")
+        else:
+            preset = replace(preset, num_neurons=0)
+            notes.append(f"residual network: left out, it saves {100 * less:.1f} % of the held-out loss")
+    log_var = np.zeros_like(found.offsets)
+    return _finished(network, found.offsets, log_var, data, preset, losses, metrics, tuple(notes))
 
 
-def _resume(state: Any, checkpoints: Checkpoints | None) -> tuple[Any, list[float]]:
-    """The initial or last saved state, and the losses of the finished chunks."""
+def _physics(
+    data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
+) -> tuple[FleetFit, dict[str, float]]:
+    """The fit of all motors, and what each term that was tried saved."""
     kept = checkpoints.load() if checkpoints is not None else None
-    if kept is None:
-        return state, []
-    leaves = [jnp.asarray(kept[name]) for name in _flat(state)]
-    return jax.tree.unflatten(jax.tree.structure(state), leaves), kept["losses"].tolist()
+    if kept is not None:
+        report(_STAGE * (1 + STAGES), "constants were fitted")
+        return _from_arrays(kept)
+    bare = without_residual(data.scales, preset.taps, preset.period, preset.num_latents)
+    some = np.unique(np.linspace(0, runs.num_motors - 1, min(MOTORS, runs.num_motors)).astype(int))
+    chosen = select_terms(bare, WindowRuns(data, preset, some), seed, lambda text: report(0, text))
+    report(_STAGE, "terms chosen")
+    found = fit_fleet(
+        bare, runs, chosen.terms, chosen.center, preset.physics_first == "together", seed,
+        lambda: report(_STAGE, "constants"),
+    )  # fmt: skip
+    if checkpoints is not None:
+        checkpoints.save(_as_arrays(found, chosen.saved))
+    return found, chosen.saved
 
 
-def _finite(loss: float, step: int) -> float:
-    if not np.isfinite(loss):
-        raise MotorPriorError(
-            f"training diverged: the loss is {loss} at Adam step {step}",
-            remedy="check the log with `motorprior logs check`, or try another seed",
-        )
-    return loss
+def _residual(
+    network: LatentNetwork,
+    offsets: np.ndarray,
+    data: TrainingData,
+    preset: Preset,
+    runs: WindowRuns,
+    seed: int,
+    report: Report,
+    checkpoints: Checkpoints | None,
+) -> LatentNetwork:
+    """The network with a residual that was trained on the windows that are not judged."""
+    seen = np.concatenate([part for part in _starts_of_seen(data, preset, runs)])
+    rng = np.random.default_rng([seed, 0])
+    start = initial_parameters(rng, preset) | {"w3": jnp.zeros(preset.num_neurons)}
+    start |= {"v1": jnp.zeros((preset.num_latents, preset.num_neurons))}
+    physics = import_parameters(network)
+    start |= {"motor_center": physics["motor_center"], "motor_slope": jnp.diagonal(physics["motor_slope"])}
+    trainable = {
+        "network": start,
+        "mean": jnp.asarray(offsets, jnp.float32),
+        "log_var": jnp.full(offsets.shape, -2.0, jnp.float32),
+    }
+    trained, _ = descend(trainable, replace(data, starts=seen), preset, seed, report, checkpoints)
+    made = export(trained["network"], preset, data.scales)
+    return replace(made, motor=network.motor)  # float64, as it was fitted
 
 
-def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
-    """Compile a function that makes one chunk of Adam steps and returns their mean loss."""
-    objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
-    series, length = jnp.asarray(data.series), preset.history + preset.window
+def _starts_of_seen(data: TrainingData, preset: Preset, runs: WindowRuns) -> list[np.ndarray]:
+    """First rows of windows inside the stretches of log that are not judged."""
+    judged, starts, index = held_out_windows(runs), [], 0
+    for part in data.parts:
+        count = max(0, (part.stop - part.start - 1 - preset.history) // preset.window)
+        for window in range(count):
+            first = part.start + window * preset.window
+            if not judged[index]:
+                last = min(first + preset.window, part.stop - preset.history - preset.window + 1)
+                starts.append(np.arange(first, last) if window + 1 < count else np.array([first]))
+            index += 1
+    return starts
 
-    def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
-        mean, log_var, z = trainable["mean"], trainable["log_var"], trainable["mean"][motors]
-        if preset.noisy:
-            z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
-        windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
-        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # only noise makes the data constrain it
-        kl = jnp.mean(kl_to_standard_normal(mean, spread))
-        network = trainable["network"]
-        if preset.per_motor:  # shared parameters stay fixed
-            network = jax.lax.stop_gradient(network)
-        return objective.loss(network, windows, z) + preset.kl_weight * kl
 
-    def step(state, inputs):
-        trainable, optimiser_state = state
-        value, gradient = jax.value_and_grad(loss)(trainable, *inputs)
-        updates, optimiser_state = optimiser.update(gradient, optimiser_state, trainable)
-        return (optax.apply_updates(trainable, updates), optimiser_state), value
+@dataclass(frozen=True)
+class _Beside:
+    """Checkpoints of a descent beside the arrays of the fit that came before it."""
 
-    @jax.jit
-    def chunk(state, inputs):
-        state, losses = jax.lax.scan(step, state, inputs)
-        return state, jnp.mean(losses)
+    checkpoints: Checkpoints
+    arrays: dict[str, np.ndarray]
 
-    return chunk
+    def load(self) -> dict[str, np.ndarray] | None:
+        kept = self.checkpoints.load()
+        return kept if kept is not None and "losses" in kept else None
+
+    def save(self, state: dict[str, np.ndarray]) -> None:
+        self.checkpoints.save(state | self.arrays)
+
+
+def _as_arrays(found: FleetFit, saved: dict[str, float]) -> dict[str, np.ndarray]:
+    has = np.array([name in found.terms for name in TERMS], np.float64)
+    tried = np.array([saved.get(name, np.nan) for name in TERMS])
+    return {"has_term": has, "saved": tried, "center": found.center, "offsets": found.offsets, "fitted": found.loss}
+
+
+def _from_arrays(kept: dict[str, np.ndarray]) -> tuple[FleetFit, dict[str, float]]:
+    terms = tuple(name for name, has in zip(TERMS, kept["has_term"], strict=True) if has)
+    saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
+    return FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved

@@ -8,6 +8,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Preset
+from motorprior.identification.smoothing import smoothed
 from motorprior.logs.motor_log import MotorLog
 
 
@@ -35,9 +36,10 @@ class TrainingData:
     """Logs of M motors with R rows each.
 
     Attributes:
-        series: (M, R, 7) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log
-            has none), external_torque, load_inertia, seconds since the log began. For a rollout the velocities are those of half a period earlier
-            and the torques are averages centred on the sample, as a semi-implicit step needs them.
+        series: (M, R, 7) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
+            external_torque, load_inertia, seconds since the log began. For a rollout positions and velocities are
+            smoothed where readings are noisy (`smoothing`), the velocities are those of half a period earlier and the
+            torques are averages centred on the sample, as a semi-implicit step needs them.
         starts: (S,) first rows of the windows that lie inside one segment.
         parts: rows of each segment.
         measured: measured channels.
@@ -66,8 +68,11 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     Raises:
         LogError: wrong sample period, a missing channel, or segments shorter than a window.
     """
-    if log.joint_vel is None and preset.objective == "rollout":
-        log = replace(log, joint_vel=_velocities(log))
+    if preset.objective == "rollout":
+        if log.encoder == "joint":
+            log = _without_noise(log)
+        elif log.joint_vel is None:
+            log = replace(log, joint_vel=_velocities(log))
     _require(log, preset, where)
     nothing = np.zeros_like(log.joint_pos)
     channels = (
@@ -89,6 +94,14 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         scales=_scales(log, where),
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
+
+
+def _without_noise(log: MotorLog) -> MotorLog:
+    """The log with smoothed positions and velocities if its readings are noisy; with velocities in any case."""
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), float(np.median(np.diff(log.time))))
+    if found is not None:
+        return replace(log, joint_pos=found[0], joint_vel=found[1])
+    return log if log.joint_vel is not None else replace(log, joint_vel=_velocities(log))
 
 
 def _velocities(log: MotorLog) -> np.ndarray:

@@ -167,7 +167,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     """The prior, with the figures that it is judged by later."""
     from motorprior.identification.reference import reference_metrics
     from motorprior.identification.standardise import MOTORS_TO_TRUST
-    from motorprior.identification.train import CHUNK, identify
+    from motorprior.identification.train import identify, work_of
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
@@ -175,21 +175,28 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
             f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
             f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
         )
-    with progress.start(f"identify {job.preset}: {recipe.steps} Adam steps", recipe.steps) as task:
+    with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
 
-        def report(done: int, total: int, loss: float) -> None:  # the last chunk may be a short one
+        def report(work: int, text: str) -> None:
             if kept is not None:
                 kept.clock.note()
-            task.advance(done % CHUNK or CHUNK, f"loss {loss:.4f}")
+            task.advance(work, text)
 
         found = identify(data, recipe, job.seed, report, kept)
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-        metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
-        metrics |= reference_metrics(found.network, data, recipe, found.mean, log)
+        metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
+        metrics |= reference_metrics(found.network, data, found.preset, found.mean, log)
+    for line in found.notes:
+        progress.note(line)
     return MotorPrior(
         found.network, found.mean, found.log_var, job.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": asdict(recipe) | {"taps": list(recipe.taps)}, "seed": job.seed}, metrics,
+        origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics,
     )  # fmt: skip
+
+
+def _as_json(recipe: Preset) -> dict[str, Any]:
+    """With lists in place of tuples, as JSON gives them back."""
+    return asdict(recipe) | {"taps": list(recipe.taps), "terms": list(recipe.terms)}
 
 
 def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:

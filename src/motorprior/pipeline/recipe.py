@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.schema import TRUTH, Schema, integer, many, number, one_of
@@ -19,9 +20,11 @@ RECIPE = Schema(
         "objective": one_of("torque", "rollout"),
         "period": number(1e-6, 1.0),
         "taps": many(integer(0, LONGEST_WINDOW), least=1),
-        **dict.fromkeys(("has_armature", "grey_box", "noisy", "own_latents", "per_motor", "standardise"), TRUTH),
+        **dict.fromkeys(("has_armature", "grey_box", "noisy", "own_latents", "standardise"), TRUTH),
+        "physics_first": one_of("", "alone", "together"),
+        "terms": many(one_of(*TERMS)),
         "num_latents": integer(0, 1000),
-        "num_neurons": integer(1, 10_000),
+        "num_neurons": integer(0, 10_000),
         "kl_weight": number(0.0, 1e6),
         "warm_up": integer(0, LONGEST_WINDOW),
         "window": integer(1, LONGEST_WINDOW),
@@ -47,15 +50,16 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     if not isinstance(recipe, dict):
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_REMEDY)
     RECIPE.check(recipe, where)
-    preset = Preset(**{**recipe, "taps": tuple(recipe["taps"])})
+    preset = Preset(**{**recipe, "taps": tuple(recipe["taps"]), "terms": tuple(recipe.get("terms", ()))})
     _require_fit(preset, prior, where)
     return preset
 
 
 def _require_fit(preset: Preset, prior: MotorPrior, where: str | Path) -> None:
     network, named = prior.network, PRESETS.get(prior.preset)
-    fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature) == (
-        network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature,
+    terms = () if network.motor is None else network.motor.terms
+    fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature, preset.terms) == (
+        network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature, terms,
     )  # fmt: skip
     if not fits or (named is not None and named.objective != preset.objective):
         raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy=_REMEDY)

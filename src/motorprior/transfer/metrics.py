@@ -15,7 +15,7 @@ COLUMNS = (*BENCH_METRICS, *ROBOT_METRICS)
 
 MODELS = (
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
-    "per_motor", "per_motor_play", "rollout", "physical",
+    "per_motor", "rollout", "physical",
 )  # fmt: skip
 """Actuator models in the order of every table."""
 CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")
