@@ -27,8 +27,9 @@ from xdist.remote import Producer  # noqa: E402
 from xdist.scheduler import LoadScopeScheduling  # noqa: E402
 
 from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
-from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE  # noqa: E402
+from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.latent import LatentNetwork  # noqa: E402
+from motorprior.actuator.servo_terms import INITIAL, SIGNED  # noqa: E402
 
 SMALL_SERVO = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
@@ -42,7 +43,7 @@ REAL_TIME = ("tests/hardware", "tests/cli/test_robot.py")
 LONGEST_FIRST = (
     "pipeline/test_demo.py", "cli/test_adapt.py", "identification/test_trained_prior.py",
     "identification/test_train.py", "cli/test_your_robot.py", "identification/test_recovery.py",
-    "identification/test_reference.py", "identification/test_latent_fit.py", "identification/test_per_motor.py",
+    "identification/test_reference.py", "identification/test_latent_fit.py", "identification/test_fleet_fit.py",
     "identification/test_hung_robot.py", "contracts/test_executors.py", "identification/test_objectives.py",
     "cli/test_resume.py", "cli/test_walk_engines.py",
 )  # fmt: skip
@@ -91,7 +92,7 @@ def grey_network() -> Callable[..., LatentNetwork]:
 
     ``spread`` is the standard deviation of the logarithms of the constants per latent, ``network`` that of the weights
     (0: silent), and constants by name are those of the central motor, in SI units; 0 gives the smallest number there is
-    room for, e^-50.
+    room for, e^-50. Constants of ``terms`` that are not named are those at which a search begins.
     """
 
     def make(
@@ -100,13 +101,16 @@ def grey_network() -> Callable[..., LatentNetwork]:
         latents: int = 3,
         seed: int = 0,
         torque_limit: float = 3.0,
+        terms: tuple[str, ...] = (),
         **constants: float,
     ) -> LatentNetwork:
         rng, neurons, taps = np.random.default_rng(seed), 8, (0, 2, 5)
-        values = SMALL_SERVO | constants
-        center = np.log([max(values.get(name, 1.0), np.exp(-50.0)) for name in PARAMETERS])
-        center[-1] = values.get("encoder_zero", 0.0) / ZERO_SCALE
-        slope = spread * rng.standard_normal((latents, len(PARAMETERS)))
+        values, names = {"encoder_zero": 0.0} | SMALL_SERVO | INITIAL | constants, parameters_of(terms)
+        center = np.array([
+            values[name] / SIGNED[name] if name in SIGNED else np.log(max(values[name], np.exp(-50.0)))
+            for name in names
+        ])  # fmt: skip
+        slope = spread * rng.standard_normal((latents, len(names)))
 
         def weights(*shape: int) -> np.ndarray:
             return network * rng.standard_normal(shape)
@@ -116,7 +120,7 @@ def grey_network() -> Callable[..., LatentNetwork]:
             w2=weights(neurons, neurons), b2=weights(neurons), w3=weights(neurons), b3=weights()[()] * np.ones(()),
             log_armature=np.array(-6.0), armature_slope=np.zeros(latents), taps=taps, period=0.002, error_scale=0.1,
             velocity_scale=2.0, torque_scale=0.3, torque_limit=torque_limit, has_armature=False,
-            motor=GearedMotor(center, slope),
+            motor=GearedMotor(center, slope, terms),
         )  # fmt: skip
 
     return make

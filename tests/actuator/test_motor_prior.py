@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.copula import SCORES
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.exceptions import ArtifactError
 
 
@@ -70,7 +72,13 @@ def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp
         ({}, {"grey_box": False}, (), "unknown keys .'motor_center', 'motor_slope'"),
         ({}, {"grey_box": 1}, (), "grey_box = 1 is not true or false"),
         ({}, {}, ("grey_box",), "missing keys .'grey_box'"),
-        ({}, {"motor_parameters": ["kp", "kd"]}, (), "motor_parameters = .'kp', 'kd'. is not .'kp', 'kd_over_kp'"),
+        ({}, {"motor_parameters": ["kp", "kd"]}, (), "motor_parameters are not theirs"),
+        ({}, {"motor_parameters": ["kp", 2]}, (), "motor_parameters = .'kp', 2. is not "),
+        ({}, {"motor_terms": ["warmth"]}, (), "motor_terms = .'warmth'. is not a list of .* profile"),
+        ({}, {"motor_terms": "heat"}, (), "motor_terms = 'heat' is not a list"),
+        ({}, {"motor_terms": ["heat"]}, (), r"motor_center is float64\(14,\), wanted float64\(16,\)"),
+        ({}, {"motor_terms": ["output_encoder"] * 2}, (), "motor_terms are not in their order"),
+        ({}, {}, ("motor_terms",), "missing keys .'motor_terms'"),
         ({}, {}, ("motor_parameters",), "missing keys .'motor_parameters'"),
         ({"motor_center": np.zeros(13)}, {}, (), r"motor_center is float64\(13,\), wanted float64\(14,\)"),
         ({"motor_slope": np.zeros((14, 3))}, {}, (), r"motor_slope is float64\(14, 3\), wanted float64\(3, 14\)"),
@@ -117,6 +125,68 @@ def test_a_motor_that_does_not_fit_is_refused_by_name(
     with pytest.raises(ArtifactError, match=words) as error:
         MotorPrior.load(saved)
     assert saved.name in str(error.value)
+
+
+TERMS_OF_ONE = ("profile", "output_encoder", "asymmetry", "heat")
+
+
+@pytest.fixture
+def servo(grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
+    """Motors with terms and without a network."""
+    network = grey_network(terms=TERMS_OF_ONE, asymmetry=-0.1)
+    weights = {"w1": np.zeros((6, 0)), "v1": np.zeros((3, 0)), "w2": np.zeros((0, 0))}
+    weights |= {name: np.zeros(0) for name in ("b1", "b2", "w3")}
+    z = np.random.default_rng(0).standard_normal((5, 3))
+    return MotorPrior(replace(network, **weights), z, 0.0 * z, "rollout", "pupper_v2", "m", {}, {})
+
+
+def test_motors_with_terms_and_without_a_network_are_loaded_as_they_were(servo: MotorPrior, tmp_path: Path):
+    path = tmp_path / "prior.safetensors"
+    servo.save(path)
+    loaded = MotorPrior.load(path)
+    assert loaded.network.motor is not None and loaded.network.motor.terms == TERMS_OF_ONE
+    assert loaded.network.num_neurons == 0 and loaded.sha256() == servo.sha256()
+    before, after = (one.network.constants(one.mean) for one in (servo, loaded))
+    assert before.keys() == after.keys() and np.all(after["profile_speed"] > 0.0)
+    for name, values in before.items():
+        np.testing.assert_array_equal(after[name], values)
+    step = np.full((300, 5), 0.3)
+    case = Trial(step, 0.0 * step, np.full(5, 0.002), 0.002)
+    moved = run(loaded.training_motors(np.arange(5)), case).joint_pos
+    np.testing.assert_array_equal(moved, run(servo.training_motors(np.arange(5)), case).joint_pos)
+    assert np.all(moved[-1] > 0.15)
+
+
+@pytest.mark.parametrize(
+    ("tensors", "header", "words"),
+    [
+        ({}, {"motor_terms": ["output_encoder", "profile", "asymmetry", "heat"]}, "motor_terms are not in their order"),
+        ({}, {"motor_terms": ["profile", "asymmetry", "heat"]}, None),  # its constants are no others'
+        ({}, {"motor_terms": ["profile", "heat"]}, r"motor_center is float64\(19,\), wanted float64\(18,\)"),
+        ({}, {"motor_terms": ["torque_speed", "asymmetry", "heat"]}, "motor_parameters are not theirs|no_load|stall"),
+        ({"motor_center": np.append(np.zeros(18), 20.0)}, {}, "motor_center: (kp|backlash|profile|heat)"),
+    ],
+)
+def test_terms_that_are_not_those_of_the_constants_are_refused(
+    servo: MotorPrior, tmp_path: Path, tensors: dict, header: dict, words: str | None
+):
+    path = tmp_path / "prior.safetensors"
+    servo.save(path)
+    rewrite(path, tensors, header)
+    if words is None:
+        MotorPrior.load(path)
+        return
+    with pytest.raises(ArtifactError, match=words):
+        MotorPrior.load(path)
+
+
+def test_a_prior_of_neither_motors_nor_a_network_is_refused(servo: MotorPrior, tmp_path: Path):
+    path = tmp_path / "prior.safetensors"
+    servo.save(path)
+    bare = {"grey_box": False, "motor_terms": [], "motor_parameters": list(PARAMETERS)}
+    rewrite(path, {}, bare, ("motor_center", "motor_slope"))
+    with pytest.raises(ArtifactError, match="it has neither a network nor a motor"):
+        MotorPrior.load(path)
 
 
 def test_latents_that_are_none_are_not_standardised(grey_network: Callable[..., LatentNetwork], tmp_path: Path):

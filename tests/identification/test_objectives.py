@@ -10,11 +10,9 @@ import pytest
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.identification.loss import POSITION_SCALE, TORQUE_SCALE, VELOCITY_SCALE
 from motorprior.identification.network import Parameters, export, initial_parameters
 from motorprior.identification.objectives import (
-    POSITION_SCALE,
-    TORQUE_SCALE,
-    VELOCITY_SCALE,
     kl_to_standard_normal,
     rollout_objective,
     torque_objective,

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.presets import PRESETS, identification_preset
-from motorprior.identification.windows import INERTIA, MEANS, POS, TARGET, draw, training_data
+from motorprior.identification.windows import INERTIA, MEANS, POS, SECONDS, TARGET, VEL, draw, training_data
 from motorprior.logs.motor_log import MotorLog
 
 PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)  # 10 rows per window
@@ -56,22 +56,47 @@ def test_series_are_the_channels_in_order():
     for index, column in enumerate(columns):
         assert column is not None
         np.testing.assert_array_equal(data.series[..., index], column.T.astype(np.float32))
+    np.testing.assert_allclose(data.series[..., SECONDS], np.tile(0.002 * np.arange(84), (2, 1)), rtol=1e-6)
+
+
+def test_a_log_that_began_long_ago_has_a_cold_start_all_the_same():
+    # what warms, warms from the log's first row on
+    late = replace(a_log(), time=1e5 + np.arange(84) * 0.002)
+    found = training_data(late, replace(PRESET, objective="torque"), "log").series[:, :, SECONDS]
+    np.testing.assert_allclose(found, np.tile(0.002 * np.arange(84), (2, 1)), atol=1e-6)
+
+
+def test_a_rollout_of_joints_begins_in_states_without_the_noise_of_readings_and_torque_regression_sees_them_raw():
+    rng, time = np.random.default_rng(0), np.arange(600) * 0.002
+    wave = np.tile(0.4 * np.sin(9.0 * time)[:, None], (1, 2))
+    noisy = wave + 0.001 * rng.standard_normal(wave.shape)
+    log = a_log((300, 300), joint_pos=noisy, joint_vel=np.gradient(noisy, 0.002, axis=0))
+    data, raw = (training_data(log, replace(PRESET, objective=name), "log").series for name in ("rollout", "torque"))
+    middle = 3.6 * np.cos(9.0 * (time - 0.001))
+    inside = np.setdiff1d(np.arange(600), [0, 300])
+    for index, truth in ((POS, wave[:, 0]), (VEL, middle)):
+        left, before = (np.std((each[..., index] - truth)[:, inside]) for each in (data, raw))
+        assert left < 0.5 * before
+    np.testing.assert_array_equal(raw[..., POS], noisy.T.astype(np.float32))
+    rotor = training_data(replace(log, encoder="rotor"), PRESET, "log").series
+    np.testing.assert_array_equal(rotor[..., POS], noisy.T.astype(np.float32))
 
 
 def test_a_rollout_gets_velocities_and_torques_of_the_middle_of_its_steps():
-    log = a_log()
+    log = a_log(encoder="rotor")  # whose readings are taken as they are
     data, raw = (training_data(log, replace(PRESET, objective=name), "log").series for name in ("rollout", "torque"))
-    assert log.segment is not None and set(range(6)) - set(MEANS) == {TARGET, POS, INERTIA}
+    kept = [TARGET, POS, INERTIA, SECONDS]
+    assert log.segment is not None and set(range(7)) - set(MEANS) == set(kept)
     starts = np.flatnonzero(np.diff(log.segment, prepend=-1))
     inside = np.setdiff1d(np.arange(84), starts)
-    np.testing.assert_array_equal(data[..., [TARGET, POS, INERTIA]], raw[..., [TARGET, POS, INERTIA]])
+    np.testing.assert_array_equal(data[..., kept], raw[..., kept])
     np.testing.assert_array_equal(data[:, starts], raw[:, starts])  # nothing is known before a segment
     middle = 0.5 * (raw[:, inside] + raw[:, inside - 1])
     np.testing.assert_allclose(data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6)
 
 
 def test_scales_are_the_spread_of_the_log():
-    log = a_log()
+    log = a_log(encoder="rotor")
     data = training_data(log, PRESET, "log")
     assert data.scales["error_scale"] == pytest.approx(np.std(log.position_target - log.joint_pos))
     assert log.joint_vel is not None and log.joint_torque is not None

@@ -30,7 +30,7 @@ def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], Mo
 
 
 def as_json(preset: Preset) -> dict[str, Any]:
-    return asdict(preset) | {"taps": list(preset.taps)}
+    return asdict(preset) | {"taps": list(preset.taps), "terms": list(preset.terms)}
 
 
 def test_the_recipe_that_identify_writes_is_read(prior_with: Callable[[Any], MotorPrior]):
@@ -44,7 +44,7 @@ WRONG = {
     "has_armature": (1, "no", True),
     "grey_box": (1, None, False),
     "num_latents": (3.0, "3", -1, True, 10**400, 4),
-    "num_neurons": (8.5, 0, None),
+    "num_neurons": (8.5, -1, 10_001, None),
     "kl_weight": ("small", -1e-9, 10**400, False),
     "warm_up": (1.5, -1, "120", True, 99_937, 10**400),
     "window": ("abc", 0, -1, 1.5, None, True, [64], 99_881, 10**400),
@@ -53,7 +53,8 @@ WRONG = {
     "steps": (0, 1e3, "many"),
     "learning_rate": (0.0, -1.0, "fast", 10**400),
     "own_latents": (1, "yes"),
-    "per_motor": (0, None),
+    "physics_first": (None, True, "apart"),
+    "terms": (None, "heat", ["warmth"], [1], ["heat"]),
     "standardise": (1.0, {}),
 }
 

@@ -50,7 +50,7 @@ ABSENT = {
 """Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
-    "integral_limit": 0.3, "stall_torque": 4.0, "no_load_speed": 20.0, "current_time": 0.003, "asymmetry": 0.0,
+    "integral_limit": 0.3, "stall_torque": 3.0, "no_load_speed": 10.0, "current_time": 0.003, "asymmetry": 0.0,
     "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0,
 }  # fmt: skip
 """Where a search begins."""

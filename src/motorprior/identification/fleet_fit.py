@@ -52,14 +52,20 @@ class FleetFit:
     loss: np.ndarray
     terms: tuple[str, ...]
 
+    @property
+    def raw(self) -> np.ndarray:
+        """(M, P) decoder outputs of the motors."""
+        return self.center + self.offsets
+
     def network(self, like: LatentNetwork) -> LatentNetwork:
         """``like`` with these motors' decoder."""
         return with_motor(like, self.center, self.terms)
 
 
-def initial_center(terms: tuple[str, ...]) -> np.ndarray:
-    """(P,) decoder outputs of the initial motor."""
-    return encoded(INITIAL_MOTOR, terms)
+def initial_center(terms: tuple[str, ...], fastest: float | None = None) -> np.ndarray:
+    """(P,) decoder outputs of the initial motor; its limits of speed are near ``fastest`` [rad/s], if that is given."""
+    limits = {} if not fastest else {"profile_speed": fastest, "no_load_speed": 1.3 * fastest}
+    return encoded(INITIAL_MOTOR | limits, terms)
 
 
 def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
@@ -83,9 +89,11 @@ def fit_fleet(
     network: LatentNetwork,
     runs: WindowRuns,
     terms: tuple[str, ...],
-    center: np.ndarray,
     together: bool,
     seed: int,
+    start: np.ndarray | None = None,
+    chosen: np.ndarray | None = None,
+    turns: tuple[tuple[float, int], ...] = TURNS,
     report: Callable[[], None] = lambda: None,
 ) -> FleetFit:
     """Fit all motors of the logs.
@@ -94,27 +102,34 @@ def fit_fleet(
         network: with a residual that stays as it is.
         runs: the logs.
         terms: of the motors (`servo_terms`).
-        center: (P,) decoder outputs of the motor at which the search begins.
         together: whether the motors help each other.
         seed: of the searches.
-        report: called STAGES times.
+        start: (M, P) decoder outputs at which the fit begins; found by a random search if not given.
+        chosen: (N,) mask of the windows that count; all if not given.
+        turns: of the empirical Bayes.
+        report: called 1 + RESTARTS + len(turns) times.
     """
     rng = np.random.default_rng([seed, _STREAM])
-    fit, belief = MotorFit(with_motor(network, center, terms), runs), weak_belief(len(center))
-    start = fit.search(rng, np.zeros((runs.num_motors, len(center))), belief, SEARCH_RADII, SEARCH_DRAWS)
-    found = fit.polish(start, belief, FIRST_STEPS)
+    center = initial_center(terms, runs.fastest) if start is None else np.median(start, axis=0)
+    fit, belief = MotorFit(with_motor(network, center, terms), runs, chosen), weak_belief(len(center))
+    if start is None:
+        nowhere = np.zeros((runs.num_motors, len(center)))
+        first = fit.search(rng, nowhere, belief, SEARCH_RADII, SEARCH_DRAWS)
+    else:
+        first = np.clip(start - center, -LOG_REACH, LOG_REACH)
+    found = fit.polish(first, belief, FIRST_STEPS)
     report()
     for _ in range(RESTARTS):
-        start = restart(rng, fit, found, belief, together)
-        found = found.better(fit.polish(start, belief, RESTART_STEPS))
+        other = restart(rng, fit, found, belief, together)
+        found = found.better(fit.polish(other, belief, RESTART_STEPS))
         report()
-    for reach, steps in TURNS:
+    for reach, steps in turns:
         if together:
             belief = _belief(found, runs.windows)
         found = replace(found, energy=found.loss + belief.energy(found.z))
         again = fit.polish(found.z, belief, steps, reach)
-        start = restart(rng, fit, again, belief, together)
-        found = again.better(fit.polish(start, belief, steps, reach))
+        other = restart(rng, fit, again, belief, together)
+        found = again.better(fit.polish(other, belief, steps, reach))
         report()
     middle = np.median(found.z, axis=0)
     return FleetFit(center + middle, found.z - middle, found.loss, terms)

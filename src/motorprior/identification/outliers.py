@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latent_fit import adapt
 from motorprior.identification.presets import Preset
@@ -81,7 +81,8 @@ def outliers(
 
 def latent_names(network: LatentNetwork) -> tuple[str, ...]:
     """Names of the decoder's latents: those of the constants where each constant has its own latent."""
-    slope = None if network.motor is None else network.motor.slope
-    if slope is not None and len(slope) == len(PARAMETERS) and np.array_equal(slope, np.diag(np.diag(slope))):
-        return tuple(PARAMETERS)
+    motor = network.motor
+    if motor is not None and len(motor.slope) == motor.slope.shape[1]:
+        if np.array_equal(motor.slope, np.diag(np.diag(motor.slope))):
+            return parameters_of(motor.terms)
     return tuple(f"latent {index}" for index in range(network.num_latents))

@@ -58,7 +58,7 @@ class Identified:
 
 def work_of(preset: Preset) -> int:
     """Sum of the numbers that `identify` reports, if nothing diverges."""
-    stages = 1 + STAGES if preset.physics_first else 0
+    stages = len(TERMS) + STAGES if preset.physics_first else 0
     return _STAGE * stages + (preset.steps if preset.num_neurons or not preset.physics_first else 0)
 
 
@@ -150,16 +150,15 @@ def _physics(
     """The fit of all motors, and what each term that was tried saved."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
-        report(_STAGE * (1 + STAGES), "constants were fitted")
+        report(_STAGE * (len(TERMS) + STAGES), "constants were fitted")
         return _from_arrays(kept)
     bare = without_residual(data.scales, preset.taps, preset.period, preset.num_latents)
     some = np.unique(np.linspace(0, runs.num_motors - 1, min(MOTORS, runs.num_motors)).astype(int))
-    chosen = select_terms(bare, WindowRuns(data, preset, some), seed, lambda text: report(0, text))
-    report(_STAGE, "terms chosen")
+    few = WindowRuns(data, preset, some)
+    chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
     found = fit_fleet(
-        bare, runs, chosen.terms, chosen.center, preset.physics_first == "together", seed,
-        lambda: report(_STAGE, "constants"),
-    )  # fmt: skip
+        bare, runs, chosen.terms, preset.physics_first == "together", seed, report=lambda: report(_STAGE, "constants")
+    )
     if checkpoints is not None:
         checkpoints.save(_as_arrays(found, chosen.saved))
     return found, chosen.saved

@@ -147,6 +147,11 @@ class WindowRuns:
         return sum(segment.windows for segment in self._segments)
 
     @property
+    def fastest(self) -> float:
+        """Speed [rad/s] that the joints exceed in one sample of a hundred."""
+        return float(np.median([np.quantile(np.abs(segment.rows[:, VEL]), 0.99) for segment in self._segments]))
+
+    @property
     def channels(self) -> int:
         """Errors per sample."""
         return self._measured.channels

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.facts import FACTS, LOG, read_bench
@@ -22,6 +24,7 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
 
 if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.fit_quality import FitQuality
     from motorprior.identification.presets import Preset
     from motorprior.identification.windows import TrainingData
 
@@ -165,8 +168,9 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """The prior, with the figures that it is judged by later."""
+    from motorprior.identification.fit_quality import widening
     from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.standardise import MOTORS_TO_TRUST
+    from motorprior.identification.standardise import MOTORS_TO_TRUST, widened
     from motorprior.identification.train import identify, work_of
 
     log, recipe, origin = job.log, job.recipe, job.origin
@@ -186,12 +190,29 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
         metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
         metrics |= reference_metrics(found.network, data, found.preset, found.mean, log)
-    for line in found.notes:
+    network, mean, notes = found.network, found.mean, list(found.notes)
+    if recipe.physics_first:
+        quality = _quality(LatentActuator(network, mean), log, progress)
+        network, mean = widened(network, mean, widening(quality))
+        metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
+        notes += quality.lines()
+    for line in notes:
         progress.note(line)
     return MotorPrior(
-        found.network, found.mean, found.log_var, job.preset, origin.robot, origin.motor,
+        network, mean, found.log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics,
     )  # fmt: skip
+
+
+def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
+    """Of the fitted motors; the PD's tuning begins at the central motor's gains."""
+    from motorprior.identification.baselines import EVALUATIONS
+    from motorprior.identification.fit_quality import fit_quality
+
+    known = motors.network.constants(np.zeros((1, motors.z.shape[1])))
+    gains = (float(values[0]) for values in (known["kp"], known["kp"] * known["kd_over_kp"], known["torque_limit"]))
+    with progress.start("tune a PD to compare with", EVALUATIONS) as task:
+        return fit_quality(motors, IdealPd.uniform(1, *gains), log, task.advance)
 
 
 def _as_json(recipe: Preset) -> dict[str, Any]:

@@ -1,0 +1,344 @@
+"""Each term of a servo does what its formula says, nothing where it is absent, and is compiled as it is written."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor_step import (
+    BASE_CONSTANTS,
+    MotorState,
+    StepConstants,
+    array_arithmetic,
+    decode,
+    parameters_of,
+    step,
+    step_constants,
+)
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.servo_terms import ABSENT, SIGNED, TERMS, constants_of, in_order
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Trial, run
+
+Networks = Callable[..., LatentNetwork]
+H = 0.002
+EVERY = tuple(TERMS)
+CASES = pytest.mark.parametrize("terms", [*((name,) for name in TERMS), EVERY], ids=[*TERMS, "all"])
+MOTORS = 11
+"""Eight lanes and three alone."""
+VELOCITIES = ("dq", "rotor_vel", "filtered_vel", "joint_vel")
+NUMPY = array_arithmetic(np)
+STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02}
+"""Terms that are felt."""
+
+
+def drawn_states(motors: LatentActuator, terms: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
+    """Random states of motors with these terms: rotor, joint, delayed target, and what the terms remember."""
+    n, constants = motors.num_motors, motors.network.constants(motors.z)
+    q = rng.uniform(-0.3, 0.3, n)
+    moving = np.arange(n) % 3 > 0
+    velocities = {
+        name: 4.0 * rng.standard_normal(n) * moving for name in ("dq", "rotor_vel", "filtered_vel", "joint_vel")
+    }
+    drawn = velocities | {
+        "q": q, "target": rng.uniform(-0.4, 0.4, n), "rotor_pos": q + 0.02 * rng.standard_normal(n),
+        "damping": 0.1 * rng.random(n),
+    }  # fmt: skip
+    if terms:
+        yielding = constants["coulomb"] / constants.get("bristle_stiffness", 1e9)
+        drawn |= {
+            "reference": drawn["target"] + 0.1 * rng.standard_normal(n) if "profile" in terms else drawn["target"],
+            "reference_vel": rng.standard_normal(n) * ("profile" in terms),
+            "integral": 0.1 * rng.standard_normal(n) * ("integral" in terms),
+            "current": 0.5 * rng.standard_normal(n) * ("current" in terms),
+            "bristle": yielding * rng.uniform(-1.0, 1.0, n) * ("presliding" in terms),
+        }
+    return drawn
+
+
+def stepped(constants: StepConstants, drawn: dict[str, Any], terms: tuple[str, ...]):
+    """State, torque and damping after a step of the formula in numpy."""
+    state = MotorState(**{name: drawn[name] for name in MotorState._fields if name in drawn})
+    return step(constants, state, drawn["target"], drawn["q"], drawn["dq"], H, NUMPY, terms)
+
+
+@CASES
+def test_the_compiled_step_is_the_formula(grey_network: Networks, terms: tuple[str, ...]):
+    rng, network = np.random.default_rng(5), grey_network(spread=0.3, terms=terms, **STRONG)
+    motors = LatentActuator(network, rng.standard_normal((MOTORS, 3)), rng.random(MOTORS))
+    drawn = drawn_states(motors, terms, rng)
+    assert network.motor is not None
+    values = network.motor.decode(network.decoder_latents(motors.z), motors.warmth)
+    alone = stepped(step_constants(values, H, np, terms), drawn, terms)
+    every = stepped(step_constants(values, H, np, terms), drawn, EVERY)
+
+    arrays, torque = motors.arrays(H), np.zeros(MOTORS)
+    reset_actuator(arrays, drawn["target"].copy(), drawn["q"].copy())
+    for row, name in enumerate(MotorState._fields):
+        arrays.memory[1 + row] = drawn[name]
+    step_actuator(arrays, H, drawn["target"].copy(), drawn["q"].copy(), drawn["dq"].copy(), torque)
+    compiled = (*arrays.memory[1 : 1 + len(MotorState._fields)], torque, arrays.damping)
+    names = (*MotorState._fields, "torque", "damping")
+    for name, found, formula, only in zip(
+        names, compiled, (*every[0], *every[1:]), (*alone[0], *alone[1:]), strict=True
+    ):
+        scale = max(np.abs(formula).max(), 1e-3)
+        np.testing.assert_allclose(found, formula, atol=1e-12 * scale, err_msg=name)
+        remembered = name in ("current", "bristle", "reference", "reference_vel", "integral")
+        if terms == EVERY or not remembered:  # what absent terms remember is nobody's
+            np.testing.assert_allclose(formula, only, atol=2e-6 * scale, err_msg=name)
+
+
+@CASES
+def test_a_term_is_felt(grey_network: Networks, terms: tuple[str, ...]):
+    rng = np.random.default_rng(5)
+    network, bare = (
+        grey_network(spread=0.0, terms=some, **STRONG, stall_torque=0.5, no_load_speed=6.0) for some in (terms, ())
+    )
+    time = H * np.arange(500)[:, None]
+    target = 0.4 * np.sin(12.0 * time) + 0.1 * rng.standard_normal((500, 1)).cumsum(axis=0) * H
+    case = Trial(target, np.zeros_like(target), np.array([0.002]), H)
+    moved, plain = (run(LatentActuator(one, np.zeros((1, 3)), 1.0), case).joint_pos for one in (network, bare))
+    assert np.abs(moved - plain).max() > 1e-4
+
+
+def test_terms_that_are_absent_leave_a_motion_as_it_is(grey_network: Networks):
+    """Every lane of compiled code with terms computes all of them."""
+    gone = {name: value for name, value in ABSENT.items()} | {"heat_loss": 0.0}
+    some = in_order(set(TERMS) - {"output_encoder"})
+    absent, bare = grey_network(spread=0.0, terms=some, **gone), grey_network(spread=0.0)
+    time = H * np.arange(1000)[:, None]
+    target = 0.3 * np.sin(6.0 * time) * np.minimum(1.0, 3.0 * time)
+    case = Trial(target, 0.05 * np.cos(9.0 * time), np.array([0.004]), H)
+    one, other = (run(LatentActuator(network, np.zeros((1, 3)), 1.0), case) for network in (absent, bare))
+    np.testing.assert_allclose(one.joint_pos, other.joint_pos, atol=1e-6)
+    assert np.ptp(other.joint_pos) > 0.3
+
+
+@CASES
+def test_absent_constants_are_an_absent_term(grey_network: Networks, terms: tuple[str, ...]):
+    """In one step, from any state of motors without the term."""
+    rng = np.random.default_rng(1)
+    motors = LatentActuator(grey_network(spread=0.3), rng.standard_normal((200, 3)))
+    values, drawn = motors.network.constants(motors.z), drawn_states(motors, (), rng)
+    n = motors.num_motors
+    remembered = {name: np.zeros(n) for name in MotorState._fields if name not in drawn}
+    full = drawn | remembered | {"reference": drawn["target"]}
+    expected = stepped(step_constants(values, H, np), drawn, ())
+    constants = step_constants(values, H, np, ("dead_zone",))  # whose constant is not given, and so absent as well
+    # a current without a lag is the law's torque, also before the step
+    full["current"] = np.clip(rng.standard_normal(n), -1.0, 1.0)
+    found = stepped(constants, full, terms)
+    np.testing.assert_allclose(found[0].rotor_vel, expected[0].rotor_vel, atol=1e-5)
+    np.testing.assert_allclose(found[1], expected[1], atol=1e-5)
+    np.testing.assert_allclose(found[2], expected[2], atol=1e-12)
+
+
+def test_names_and_numbers_of_constants_belong_together():
+    assert set(constants_of(EVERY)) - set(ABSENT) == {"heat_loss", "heat_time"}
+    assert set(SIGNED) <= set(parameters_of(EVERY))
+    assert in_order(("heat", "profile")) == ("profile", "heat")
+    raw = np.zeros(len(parameters_of(EVERY)))
+    full = step_constants(decode(raw, np, EVERY, 0.0), H, np, EVERY)
+    assert all(row is not None for row in full)
+    bare = step_constants(decode(np.zeros(len(parameters_of(()))), np), H, np)
+    assert sum(row is not None for row in bare) == BASE_CONSTANTS
+
+
+# Closed forms.
+
+
+def law(motor: dict[str, float], terms: tuple[str, ...], **more: Any):
+    """A motor of one kind: `StepConstants` from constants by name, those of SERVO if not given."""
+    values = {name: np.array([float(value)]) for name, value in (SERVO | motor | more).items()}
+    return step_constants(values, H, np, terms)
+
+
+SERVO = {
+    "kp": 10.0, "kd_over_kp": 0.0, "velocity_filter": 1e-6, "delay": 1e-6, "torque_limit": 100.0, "armature": 0.002,
+    "coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0, "gear_stiffness": 70.0,
+    "backlash": 10.0, "gear_damping": 0.0, "encoder_zero": 0.0,
+}  # fmt: skip
+"""A rotor that never touches its gear, in SI units."""
+
+
+def at(**changes: float) -> MotorState:
+    """A state at rest but for these."""
+    values = dict.fromkeys(MotorState._fields, 0.0) | changes
+    return MotorState(**{name: np.array([value]) for name, value in values.items()})
+
+
+def rotor_accelerations(p: StepConstants, state: MotorState, target: float, steps: int, terms: tuple[str, ...]):
+    """(steps,) accelerations of the rotor, held in place: what its torque is, over the armature."""
+    found = []
+    for _ in range(steps):
+        moved = step(p, state, np.array([target]), np.zeros(1), np.zeros(1), H, NUMPY, terms)[0]
+        found.append(float((moved.rotor_vel - state.rotor_vel)[0] / H))
+        state = moved._replace(rotor_pos=state.rotor_pos, rotor_vel=state.rotor_vel, filtered_vel=state.filtered_vel)
+    return np.array(found)
+
+
+def test_a_profile_keeps_within_speed_and_acceleration_and_lands_without_overshoot():
+    rng, count = np.random.default_rng(0), 400
+    speeds, accelerations = np.exp(rng.uniform(-1, 3, count)), np.exp(rng.uniform(1, 7, count))
+    limits = {"profile_speed": speeds, "profile_acceleration": accelerations}
+    values = {name: np.full(count, value) for name, value in SERVO.items()} | limits
+    p = step_constants(values, H, np, ("profile",))
+    target, begin = rng.uniform(-2, 2, (2, count))
+    state = MotorState(**dict.fromkeys(MotorState._fields, np.zeros(count)))._replace(reference=begin)
+    references, still = [begin], np.zeros(count)
+    for _ in range(20_000):
+        state = step(p, state, target, still, still, H, NUMPY, ("profile",))[0]
+        state = state._replace(rotor_pos=still, rotor_vel=still, filtered_vel=still)
+        references.append(state.reference)
+    moved = np.array(references)
+    speed = np.diff(moved, axis=0, prepend=begin[None]) / H
+    assert np.all(np.abs(speed) <= speeds * (1 + 1e-9))
+    assert np.all(np.abs(np.diff(speed, axis=0)) <= accelerations * H * (1 + 1e-9) + 1e-9)
+    # no further than whole steps make it: an eighth of what one step's acceleration moves
+    travel, beyond = (moved - begin) * np.sign(target - begin), accelerations * H * H / 8 + 1e-9
+    assert np.all(travel <= np.abs(target - begin) + beyond) and np.all(np.diff(travel, axis=0) >= -beyond)
+    np.testing.assert_allclose(moved[-1], target, atol=1e-6)
+    # a trapezium's time, or a triangle's, but for a step or two at each of its corners
+    distance, v, a = np.abs(target - begin), speeds, accelerations
+    wanted = np.where(distance > v * v / a, distance / v + v / a, 2 * np.sqrt(distance / a))
+    took = H * np.argmax(np.abs(moved - target) < 1e-3 * distance, axis=0)
+    assert np.all(took <= wanted + 6 * H) and np.all(took >= 0.9 * wanted - 4 * H)
+
+
+def test_a_profile_keeps_its_acceleration_where_the_target_jumps_on_the_way():
+    rng, count = np.random.default_rng(1), 200
+    speeds, accelerations = np.exp(rng.uniform(0, 3, count)), np.exp(rng.uniform(2, 6, count))
+    limits = {"profile_speed": speeds, "profile_acceleration": accelerations}
+    p = step_constants({name: np.full(count, value) for name, value in SERVO.items()} | limits, H, np, ("profile",))
+    state, still, before = MotorState(**dict.fromkeys(MotorState._fields, np.zeros(count))), np.zeros(count), 0.0
+    for index in range(1000):
+        target = np.sin(index // 100 * np.arange(count))
+        state = step(p, state, target, still, still, H, NUMPY, ("profile",))[0]
+        state = state._replace(rotor_pos=still, rotor_vel=still, filtered_vel=still)
+        assert np.all(np.abs(state.reference_vel) <= speeds * (1 + 1e-9))
+        change = np.abs(state.reference_vel - before)
+        assert np.all(change <= accelerations * H * (1 + 1e-9) + 1e-9)
+        before = state.reference_vel
+
+
+def test_a_dead_zone_is_taken_from_the_error_on_both_sides():
+    p = law({}, ("dead_zone",), dead_zone=0.05)
+    for target, error in ((0.04, 0.0), (-0.05, 0.0), (0.15, 0.1), (-0.25, -0.2)):
+        found = rotor_accelerations(p, at(), target, 1, ("dead_zone",))[0]
+        # the law is implicit: half a step of its own motion is taken into account where it is live
+        braked = 0.002 + 0.25 * H * H * 10.0
+        assert found == pytest.approx(10.0 * error / braked, rel=1e-6, abs=1e-9)
+
+
+def test_an_integral_grows_at_its_rate_and_is_clamped():
+    p = law({"kp": 0.01}, ("integral",), integral_rate=20.0, integral_limit=0.003)
+    found = 0.002 * rotor_accelerations(p, at(), 0.1, 400, ("integral",))
+    grown = 0.01 * 0.1 * (1 + np.minimum(20.0 * H * np.arange(1, 401), 3.0))
+    np.testing.assert_allclose(found, grown, rtol=1e-4)
+    down = 0.002 * rotor_accelerations(p, at(integral=0.003), -0.1, 400, ("integral",))
+    assert down[-1] == pytest.approx(-0.01 * 0.1 - 0.003, rel=1e-4)
+
+
+def test_an_integral_removes_the_steady_error_under_a_load(grey_network: Networks):
+    smooth = {"coulomb": 0.0, "stribeck_torque": 0.0, "load_friction": 0.0}
+    target, push = np.zeros((2500, 1)), np.full((2500, 1), 0.2)
+    case, errors = Trial(target, push, np.array([0.002]), H), {}
+    for name, terms, limit in (("with", ("integral",), 0.5), ("clamped", ("integral",), 0.05), ("without", (), 0.5)):
+        network = grey_network(
+            spread=0.0, terms=terms, integral_rate=4.0, integral_limit=limit, backlash=1e-4, **smooth
+        )
+        motors = LatentActuator(network, np.zeros((1, 3)))
+        found, twist = run(motors, case).joint_pos[-1, 0], 0.2 / 70.0
+        errors[name] = found - twist - 0.5e-4
+    assert errors["without"] == pytest.approx(0.2 / 10.0, rel=1e-3)
+    assert errors["with"] == pytest.approx(0.0, abs=1e-5)
+    assert errors["clamped"] == pytest.approx((0.2 - 0.05) / 10.0, rel=1e-3)
+
+
+def test_a_voltage_leaves_no_torque_at_the_no_load_speed_and_all_of_it_at_rest():
+    p = law({"kp": 1e3}, ("torque_speed",), stall_torque=2.0, no_load_speed=20.0)
+    for velocity, torque in ((0.0, 2.0), (10.0, 1.0), (20.0, 0.0), (30.0, 0.0), (-10.0, 3.0)):
+        found = 0.002 * rotor_accelerations(p, at(rotor_vel=velocity), 1.0, 1, ("torque_speed",))[0]
+        assert found == pytest.approx(torque, rel=1e-9, abs=1e-9)
+        mirrored = 0.002 * rotor_accelerations(p, at(rotor_vel=-velocity), -1.0, 1, ("torque_speed",))[0]
+        assert mirrored == pytest.approx(-torque, rel=1e-9, abs=1e-9)
+
+
+def test_a_stalled_motors_current_rises_with_its_lag():
+    p = law({"kp": 10.0, "torque_limit": 0.5}, ("current",), current_time=0.02)
+    state, currents = at(), []
+    for _ in range(50):
+        moved = step(p, state, np.ones(1), np.zeros(1), np.zeros(1), H, NUMPY, ("current",))[0]
+        currents.append(float(moved.current[0]))
+        state = moved._replace(rotor_pos=np.zeros(1), rotor_vel=np.zeros(1), filtered_vel=np.zeros(1))
+    np.testing.assert_allclose(currents, 0.5 * (1 - np.exp(-H * np.arange(1, 51) / 0.02)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.4, -0.4, 0.0])
+def test_dry_friction_is_stronger_in_one_direction(share: float):
+    p = law({"kp": 1e-9, "coulomb": 0.1}, ("asymmetry",), asymmetry=share)
+    for velocity, friction in ((5.0, 0.1 * (1 + share)), (-5.0, 0.1 * (1 - share))):
+        found = 0.002 * rotor_accelerations(p, at(rotor_vel=velocity), 0.0, 1, ("asymmetry",))[0]
+        assert found == pytest.approx(-np.sign(velocity) * friction, rel=1e-6)
+
+
+def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slides_at_its_friction():
+    p = law({"kp": 1e-3, "coulomb": 0.1, "viscous_damping": 0.05}, ("presliding",), bristle_stiffness=8.0)
+    for torque in (0.03, 0.08, -0.08):
+        state = at()
+        for share in np.minimum(1.0, np.arange(4000) / 3000):  # so gently that it does not swing
+            pull = np.array([1e3 * share * torque])
+            state = step(p, state, pull, state.rotor_pos, np.zeros(1), H, NUMPY, ("presliding",))[0]
+        assert state.rotor_pos[0] == pytest.approx(torque / 8.0, rel=1e-3)
+        assert abs(state.rotor_vel[0]) < 1e-6
+    state = at()
+    for _ in range(2000):
+        far = np.array([200.0]) + state.rotor_pos  # a torque of 0.2 wherever it is
+        state = step(p, state, far, state.rotor_pos, np.zeros(1), H, NUMPY, ("presliding",))[0]
+    assert state.rotor_vel[0] == pytest.approx((0.2 - 0.1) / 0.05, rel=1e-3)
+    assert state.bristle[0] == pytest.approx(0.1 / 8.0, rel=1e-9)
+
+
+def test_the_joint_is_braked_by_output_damping_in_contact_and_apart():
+    for pos in (0.0, 5.1):
+        state, q, dq = at(rotor_pos=pos), np.zeros(1), np.full(1, 2.0)
+        bare = step(law({}, ()), state, q, q, dq, H, NUMPY, ())
+        found = step(law({}, ("output_damping",), output_damping=0.03), state, q, q, dq, H, NUMPY, ("output_damping",))
+        assert found[1] == pytest.approx(bare[1]) and found[2] == pytest.approx(bare[2] + 0.03)
+        np.testing.assert_array_equal(found[0].damping, bare[0].damping)  # it takes no momentum from the rotor
+
+
+def test_an_encoder_on_the_joint_does_not_see_the_rotor():
+    p, rest = law({}, ("output_encoder",)), np.zeros(1)
+    state = at(rotor_pos=0.3)
+    moved = step(p, state, rest, rest, rest, H, NUMPY, ("output_encoder",))[0]
+    assert moved.rotor_vel[0] == 0.0  # the joint is where it should be
+    off = step(p, state, rest, rest + 0.1, rest, H, NUMPY, ("output_encoder",))[0]
+    assert off.rotor_vel[0] == pytest.approx(-H * 10.0 * 0.1 / 0.002)
+
+
+def test_heat_takes_its_share_of_the_laws_torque(grey_network: Networks):
+    network = grey_network(spread=0.0, terms=("integral", "heat"), heat_loss=0.3, heat_time=10.0)
+    assert network.motor is not None
+    cold, warm, hot = (network.motor.decode(np.zeros((1, 3)), warmth) for warmth in (0.0, 0.5, 1.0))
+    for name in ("kp", "torque_limit", "integral_limit"):
+        assert warm[name] == pytest.approx(0.85 * cold[name]) and hot[name] == pytest.approx(0.7 * cold[name])
+    assert warm["kd_over_kp"] == cold["kd_over_kp"] and warm["coulomb"] == cold["coulomb"]
+    assert network.warmth(np.zeros((1, 3)), 0.0) == pytest.approx(0.0)
+    assert network.warmth(np.zeros((1, 3)), 10.0) == pytest.approx(1 - np.exp(-1.0))
+    # the law's torque, whole
+    constants, rest = [step_constants(one, H, np, network.motor.terms) for one in (cold, warm)], np.zeros(1)
+    forces = []
+    for p in constants:
+        free = p._replace(coulomb=rest, stribeck_torque=rest, viscous_damping=rest, gear_stiffness=rest)
+        forces.append(rotor_accelerations(free, at(), 9.0, 300, network.motor.terms))  # limited, so not implicit
+    np.testing.assert_allclose(forces[1], 0.85 * forces[0], rtol=1e-9)
+
+
+def test_a_motor_that_does_not_warm_has_no_warmth(grey_network: Networks):
+    network, z = grey_network(), np.zeros((2, 3))
+    assert network.warmth(z, 100.0) == 0.0
+    rows = [LatentActuator(network, z, warmth).arrays(H).parameters for warmth in (0.0, 1.0)]
+    np.testing.assert_array_equal(*rows)

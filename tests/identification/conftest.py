@@ -1,0 +1,47 @@
+"""Logs of motors that a decoder made: what they are is known, and a fit can reach it."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.bench.dynamometer import run
+from motorprior.bench.recording import PRESETS, trial
+from motorprior.identification.windows import Measured, TrainingData
+
+BENCH = PRESETS["rollout"]
+
+
+@pytest.fixture(scope="session")
+def decoder_data() -> Callable[..., TrainingData]:
+    """Make the logs of a network's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
+
+    Their velocities and torques are those of half a step before already, as a rollout wants them.
+    """
+
+    def make(network: LatentNetwork, z: np.ndarray, segments: int = 6, rows: int = 400, seed: int = 9) -> TrainingData:
+        parts, count = [], len(z)
+        for segment in range(segments):
+            kind = BENCH.kinds[segment % len(BENCH.kinds)]
+            case = trial(np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False)
+            seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
+            warmth = network.warmth(z, float(seconds[:, 0].mean()))
+            found: Any = run(LatentActuator(network, z, warmth), case)
+            load = np.broadcast_to(case.load_inertia, (rows, count))
+            channels = (
+                case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque, load,
+                seconds,
+            )  # fmt: skip
+            parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
+        names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
+        return TrainingData(
+            series=np.concatenate(parts, axis=1).astype(np.float32),
+            starts=np.arange(segments * rows),
+            parts=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
+            scales={name: float(getattr(network, name)) for name in names},
+            measured=Measured(True),
+        )
+
+    return make

@@ -1,0 +1,152 @@
+"""A fit finds the constants of motors that a decoder made, with the same bytes on any number of threads."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification import fleet_fit
+from motorprior.identification.fleet_fit import (
+    STAGES,
+    FleetFit,
+    fit_fleet,
+    initial_center,
+    with_motor,
+)
+from motorprior.identification.motor_fit import NARROW, WIDE, Belief, MotorFit
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.residual import without_residual
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import TrainingData
+
+Data = Callable[..., TrainingData]
+SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
+PRESET = replace(PRESETS["per_motor"], warm_up=60)
+MOTORS = 4
+SPREAD = {"kp": 0.3, "kd_over_kp": 0.2, "delay": 0.4, "backlash": 0.4, "load_friction": 0.3, "armature": 0.3}
+"""Standard deviations of the logarithms."""
+
+
+def truth(terms: tuple[str, ...] = ()) -> np.ndarray:
+    """(MOTORS, P) decoder outputs relative to the initial motor's."""
+    rng, raw = np.random.default_rng(2), np.zeros((MOTORS, len(initial_center(terms))))
+    for name, spread in SPREAD.items():
+        raw[:, PARAMETERS.index(name)] = spread * rng.standard_normal(MOTORS) + 0.2
+    return raw
+
+
+def bare(terms: tuple[str, ...] = ()) -> LatentNetwork:
+    """The initial motor's decoder, one latent per constant."""
+    center = initial_center(terms)
+    return with_motor(without_residual(SCALES, (0,), 0.002, len(center)), center, terms)
+
+
+@pytest.fixture(scope="module")
+def runs(decoder_data: Data) -> WindowRuns:
+    return WindowRuns(decoder_data(bare(), truth(), segments=10, rows=400), PRESET)
+
+
+@pytest.fixture(scope="module")
+def found(runs: WindowRuns) -> FleetFit:
+    return fit_fleet(bare(), runs, (), True, 0)
+
+
+def test_the_constants_of_four_motors_are_found(found: FleetFit):
+    assert found.loss.max() < 3e-3, found.loss
+    error = np.abs(found.raw - initial_center(()) - truth())
+    within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}
+    print(found.loss, {n: error[:, PARAMETERS.index(n)].round(4) for n in PARAMETERS})
+    for name, bound in within.items():
+        assert error[:, PARAMETERS.index(name)].max() < bound, (name, error[:, PARAMETERS.index(name)])
+    np.testing.assert_allclose(found.center + found.offsets, found.raw)
+    network = found.network(bare())
+    assert network.motor is not None
+    np.testing.assert_array_equal(network.motor.center, found.center)
+
+
+def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
+    few = ((WIDE, 2), (NARROW, 2))
+    results = []
+    for threads in (1, 3):
+        monkeypatch.setattr(runs, "_threads", ThreadPoolExecutor(threads))
+        one = fit_fleet(bare(), runs, (), True, 5, turns=few)
+        results.append(b"".join(part.tobytes() for part in (one.center, one.offsets, one.loss)))
+    assert results[0] == results[1]
+    other = fit_fleet(bare(), runs, (), True, 6, turns=few)
+    assert other.offsets.tobytes() not in results[0]
+
+
+def test_alone_most_motors_are_found_as_well(runs: WindowRuns):
+    fit = fit_fleet(bare(), runs, (), False, 0, turns=((NARROW, 5),) * 6)
+    error = np.abs(fit.raw - initial_center(()) - truth())[:, PARAMETERS.index("kp")]
+    print(fit.loss, error)
+    assert np.median(fit.loss) < 5e-3 and np.median(error) < 0.05
+
+
+def test_a_fit_begins_where_it_is_told_to_and_ends_no_worse(runs: WindowRuns, found: FleetFit):
+    again = fit_fleet(bare(), runs, (), True, 1, start=found.raw, turns=())
+    assert np.all(again.loss <= found.loss * (1 + 1e-6) + 1e-6)
+    reports = []
+    fit_fleet(bare(), runs, (), True, 1, start=found.raw, turns=((WIDE, 1),), report=lambda: reports.append(0))
+    assert len(reports) == 1 + fleet_fit.RESTARTS + 1
+    assert 1 + fleet_fit.RESTARTS + len(fleet_fit.TURNS) == STAGES
+
+
+def test_only_the_chosen_windows_count(decoder_data: Data):
+    data = decoder_data(bare(), truth(), segments=2, rows=300)
+    series = data.series.copy()
+    series[:, 300:, 1] += np.linspace(0.0, 3.0, 300, dtype=np.float32)  # the second segment is no motor's
+    runs = WindowRuns(replace(data, series=series), PRESET)
+    seen, z = runs.groups() == 0, truth()
+    fit = MotorFit(bare(), runs, seen)
+    assert fit.losses(z).max() < 1e-4 < 0.1 < MotorFit(bare(), runs).losses(z).min()
+    nowhere = Belief(np.zeros(14), np.full(14, 1e-6))
+    assert np.abs(fit.polish(z, nowhere, 3).z - z).max() < 0.1
+
+
+# Steps of a fit.
+
+
+def test_losses_are_those_of_the_windows(runs: WindowRuns):
+    fit, z = MotorFit(bare(), runs), 0.5 * truth()
+    np.testing.assert_allclose(fit.losses(z), fit.window_losses(z).mean(axis=1), rtol=1e-4)
+    several = np.stack([z, truth()], axis=1)
+    np.testing.assert_allclose(fit.losses(several)[:, 0], fit.losses(z), rtol=1e-6)
+    assert fit.losses(several).shape == (MOTORS, 2) and np.all(fit.losses(several)[:, 1] < 1e-4)
+
+
+def test_a_polish_never_ends_higher_than_it_began_and_follows_a_strong_belief(runs: WindowRuns):
+    fit, rng = MotorFit(bare(), runs), np.random.default_rng(4)
+    start = truth() + 0.2 * rng.standard_normal(truth().shape)
+    weak = Belief(np.zeros(14), np.full(14, 1e-4))
+    before = fit.losses(start) + weak.energy(start)
+    steps = [fit.polish(start, weak, count) for count in (1, 4)]
+    assert np.all(steps[0].energy <= before) and np.all(steps[1].energy <= steps[0].energy)
+    np.testing.assert_allclose(steps[1].energy, steps[1].loss + weak.energy(steps[1].z), rtol=1e-9)
+    sure = Belief(np.full(14, 0.1), np.full(14, 1e6))
+    held = fit.polish(start, sure, 8)
+    np.testing.assert_allclose(held.z, 0.1, atol=1e-3)
+
+
+def test_curvatures_are_those_of_the_loss_at_the_truth(runs: WindowRuns):
+    """Where residuals are 0 the Gauss-Newton matrix is the Hessian; kp is well seen, the zero of an encoder not."""
+    fit, row = MotorFit(bare(), runs), PARAMETERS.index("kp")
+    found, reach = fit.curvatures(truth(), NARROW), NARROW
+    ahead, behind = truth(), truth()
+    ahead[:, row] += reach
+    behind[:, row] -= reach
+    second = (fit.losses(ahead) + fit.losses(behind) - 2 * fit.losses(truth())) / reach**2
+    assert np.median(found[:, row, row] / second) == pytest.approx(1.0, rel=0.5)
+    assert np.all(np.linalg.eigvalsh(found)[:, 0] > -1e-5 * np.abs(found).max())
+
+
+def test_motors_that_cannot_be_simulated_lose_and_break_nothing(runs: WindowRuns):
+    fit, wild = MotorFit(bare(), runs), np.tile(truth()[:, None], (1, 3, 1))
+    wild[:, 1, PARAMETERS.index("gear_stiffness")] = 200.0
+    wild[:, 2, PARAMETERS.index("armature")] = -200.0
+    best = fit.best_of(wild, Belief(np.zeros(14), np.zeros(14)))
+    np.testing.assert_allclose(best, truth())
