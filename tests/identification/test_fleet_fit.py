@@ -59,7 +59,6 @@ def test_the_constants_of_four_motors_are_found(found: FleetFit):
     assert found.loss.max() < 3e-3, found.loss
     error = np.abs(found.raw - initial_center(()) - truth())
     within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}
-    print(found.loss, {n: error[:, PARAMETERS.index(n)].round(4) for n in PARAMETERS})
     for name, bound in within.items():
         assert error[:, PARAMETERS.index(name)].max() < bound, (name, error[:, PARAMETERS.index(name)])
     np.testing.assert_allclose(found.center + found.offsets, found.raw)
@@ -83,7 +82,6 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: Windo
 def test_alone_most_motors_are_found_as_well(runs: WindowRuns):
     fit = fit_fleet(bare(), runs, (), False, 0, turns=((NARROW, 5),) * 6)
     error = np.abs(fit.raw - initial_center(()) - truth())[:, PARAMETERS.index("kp")]
-    print(fit.loss, error)
     assert np.median(fit.loss) < 5e-3 and np.median(error) < 0.05
 
 

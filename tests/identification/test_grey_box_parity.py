@@ -6,6 +6,7 @@ touches or a rotor sticks, a decision within rounding could fall either way in f
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from motorprior.actuator.geared_motor_step import (
     step_constants,
 )
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.servo_terms import TERMS
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification import motor_dynamics
@@ -159,3 +161,59 @@ def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_jax(motors, tri
     np.testing.assert_allclose(position, 0.0, atol=1e-5)
     np.testing.assert_allclose(velocity, 0.0, atol=1e-5 * 3 * np.abs(response.joint_vel).max())
     np.testing.assert_allclose(torque, 0.0, atol=1e-5 * 3 * np.abs(response.joint_torque).max())
+
+
+@pytest.mark.parametrize("terms", [*((name,) for name in TERMS), tuple(TERMS)], ids=[*TERMS, "all"])
+def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
+    rng, network = np.random.default_rng(7), grey_network(spread=0.3, terms=terms, asymmetry=0.2, dead_zone=0.02)
+    z, seconds = rng.standard_normal((MOTORS, 3)), rng.uniform(0.0, 20.0, MOTORS)
+    _, drawn = states(LatentActuator(network, z))
+    values = network.motor.decode(z, network.warmth(z, seconds))
+    drawn |= {"reference": drawn["target"] + 0.1, "reference_vel": rng.standard_normal(MOTORS)}
+    drawn |= {name: 0.1 * rng.standard_normal(MOTORS) for name in ("integral", "current")}
+    drawn["bristle"] = 0.005 * rng.uniform(-1.0, 1.0, MOTORS)
+    names = (*STATE, "reference", "reference_vel", "integral", "current", "bristle")
+    expected, torque, damping = step(
+        step_constants(values, DT, np, terms), MotorState(*(drawn[name] for name in names)), drawn["target"],
+        drawn["q"], drawn["dq"], DT, array_arithmetic(np), terms,
+    )  # fmt: skip
+    constants = motor_dynamics.decode(
+        import_parameters(network), jnp.asarray(z, jnp.float32), False, terms, jnp.asarray(seconds, jnp.float32)
+    )
+    for name, value in values.items():
+        np.testing.assert_allclose(constants[name], value, rtol=1e-5, atol=1e-7, err_msg=name)
+    floats = {name: jnp.asarray(value, jnp.float32) for name, value in drawn.items()}
+    moved, jax_torque, jax_damping = motor_dynamics.advance(
+        constants, MotorState(*(floats[name] for name in names)), floats["target"], floats["q"], floats["dq"], DT, terms
+    )
+    np.testing.assert_allclose(jax_torque, torque, atol=2e-5 * np.abs(torque).max())
+    np.testing.assert_allclose(jax_damping, damping, atol=1e-6)
+    for name, one, other in zip(names, moved, expected, strict=True):
+        np.testing.assert_allclose(one, other, atol=2e-5 * max(np.abs(other).max(), 1e-2), err_msg=name)
+
+
+def test_a_servo_has_a_finite_gradient_in_every_constant_from_rest_on(grey_network):
+    terms = tuple(TERMS)
+    network = grey_network(spread=0.3, terms=terms, asymmetry=0.2, dead_zone=0.02)
+    taps = network.taps
+    preset = replace(
+        PRESETS["rollout"],
+        own_latents=False,
+        taps=taps,
+        num_latents=3,
+        num_neurons=8,
+        warm_up=5,
+        window=30,
+        terms=terms,
+    )
+    scales = {n: getattr(network, n) for n in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}
+    rollout = closed_loop(preset, scales, bounded=False)
+    windows = np.zeros((2, preset.history + preset.window, 7), np.float32)
+    windows[1, 3:, 0] = 0.3  # one motor has nothing to do
+    windows[..., 5] = 0.002
+
+    def loss(parameters):
+        return sum(jnp.mean(error**2) for error in rollout(parameters, jnp.asarray(windows), jnp.zeros((2, 3))))
+
+    gradient = jax.grad(loss)(import_parameters(network))["motor_center"]
+    assert np.all(np.isfinite(gradient)) and np.any(np.asarray(gradient) != 0.0)

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS, MotorState
 from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.servo_terms import TERMS
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.identification.passivity import cycle_work, residual_bound, residual_work, switched_off
 
@@ -91,3 +92,34 @@ def test_a_network_that_pushes_along_is_found_out(grey_network):
         power = motors.network.w3[0] * motors.network.torque_scale * first / (1 + np.abs(first)) * speed
         np.testing.assert_allclose(work.network, DT * np.sum(power) * motors.network.velocity_scale, rtol=0.02)
     assert 0.0 < residual_work(weak) < 1.0 < residual_work(strong)
+
+
+@pytest.mark.parametrize("terms", [("presliding",), ("asymmetry", "presliding"), tuple(TERMS)], ids=len)
+def test_a_servo_that_is_switched_off_takes_energy_on_every_cycle(grey_network, terms):
+    motors = LatentActuator(grey_network(spread=0.3, terms=terms, asymmetry=0.3), Z)
+    for amplitude, frequency in ((0.02, 4.0), (0.1, 1.0), (0.6, 2.0)):
+        assert np.all(cycle_work(motors, amplitude, frequency).physics < 1e-9)
+
+
+@pytest.mark.parametrize("terms", [("presliding",), ("asymmetry", "presliding"), tuple(TERMS)], ids=len)
+def test_a_servo_that_is_switched_off_swings_out(grey_network, terms):
+    """Energy of rotor, joint, gear and bristle never grows by more than a step's share, and is gone in the end."""
+    network = grey_network(spread=0.3, terms=terms, asymmetry=0.3, viscous_damping=1e-4)
+    motors, inertia = LatentActuator(network, Z), 0.004
+    arrays, values = switched_off(motors, DT), network.constants(Z)
+    stiffness = arrays.parameters[SCALES + PARAMETERS.index("gear_stiffness")]
+    q, dq, torque, zero = np.full(MOTORS, 0.0), np.full(MOTORS, 6.0), np.zeros(MOTORS), np.zeros(MOTORS)
+    reset_actuator(arrays, zero, q)
+    energies = []
+    for _ in range(1500):
+        step_actuator(arrays, DT, zero, q, dq, torque)
+        dq = (dq + DT * torque / inertia) / (1.0 + DT * arrays.damping / inertia)
+        q = q + DT * dq
+        rotor, speed = arrays.memory[1 + ROTOR_POS], arrays.memory[1 + ROTOR_VEL]
+        stretch = np.maximum(np.abs(rotor - q) - 0.5 * values["backlash"], 0.0)
+        bristle = values["bristle_stiffness"] * arrays.memory[1 + MotorState._fields.index("bristle")] ** 2
+        kinetic = values["armature"] * speed**2 + inertia * dq**2
+        energies.append(0.5 * (kinetic + stiffness * stretch**2 + bristle))
+    energy = np.array(energies)
+    assert np.all(energy[1:] <= 1.05 * np.minimum.accumulate(energy, axis=0)[:-1] + 0.02 * energy[0])
+    assert np.all(energy[-1] < 0.02 * energy[0])

@@ -1,5 +1,6 @@
 """Training recovers what generated the data, and the same seed gives the same bytes."""
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import jax
@@ -10,9 +11,10 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
 from motorprior.exceptions import MotorPriorError
+from motorprior.identification import term_selection, train
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import identify, work_of
-from motorprior.identification.windows import training_data
+from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
 PERIOD, FINE = 0.002, 8
@@ -109,3 +111,83 @@ def test_a_loss_that_is_not_finite_stops_the_training(small_data):
     with pytest.raises(MotorPriorError, match="diverged") as error:
         identify(broken, replace(SMALL, steps=200), 0)
     assert "logs check" in str(error.value.remedy)
+
+
+# Physics first.
+
+PHYSICS = replace(PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=40, window=32, batch=8, steps=100)
+
+
+@pytest.fixture
+def two_motors(grey_network, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
+    """Logs of motors without a network, of which one term is thought possible."""
+    monkeypatch.setattr(term_selection, "ORDER", ("output_encoder",))
+    return decoder_data(grey_network(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
+
+
+def leaves(result) -> bytes:
+    every = [*jax.tree.leaves(asdict(result.network)), result.mean, result.log_var, result.losses]
+    return b"".join(np.asarray(leaf).tobytes() for leaf in every)
+
+
+class Kept:
+    """Checkpoints in memory."""
+
+    def __init__(self):
+        self.state = None
+
+    def load(self):
+        return self.state
+
+    def save(self, state):
+        self.state = {name: np.array(value) for name, value in state.items()}
+
+
+class Interrupted(Exception):
+    """By whoever reports."""
+
+
+def test_motors_are_fitted_first_and_a_network_that_brings_nothing_is_left_out(two_motors):
+    found = identify(two_motors, PHYSICS, 0)
+    assert found.preset.terms == () and found.network.motor is not None and found.network.motor.terms == ()
+    assert found.preset.num_neurons == found.network.num_neurons == 0
+    assert found.preset.num_latents == found.network.num_latents == found.mean.shape[1] == 14
+    assert found.metrics["saved_residual"] < 0.03 and "saved_output_encoder" in found.metrics
+    assert any("left out" in note for note in found.notes) and np.all(np.isfinite(found.log_var))
+    assert found.losses[-1] < 0.05
+
+
+@pytest.mark.parametrize("within", ["the residual", "the fit"])
+def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_not_fitted_again(
+    two_motors, monkeypatch: pytest.MonkeyPatch, within: str
+):
+    whole, kept, fits = identify(two_motors, PHYSICS, 0), Kept(), []
+
+    def report(work: int, text: str) -> None:
+        if text.startswith("loss" if within == "the residual" else "constants"):
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        identify(two_motors, PHYSICS, 0, report, kept)
+    assert (kept.state is None) == (within == "the fit")
+    fit = train.fit_fleet
+    monkeypatch.setattr(train, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
+    assert leaves(identify(two_motors, PHYSICS, 0, checkpoints=kept)) == leaves(whole)
+    assert len(fits) == (within == "the fit")
+
+
+def test_the_work_that_is_reported_is_that_which_was_announced(two_motors, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.undo()
+    monkeypatch.setattr(term_selection, "_TURNS", ())
+    works, kept = [], Kept()
+    identify(two_motors, PHYSICS, 0, lambda work, text: works.append(work), kept)
+    assert sum(works) == work_of(PHYSICS)
+    works.clear()
+    identify(two_motors, PHYSICS, 0, lambda work, text: works.append(work), kept)
+    assert sum(works) == work_of(PHYSICS)
+
+
+def test_a_log_that_no_motor_can_have_made_is_an_error_and_no_prior(two_motors):
+    broken = replace(two_motors, series=two_motors.series * np.float32(1e30))
+    with pytest.raises(MotorPriorError):
+        identify(broken, PHYSICS, 0)

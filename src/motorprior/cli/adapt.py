@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
@@ -29,9 +30,15 @@ def adapt(config: AdaptCommand) -> None:
     run_adapt(config, TERMINAL, _show)
 
 
-def _show(log: MotorLog, found: Posterior, outliers: OutlierTest) -> None:
-    rows = [
-        [name, f"{loss:.3f}", f"{p_value:.3f}", " ".join(f"{value:+.2f}" for value in mean)]
-        for name, loss, p_value, mean in zip(log.joint_names, found.loss, outliers.p_value, found.mean, strict=True)
-    ]
-    table("Posterior of z", ["motor", "loss", "p-value", "mean"], rows)
+def _show(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dict[str, np.ndarray]) -> None:
+    rows = zip(log.joint_names, found.loss, outliers.p_value, outliers.reason, strict=True)
+    table(
+        "Motors", ["motor", "loss", "p-value", "what deviates most"],
+        [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows],
+    )  # fmt: skip
+    if constants:
+        described = [
+            [name, *(f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0]))]
+            for name, values in constants.items()
+        ]
+        table("Constants of these motors [SI units]", ["constant", "least", "median", "most"], described)

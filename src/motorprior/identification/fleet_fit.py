@@ -31,9 +31,9 @@ INITIAL_MOTOR = {
 """Constants at which a fit begins, in SI units: a small geared servo."""
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
 RESTARTS, RESTART_DRAWS = 3, 96
-TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 12)
+TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)
 """Of the empirical Bayes: reach of the differences, and Gauss-Newton steps."""
-FIRST_STEPS, RESTART_STEPS = 12, 8
+FIRST_STEPS, RESTART_STEPS = 10, 8
 STAGES = 1 + RESTARTS + len(TURNS)
 """How often a fit reports."""
 _WEAK = 1e-4

@@ -82,7 +82,7 @@ def outliers(
 def latent_names(network: LatentNetwork) -> tuple[str, ...]:
     """Names of the decoder's latents: those of the constants where each constant has its own latent."""
     motor = network.motor
-    if motor is not None and len(motor.slope) == motor.slope.shape[1]:
-        if np.array_equal(motor.slope, np.diag(np.diag(motor.slope))):
-            return parameters_of(motor.terms)
+    square = motor is not None and len(motor.slope) == motor.slope.shape[1]
+    if motor is not None and square and np.array_equal(motor.slope, np.diag(np.diag(motor.slope))):
+        return parameters_of(motor.terms)
     return tuple(f"latent {index}" for index in range(network.num_latents))

@@ -77,7 +77,7 @@ PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=0.0,
-        warm_up=120, noisy=False, steps=1000, learning_rate=3e-3, own_latents=True, physics_first="together",
+        warm_up=120, noisy=False, steps=600, learning_rate=3e-3, own_latents=True, physics_first="together",
         standardise=True,
     ),
     "one_motor": Preset(

@@ -128,10 +128,13 @@ def _physics_first(
         [f"terms: {', '.join(found.terms) or 'none'} beyond the geared motor"],
         np.array([found.loss.mean()]),
     )
+    judged = held_out_windows(runs)
+    if preset.num_neurons and (judged.all() or not judged.any()):
+        preset = replace(preset, num_neurons=0)
+        notes.append("residual network: left out, the log is too short to judge it")
     if preset.num_neurons:
         stored = None if checkpoints is None else _Beside(checkpoints, _as_arrays(found, saved))
         candidate = _residual(network, found.offsets, data, preset, runs, seed, report, stored)
-        judged = held_out_windows(runs)
         less, closer = gain(network, candidate, runs, found.offsets, judged)
         metrics["saved_residual"] = less
         if less > LEAST_GAIN and closer >= 0.0:

@@ -144,7 +144,7 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
 
 
 def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
-    length = preset.history + preset.window
+    length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
     starts = [np.arange(part.start, part.stop - length + 1) for part in log.segment_slices()]
     every = np.concatenate(starts)
     if len(every) == 0:

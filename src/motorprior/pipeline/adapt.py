@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.windows import TrainingData
 
 POSTERIOR = "posterior.safetensors"
+_NAMED = 10
+"""Most motors that an error names."""
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 
@@ -49,6 +51,9 @@ class Adapt:
     """Write the posterior even if the log is unlike anything the prior knows."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+
+
+Show: TypeAlias = "Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]"
 
 
 def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
@@ -155,14 +160,15 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False) -> MotorPos
 def run_adapt(
     config: Adapt,
     progress: Progress = SILENT,
-    show: Callable[[MotorLog, Posterior, OutlierTest], None] = lambda log, found, outliers: None,
+    show: Show = lambda log, found, outliers, constants: None,
 ) -> None:
     """Adapt, unless the folder holds this very posterior already.
 
     Args:
         config: settings.
         progress: where to report to.
-        show: called with what was found, before a log unlike the fleet is refused.
+        show: called with what was found, before a log unlike the fleet is refused; the constants are those of the
+            posterior means, (M,) each, if the prior knows any.
 
     Raises:
         LogError: the log does not fit, or is unlike anything the prior knows and ``anyway`` is not set.
@@ -179,7 +185,7 @@ def run_adapt(
         found = adapt_to(prior, config.prior, log, str(config.log))
         outliers = outlier_test(prior, config.prior, log, str(config.log), found)
         task.advance()
-    show(log, found, outliers)
+    show(log, found, outliers, {} if prior.network.motor is None else prior.network.constants(found.mean))
     if not config.anyway:
         _require_like_the_fleet(log, outliers, config.log)
     with working(config.out, wanted, started):
@@ -196,8 +202,9 @@ def _require_like_the_fleet(log: MotorLog, outliers: OutlierTest, path: str | Pa
     odd = zip(log.joint_names, outliers.p_value, outliers.reason, strict=True)
     unlike = [f"{name}: {reason}" for name, p_value, reason in odd if p_value < bound]
     if unlike:
+        shown = "\n  ".join([*unlike[:_NAMED], *([f"and {len(unlike) - _NAMED} more"] if len(unlike) > _NAMED else [])])
         raise LogError(
-            f"motors are unlike any the prior was trained on ({'; '.join(unlike)}): one of its fleet is as odd with "
+            f"motors are unlike any the prior was trained on:\n  {shown}\none of its fleet is as odd with "
             f"a p-value below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
             where=path,
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",

@@ -1,0 +1,63 @@
+"""A residual network is worth what it saves where it was not trained."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.residual import gain, without_residual
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import TrainingData
+
+Networks = Callable[..., LatentNetwork]
+Data = Callable[..., TrainingData]
+PRESET = replace(PRESETS["rollout"], taps=(0, 2, 5), own_latents=False, num_latents=3, warm_up=60, window=32)
+Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8]])
+
+
+@pytest.fixture(scope="module")
+def machines(grey_network: Networks, decoder_data: Data) -> tuple[LatentNetwork, LatentNetwork, WindowRuns]:
+    """Physics alone, the same with the network that made the log, and the log."""
+    whole = grey_network(network=0.4, terms=("output_damping",))
+    bare = without_residual({n: getattr(whole, n) for n in SCALES}, whole.taps, whole.period, whole.num_latents)
+    return replace(bare, motor=whole.motor), whole, WindowRuns(decoder_data(whole, Z), PRESET)
+
+
+SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
+
+
+def test_the_network_that_made_the_log_saves_nearly_everything(machines):
+    bare, whole, runs = machines
+    every = np.ones(runs.windows, bool)
+    loss, position = gain(bare, whole, runs, Z, every)
+    assert loss > 0.9 and position > 0.8
+    back = gain(whole, bare, runs, Z, every)
+    np.testing.assert_allclose([1 - back[0], 1 - back[1]], [1 / (1 - loss), 1 / (1 - position)], rtol=1e-3)
+    np.testing.assert_allclose(gain(bare, bare, runs, Z, every), 0.0, atol=1e-12)
+
+
+def test_a_network_that_says_nothing_saves_nothing(machines):
+    bare, whole, runs = machines
+    mute = replace(whole, w3=np.zeros(8), b3=np.zeros(()))
+    np.testing.assert_allclose(gain(bare, mute, runs, Z, np.ones(runs.windows, bool)), 0.0, atol=1e-6)
+
+
+def test_a_wrong_network_costs_and_only_the_judged_windows_are_asked(machines):
+    bare, whole, runs = machines
+    wrong = replace(whole, w3=-whole.w3, b3=-whole.b3)
+    assert gain(bare, wrong, runs, Z, np.ones(runs.windows, bool))[0] < -0.1
+    groups = runs.groups()
+    shares = [gain(bare, whole, runs, Z, groups == group)[0] for group in range(3)]
+    assert len(set(shares)) == 3
+
+
+def test_a_network_of_no_neurons_is_the_physics_alone(machines):
+    bare, whole, runs = machines
+    mute = replace(whole, w3=np.zeros(8), b3=np.zeros(()))
+    one, other = (runs.residuals(network, Z, np.arange(2)) for network in (bare, mute))
+    np.testing.assert_array_equal(one, other)
+    assert bare.num_neurons == 0 and bare.num_latents == 3
+    np.testing.assert_array_equal(bare.torque(np.ones((2, 6)), Z), 0.0)

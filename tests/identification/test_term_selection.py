@@ -1,0 +1,88 @@
+"""The terms that motors have are found in their logs, and no others."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.servo_terms import INITIAL, TERMS
+from motorprior.identification import term_selection
+from motorprior.identification.fleet_fit import encoded, initial_center, with_motor
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.residual import without_residual
+from motorprior.identification.term_selection import ORDER, held_out_windows, select_terms
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import POS, TORQUE, VEL, TrainingData
+
+Data = Callable[..., TrainingData]
+SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
+PRESET = replace(PRESETS["per_motor"], warm_up=60)
+MOTORS = 4
+
+
+def logs(decoder_data: Data, terms: tuple[str, ...], segments: int = 10, rows: int = 300) -> WindowRuns:
+    """Of motors that have these terms, felt well."""
+    felt = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0}
+    center = initial_center(()).tolist() + encoded(felt, terms)[len(initial_center(())) :].tolist()
+    network = bare(np.array(center), terms)
+    z, rng = 0.15 * np.random.default_rng(3).standard_normal((MOTORS, len(center))), np.random.default_rng(5)
+    data = decoder_data(network, z, segments=segments, rows=rows)
+    # readings as they are after smoothing: nothing beyond them is worth a term
+    noise = rng.standard_normal((*data.series.shape[:2], 3)) * [3e-4, 0.02, 0.02]
+    series = data.series.copy()
+    series[..., [POS, VEL, TORQUE]] += noise.astype(np.float32)
+    return WindowRuns(replace(data, series=series), PRESET)
+
+
+def bare(center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
+    return with_motor(without_residual(SCALES, (0,), 0.002, len(center)), center, terms)
+
+
+CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "none"])
+
+
+def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None:
+    runs, said = logs(decoder_data, terms), []
+    found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
+    assert found.terms == terms, found.saved
+    assert found.raw.shape == (MOTORS, len(parameters_of(terms)))
+    assert all(found.saved[name] > 0.5 for name in terms) and len(said) >= tried
+    if terms:
+        speed = np.exp(found.raw[:, parameters_of(terms).index("profile_speed")])
+        assert np.median(speed) == pytest.approx(1.5, rel=0.2)
+
+
+@CASES
+def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
+    decoder_data: Data, terms: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(term_selection, "ORDER", ("profile", "dead_zone"))
+    assert_found(decoder_data, terms, 2)
+
+
+@pytest.mark.slow
+@CASES
+def test_the_terms_that_motors_have_are_found_and_no_others(decoder_data: Data, terms: tuple[str, ...]):
+    assert_found(decoder_data, terms, len(ORDER))
+
+
+def test_every_term_is_tried():
+    assert sorted(ORDER) == sorted(TERMS)
+
+
+@pytest.mark.parametrize("segments", [1, 2, 3, 5, 10, 13, 40])
+def test_half_of_the_windows_are_held_out(decoder_data: Data, segments: int):
+    runs = logs(decoder_data, (), segments=segments, rows=400 if segments < 4 else 150)
+    held_out = held_out_windows(runs)
+    assert held_out.shape == (runs.windows,)
+    assert 0.35 < held_out.mean() < 0.65
+    if segments >= 4:  # whole segments, and every excitation on both sides
+        groups = runs.groups()
+        each = [held_out[groups == group] for group in range(segments)]
+        assert all(len(set(one)) == 1 for one in each)
+        if segments >= 10:
+            for kind in range(5):
+                assert {bool(each[group][0]) for group in range(kind, 10, 5)} == {True, False}
