@@ -341,4 +341,4 @@ def test_a_motor_that_does_not_warm_has_no_warmth(grey_network: Networks):
     network, z = grey_network(), np.zeros((2, 3))
     assert network.warmth(z, 100.0) == 0.0
     rows = [LatentActuator(network, z, warmth).arrays(H).parameters for warmth in (0.0, 1.0)]
-    np.testing.assert_array_equal(*rows)
+    np.testing.assert_array_equal(rows[0], rows[1])

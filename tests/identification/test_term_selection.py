@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, TERMS
 from motorprior.identification import term_selection
@@ -48,11 +47,7 @@ def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None
     runs, said = logs(decoder_data, terms), []
     found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
     assert found.terms == terms, found.saved
-    assert found.raw.shape == (MOTORS, len(parameters_of(terms)))
     assert all(found.saved[name] > 0.5 for name in terms) and len(said) >= tried
-    if terms:
-        speed = np.exp(found.raw[:, parameters_of(terms).index("profile_speed")])
-        assert np.median(speed) == pytest.approx(1.5, rel=0.2)
 
 
 @CASES
@@ -67,6 +62,11 @@ def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
 @CASES
 def test_the_terms_that_motors_have_are_found_and_no_others(decoder_data: Data, terms: tuple[str, ...]):
     assert_found(decoder_data, terms, len(ORDER))
+
+
+def test_a_log_of_a_window_or_two_asks_for_no_term(decoder_data: Data):
+    found = select_terms(bare(initial_center(()), ()), logs(decoder_data, (), segments=1, rows=130), 0)
+    assert found.terms == () and found.saved == {}
 
 
 def test_every_term_is_tried():

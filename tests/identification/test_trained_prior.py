@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import geared
@@ -77,5 +77,5 @@ def test_a_constant_far_outside_is_seen_and_named(judged: Outliers, row: int, na
 
 def test_latents_are_named_after_constants_where_each_has_one(prior: tuple[Identified, float]):
     network = prior[0].network
-    assert latent_names(network) == tuple(PARAMETERS)
+    assert network.motor is not None and latent_names(network) == parameters_of(network.motor.terms)
     assert latent_names(replace(network, motor=None))[:2] == ("latent 0", "latent 1")

@@ -35,9 +35,12 @@ def test_no_window_crosses_a_segment_and_none_is_left_out():
     log = a_log()
     data = training_data(log, PRESET, "log")
     assert log.segment is not None
-    inside = [start for start in range(84 - 9) if len(set(log.segment[start : start + 10])) == 1]
+    # ten rows, and the one that the last of them leads to
+    inside = [start for start in range(84 - 10) if len(set(log.segment[start : start + 11])) == 1]
     assert data.starts.tolist() == inside
-    assert len(inside) == 16 + 0 + 1 + 31  # length - 9 of each segment that is long enough
+    assert len(inside) == 15 + 0 + 0 + 30  # length - 10 of each segment that is long enough
+    regression = training_data(log, replace(PRESET, objective="torque"), "log")
+    assert len(regression.starts) == 16 + 0 + 1 + 31
 
 
 def test_drawn_rows_are_windows_of_all_motors():
@@ -105,7 +108,7 @@ def test_scales_are_the_spread_of_the_log():
     assert np.max(log.joint_torque) < data.scales["torque_limit"] <= 1.2 * np.max(log.joint_torque)
 
 
-@pytest.mark.parametrize(("warm_up", "rows"), [(0, 10), (3, 10), (4, 10), (5, 11), (19, 25)])
+@pytest.mark.parametrize(("warm_up", "rows"), [(0, 11), (3, 11), (4, 11), (5, 12), (18, 25)])
 def test_a_window_begins_with_the_history_or_the_warm_up_whichever_is_longer(warm_up, rows):
     data = training_data(a_log(), replace(PRESET, warm_up=warm_up), "log")
     assert len(data.starts) == sum(max(0, length - rows + 1) for length in LENGTHS)
@@ -150,7 +153,7 @@ def test_a_log_of_another_period_is_refused_with_both():
 
 
 def test_segments_shorter_than_a_window_are_refused_with_its_length():
-    with pytest.raises(LogError, match="longest segment has 9 rows, a window 10"):
+    with pytest.raises(LogError, match="longest segment has 9 rows, a window 11"):
         training_data(a_log(lengths=(9, 9)), PRESET, "log")
 
 
