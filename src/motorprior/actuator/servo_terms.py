@@ -44,7 +44,7 @@ integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/
 bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s]."""
 ABSENT = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
-    "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-9, "asymmetry": 0.0, "bristle_stiffness": 1e9,
+    "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-12, "asymmetry": 0.0, "bristle_stiffness": 1e9,
     "output_damping": 0.0,
 }  # fmt: skip
 """Constants with which a term does nothing, for compiled code, which has either no term or all of them."""

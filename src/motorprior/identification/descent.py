@@ -98,7 +98,7 @@ def _attempt(
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
         state, loss = advance(state, (*rows, keys))
         losses.append(float(loss))
-        if not losses[-1] <= DIVERGED * min(losses):  # also where it is not a number
+        if not (np.isfinite(losses[-1]) and losses[-1] <= DIVERGED * min(losses)):
             return None, losses
         if checkpoints is not None and len(losses) % CHECKPOINT_EVERY == 0:
             checkpoints.save(_flat(state) | {"losses": np.asarray(losses), "restart": np.asarray(restart)})

@@ -25,8 +25,8 @@ DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
 """Factors on the damping that are tried in every step."""
 _LANES = 768
 """Motors simulated at a time; bounds the memory."""
-_NEVER = 1e9
-"""Loss of a simulation that broke down."""
+_NEVER, _BROKEN = 1e9, 1e6
+"""Loss of a simulation that broke down, and residual of one."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class MotorFit:
         size = (len(found) - 1) // 2
         with np.errstate(over="ignore", invalid="ignore"):
             here, slopes = found[0], (found[1 : size + 1] - found[size + 1 :]) / np.float32(2.0 * reach)
-            usable = np.isfinite(here) & np.isfinite(slopes).all(axis=0)
+            usable = (np.abs(here) < _BROKEN) & np.isfinite(slopes).all(axis=0)
         here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
         factor = self.runs.channels / len(here)
         gradient = factor * (slopes @ (huber_weight(here) * here))

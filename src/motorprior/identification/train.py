@@ -15,6 +15,7 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import TERMS
+from motorprior.exceptions import MotorPriorError
 from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
 from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
@@ -26,6 +27,8 @@ from motorprior.identification.term_selection import MOTORS, held_out_windows, s
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
 
+_BROKEN = 1e6
+"""Loss of a motor whose simulation breaks down."""
 _STAGE = CHUNK
 """Share of the work that one stage of a fit is, in Adam steps."""
 
@@ -159,9 +162,16 @@ def _physics(
     some = np.unique(np.linspace(0, runs.num_motors - 1, min(MOTORS, runs.num_motors)).astype(int))
     few = WindowRuns(data, preset, some)
     chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
+    if not chosen.saved:
+        report(_STAGE * len(TERMS), "the log is too short to choose terms by")
     found = fit_fleet(
         bare, runs, chosen.terms, preset.physics_first == "together", seed, report=lambda: report(_STAGE, "constants")
     )
+    if not found.loss.max() < _BROKEN:
+        raise MotorPriorError(
+            f"no motor can be simulated that moves like joint {int(found.loss.argmax())} of the log",
+            remedy="check the log with `motorprior logs check`",
+        )
     if checkpoints is not None:
         checkpoints.save(_as_arrays(found, chosen.saved))
     return found, chosen.saved
