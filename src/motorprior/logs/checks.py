@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs import clock_checks, joint_checks, response_checks
+from motorprior.logs import clock_checks, joint_checks, load_checks, response_checks
 from motorprior.logs.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.resampling import drop_repeats
@@ -18,7 +18,7 @@ _ORDER = {"error": 0, "warning": 1, "info": 2}
 
 
 def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogReport:
-    """Check clock, gaps, repeats, units, range, excitation, tracking and velocities of a log.
+    """Check clock, gaps, repeats, units, range, excitation, tracking, velocities and load of a log.
 
     Args:
         log: the log to look at; it must pass `checked`.
@@ -46,6 +46,7 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
             *joint_checks.excitation(log),
             *response_checks.tracking(log),
             *response_checks.velocity(log),
+            *load_checks.torque_and_load(log),
         ]
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return LogReport(log.source, log.num_rows, log.num_joints, log.duration, tuple(findings))
