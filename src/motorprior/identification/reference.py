@@ -89,7 +89,7 @@ def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]
     for case, truth in trials(log, _SEGMENTS):
         simulated = run(motors, case)
         residuals.append((truth - measured_pos(simulated, log)).ravel())
-        pools.append(_pool(simulated.joint_vel).ravel())
+        pools.append(speed_pool(simulated.joint_vel).ravel())
     residual, pool, metrics = np.concatenate(residuals), np.concatenate(pools), {}
     for index, name in enumerate(SPEEDS):
         chosen = residual[pool == index]
@@ -108,7 +108,7 @@ def _percentiles(pool: str) -> list[str]:
     return [f"residual_p{level:02d}_{pool}" for level in LEVELS]
 
 
-def _pool(joint_vel: np.ndarray) -> np.ndarray:
+def speed_pool(joint_vel: np.ndarray) -> np.ndarray:
     """Index into SPEEDS for velocities [rad/s]."""
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
 
@@ -158,7 +158,7 @@ def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_ve
 
     The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
     """
-    pool, quantile, out = _pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
+    pool, quantile, out = speed_pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
     for index, name in enumerate(SPEEDS):
         values = np.array([metrics[percentile] for percentile in _percentiles(name)])
         low, high = 2 * values[0] - values[1], 2 * values[-1] - values[-2]

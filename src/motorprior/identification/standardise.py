@@ -53,6 +53,26 @@ def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwor
     return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
 
+def widened(network: LatentNetwork, mean: np.ndarray, factor: float) -> tuple[LatentNetwork, np.ndarray]:
+    """Spread draws ``factor`` times as far from the central motor; the decoded motors of ``mean`` stay the same.
+
+    Args:
+        network: with a copula, or it is returned as it is.
+        mean: (M, Z) latents of motors.
+        factor: at least 1.
+
+    Returns:
+        The network and the new latents.
+    """
+    copula = network.copula
+    if copula is None or factor == 1.0:
+        return network, mean
+    latents, middle = copula.decoder_latents(mean), copula.quantiles[len(SCORES) // 2]
+    wide = Copula(copula.mixing, middle + factor * (copula.quantiles - middle))
+    normal = scores(wide.quantiles, latents)
+    return replace(network, copula=wide), np.linalg.solve(copula.mixing.T, normal.T).T
+
+
 def shrunk_correlation(x: np.ndarray) -> np.ndarray:
     """(Z, Z) correlation matrix of (M, Z) samples, shrunk towards independence; positive definite."""
     count, size = x.shape

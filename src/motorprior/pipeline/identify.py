@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.facts import FACTS, LOG, read_bench
@@ -22,6 +25,7 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
 
 if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.fit_quality import FitQuality
     from motorprior.identification.presets import Preset
     from motorprior.identification.windows import TrainingData
 
@@ -166,7 +170,7 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """The prior, with the figures that it is judged by later."""
     from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.standardise import MOTORS_TO_TRUST
+    from motorprior.identification.standardise import MOTORS_TO_TRUST, widened
     from motorprior.identification.train import CHUNK, identify
 
     log, recipe, origin = job.log, job.recipe, job.origin
@@ -186,10 +190,30 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
         metrics |= {"aggregate_posterior_kl": found.aggregate_kl}
         metrics |= reference_metrics(found.network, data, recipe, found.mean, log)
+    network, mean, log_var = found.network, found.mean, found.log_var
+    if network.motor is not None:
+        quality = _quality(LatentActuator(network, mean), log, progress)
+        metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
+        network, mean = widened(network, mean, quality.widening)
+        log_var = log_var - 2.0 * math.log(quality.widening)
     return MotorPrior(
-        found.network, found.mean, found.log_var, job.preset, origin.robot, origin.motor,
+        network, mean, log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": asdict(recipe) | {"taps": list(recipe.taps)}, "seed": job.seed}, metrics,
     )  # fmt: skip
+
+
+def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
+    """Of the fitted motors, which the user is told; the PD's tuning begins at the central motor's gains."""
+    from motorprior.identification.baselines import EVALUATIONS
+    from motorprior.identification.fit_quality import fit_quality
+
+    known = motors.network.constants(np.zeros((1, motors.z.shape[1])))
+    gains = (float(values[0]) for values in (known["kp"], known["kp"] * known["kd_over_kp"], known["torque_limit"]))
+    with progress.start("tune a PD to compare with", EVALUATIONS) as task:
+        quality = fit_quality(motors, IdealPd.uniform(1, *gains), log, task.advance)
+    for line in quality.lines():
+        progress.note(line)
+    return quality
 
 
 def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:

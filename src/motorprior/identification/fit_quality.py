@@ -1,0 +1,108 @@
+"""How well a prior's motors replay the logs they were fitted to, beside a PD that was fitted as carefully as it can be.
+
+Segments are replayed from rest with their commands and loads, nothing corrected on the way: the error is that of a
+simulation. Where the motors leave more than MISSING of the PD's error, physics that they lack makes most of it: then
+constants are not to be read as physics, and draws are widened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.dynamometer import run
+from motorprior.identification.baselines import EVERYTHING, fit_pd, repeated, trials
+from motorprior.identification.reference import SPEEDS, measured_pos, speed_pool
+from motorprior.logs.motor_log import MotorLog
+
+MISSING = 0.35
+"""Error over the tuned PD's from which on a fit counts as lacking physics [-]."""
+_SEGMENTS = 20
+"""Most segments that are replayed."""
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """Root mean square errors of replayed angles [rad].
+
+    Attributes:
+        motors: (M,) of every motor.
+        baseline: (M,) of the tuned PD, the same for all motors.
+        speeds: of each pool of `reference.SPEEDS`, by its name; nan where no joint was so fast.
+        segments: (S,) of every segment.
+        joint_names: M names.
+    """
+
+    motors: np.ndarray
+    baseline: np.ndarray
+    speeds: dict[str, float]
+    segments: np.ndarray
+    joint_names: tuple[str, ...]
+
+    @property
+    def unexplained(self) -> float:
+        """Median over motors of the error over the tuned PD's [-]."""
+        return float(np.median(self.motors / np.maximum(self.baseline, 1e-9)))
+
+    @property
+    def misses_physics(self) -> bool:
+        """Whether that is above MISSING."""
+        return self.unexplained > MISSING
+
+    @property
+    def widening(self) -> float:
+        """Factor on the spread of draws around the central motor: 1 up to MISSING, 2 where nothing is explained."""
+        return 1.0 + max(0.0, min(1.0, self.unexplained) - MISSING) / (1.0 - MISSING)
+
+    def lines(self) -> tuple[str, ...]:
+        """What a user should know, a line each."""
+        worst, segment = int(self.motors.argmax()), int(self.segments.argmax())
+        speeds = ", ".join(f"{name} {1e3 * value:.1f}" for name, value in self.speeds.items() if np.isfinite(value))
+        said = (
+            f"replayed logs: {1e3 * np.median(self.motors):.1f} mrad (median over motors), one tuned PD "
+            f"{1e3 * np.median(self.baseline):.1f} mrad",
+            f"worst: {self.joint_names[worst]} with {1e3 * self.motors[worst]:.1f} mrad, segment {segment} with "
+            f"{1e3 * self.segments[segment]:.1f} mrad; by speed of the joint [mrad]: {speeds}",
+        )
+        if not self.misses_physics:
+            return said
+        return (
+            *said,
+            f"warning: {100 * self.unexplained:.0f} % of the PD's error is left (above {100 * MISSING:.0f} %): these "
+            "motors have physics that the model lacks. Do not read its constants as physics; draws are widened",
+        )
+
+
+def fit_quality(
+    motors: Actuator, start: IdealPd, log: MotorLog, report: Callable[[int], None] = lambda count: None
+) -> FitQuality:
+    """Replay a log with its motors, and with a PD tuned to it.
+
+    Args:
+        motors: one per joint of the log.
+        start: gains at which the tuning begins.
+        log: with known loads.
+        report: called after every evaluation of the tuning.
+    """
+    cases = trials(log, _SEGMENTS)
+    squares, pools = [], []
+    for case, truth in cases:
+        simulated = run(motors, case)
+        squares.append(np.square(truth - measured_pos(simulated, log)))
+        pools.append(speed_pool(simulated.joint_vel))
+    pd = repeated(fit_pd(log, start, EVERYTHING, report), log.num_joints)
+    baseline = [np.square(truth - run(pd, case).joint_pos) for case, truth in cases]
+    every, pool = np.concatenate(squares), np.concatenate(pools)
+    speeds = {name: _rms(every[pool == index]) for index, name in enumerate(SPEEDS)}
+    return FitQuality(
+        np.sqrt(every.mean(axis=0)), np.sqrt(np.concatenate(baseline).mean(axis=0)), speeds,
+        np.array([_rms(values) for values in squares]), log.joint_names,
+    )  # fmt: skip
+
+
+def _rms(squares: np.ndarray) -> float:
+    return float(np.sqrt(squares.mean())) if squares.size else float("nan")
