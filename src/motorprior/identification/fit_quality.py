@@ -2,7 +2,7 @@
 
 Segments are replayed from rest with their commands and loads, nothing corrected on the way: the error is that of a
 simulation. Where the motors leave more than MISSING of the PD's error, physics that they lack makes most of it: then
-constants are not to be read as physics, and draws are widened (`widening`).
+constants are not to be read as physics, and draws are widened.
 """
 
 from __future__ import annotations
@@ -53,6 +53,11 @@ class FitQuality:
         """Whether that is above MISSING."""
         return self.unexplained > MISSING
 
+    @property
+    def widening(self) -> float:
+        """Factor on the spread of draws around the central motor: 1 up to MISSING, 2 where nothing is explained."""
+        return 1.0 + max(0.0, min(1.0, self.unexplained) - MISSING) / (1.0 - MISSING)
+
     def lines(self) -> tuple[str, ...]:
         """What a user should know, a line each."""
         worst, segment = int(self.motors.argmax()), int(self.segments.argmax())
@@ -101,8 +106,3 @@ def fit_quality(
 
 def _rms(squares: np.ndarray) -> float:
     return float(np.sqrt(squares.mean())) if squares.size else float("nan")
-
-
-def widening(quality: FitQuality) -> float:
-    """Factor on the spread of draws around the central motor: 1 at MISSING, twice that where nothing is explained."""
-    return 1.0 + max(0.0, min(1.0, quality.unexplained) - MISSING) / (1.0 - MISSING)

@@ -57,7 +57,7 @@ def widened(network: LatentNetwork, mean: np.ndarray, factor: float) -> tuple[La
     """Spread draws ``factor`` times as far from the central motor; the decoded motors of ``mean`` stay the same.
 
     Args:
-        network: with a copula.
+        network: with a copula, or it is returned as it is.
         mean: (M, Z) latents of motors.
         factor: at least 1.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -168,7 +169,6 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """The prior, with the figures that it is judged by later."""
-    from motorprior.identification.fit_quality import widening
     from motorprior.identification.reference import reference_metrics
     from motorprior.identification.standardise import MOTORS_TO_TRUST, widened
     from motorprior.identification.train import identify, work_of
@@ -190,29 +190,32 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
         metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
         metrics |= reference_metrics(found.network, data, found.preset, found.mean, log)
-    network, mean, notes = found.network, found.mean, list(found.notes)
-    if recipe.physics_first:
-        quality = _quality(LatentActuator(network, mean), log, progress)
-        network, mean = widened(network, mean, widening(quality))
-        metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        notes += quality.lines()
-    for line in notes:
+    for line in found.notes:
         progress.note(line)
+    network, mean, log_var = found.network, found.mean, found.log_var
+    if network.motor is not None:
+        quality = _quality(LatentActuator(network, mean), log, progress)
+        metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
+        network, mean = widened(network, mean, quality.widening)
+        log_var = log_var - 2.0 * math.log(quality.widening)
     return MotorPrior(
-        network, mean, found.log_var, job.preset, origin.robot, origin.motor,
+        network, mean, log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics,
     )  # fmt: skip
 
 
 def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
-    """Of the fitted motors; the PD's tuning begins at the central motor's gains."""
+    """Of the fitted motors, which the user is told; the PD's tuning begins at the central motor's gains."""
     from motorprior.identification.baselines import EVALUATIONS
     from motorprior.identification.fit_quality import fit_quality
 
     known = motors.network.constants(np.zeros((1, motors.z.shape[1])))
     gains = (float(values[0]) for values in (known["kp"], known["kp"] * known["kd_over_kp"], known["torque_limit"]))
     with progress.start("tune a PD to compare with", EVALUATIONS) as task:
-        return fit_quality(motors, IdealPd.uniform(1, *gains), log, task.advance)
+        quality = fit_quality(motors, IdealPd.uniform(1, *gains), log, task.advance)
+    for line in quality.lines():
+        progress.note(line)
+    return quality
 
 
 def _as_json(recipe: Preset) -> dict[str, Any]:

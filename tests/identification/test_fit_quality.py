@@ -1,0 +1,59 @@
+"""A prior says how well it replays its logs, and when the motors have physics that it lacks."""
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import bench_preset, record
+from motorprior.identification.fit_quality import MISSING, FitQuality, fit_quality
+from motorprior.identification.standardise import standardised, widened
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.load import load_robot
+
+MOTORS = 3
+
+
+@pytest.fixture(scope="module")
+def log() -> MotorLog:
+    fleet = load_fleet("mixed")
+    return record(fleet.sample(MOTORS, 0), bench_preset("rollout").for_robot(load_robot(fleet.robot)), 5000, 0, fleet)
+
+
+def nominal(count: int) -> IdealPd:
+    return IdealPd.uniform(count, 12.0, 1.1, 1.6)
+
+
+def test_motors_that_made_the_log_leave_nothing(log: MotorLog):
+    found = fit_quality(load_fleet("mixed").sample(MOTORS, 0).actuator(), nominal(1), log)
+    assert np.median(found.motors) < 1e-9 and np.max(found.motors) < 2e-3  # dry friction amplifies rounding
+    assert not found.misses_physics and found.widening == 1.0
+    assert not any("warning" in line for line in found.lines())
+
+
+def test_a_pd_in_place_of_the_motors_lacks_physics_and_says_so(log: MotorLog):
+    found = fit_quality(nominal(MOTORS), nominal(1), log)
+    assert found.unexplained > MISSING and found.misses_physics and found.widening > 1.0
+    assert np.all(np.isfinite(found.motors)) and np.median(found.baseline) <= np.median(found.motors)
+    assert "physics that the model lacks" in found.lines()[-1]
+
+
+def test_the_worst_motor_and_segment_are_named():
+    found = FitQuality(
+        np.array([0.001, 0.004]), np.array([0.02, 0.02]), {"slow": 0.001, "fast": float("nan")},
+        np.array([0.001, 0.002, 0.005]), ("hip", "knee"),
+    )  # fmt: skip
+    text = "\n".join(found.lines())
+    assert "knee with 4.0 mrad" in text and "segment 2 with 5.0 mrad" in text and "fast" not in text
+
+
+def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_network):
+    rng = np.random.default_rng(0)
+    network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))
+    wide, moved = widened(network, mean, 1.5)
+    np.testing.assert_allclose(wide.decoder_latents(moved), network.decoder_latents(mean), atol=1e-9)
+    draws = rng.standard_normal((2000, 3))
+    spread = wide.decoder_latents(draws).std(axis=0) / network.decoder_latents(draws).std(axis=0)
+    np.testing.assert_allclose(spread, 1.5, rtol=0.02)
+    middle, wide_middle = (np.median(each.decoder_latents(draws), axis=0) for each in (network, wide))
+    np.testing.assert_allclose(wide_middle, middle, atol=0.1)
