@@ -94,10 +94,8 @@ def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[floa
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])
-        motors, targets = (
-            geared(load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng)),
-            trot_targets(PUPPER_V2, rng, STEPS),
-        )
+        motors = geared(load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng))
+        targets = trot_targets(PUPPER_V2, rng, STEPS)
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)
         error, chatter, apart = compare(found, truth, spec.CONTROL_DT)

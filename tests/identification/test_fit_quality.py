@@ -50,7 +50,8 @@ def test_the_worst_motor_and_segment_are_named():
 def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_network):
     rng = np.random.default_rng(0)
     network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))
-    wide, moved = widened(network, mean, 1.5)
+    wide, moved, log_var = widened(network, mean, np.zeros_like(mean), 1.5)
+    np.testing.assert_allclose(log_var, -2.0 * np.log(1.5))
     np.testing.assert_allclose(wide.decoder_latents(moved), network.decoder_latents(mean), atol=1e-9)
     draws = rng.standard_normal((2000, 3))
     spread = wide.decoder_latents(draws).std(axis=0) / network.decoder_latents(draws).std(axis=0)

@@ -10,13 +10,13 @@ import numpy as np
 
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json
-from motorprior.bench.families import GEARED
-from motorprior.bench.fleet import Fleet, family_named, fleet_of
+from motorprior.bench.families import FAMILIES, GEARED
+from motorprior.bench.fleet import Fleet, fleet_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
-from motorprior.schema import TABLE, TEXT, Schema, integer
+from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
 
 MOST_MOTORS = 4096
 """Largest number of motors of a bench."""
@@ -31,12 +31,14 @@ _AGAIN = "record the bench again"
 _FACTS = Schema(
     {
         **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
+        "family": one_of(*FAMILIES),
         "parameters": TABLE,
         "motors": integer(1, MOST_MOTORS),
         "steps": integer(2, MOST_STEPS),
         "seed": integer(0, LARGEST_SEED),
     },
     _AGAIN,
+    optional=frozenset({"family"}),
 )
 """Keys of bench.json."""
 
@@ -105,8 +107,8 @@ def facts_from_json(data: Any, where: str) -> BenchFacts:
     if not isinstance(data, dict):
         raise ArtifactError("the facts of its bench are missing", where=where, remedy=_AGAIN)
     try:
-        family = family_named(data.get("family", GEARED.name), None, _AGAIN)
-        _FACTS.check({key: value for key, value in data.items() if key != "family"}, None)
+        _FACTS.check(data, None)
+        family = FAMILIES[data.get("family", GEARED.name)]
         fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], "parameters", family)
         require_bench_size(data["motors"], data["steps"])
     except (ArtifactError, ConfigError) as error:

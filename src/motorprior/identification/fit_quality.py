@@ -14,15 +14,12 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.bench.dynamometer import run
-from motorprior.identification.baselines import EVERYTHING, fit_pd, repeated, trials
-from motorprior.identification.reference import SPEEDS, measured_pos, speed_pool
+from motorprior.identification.baselines import EVERYTHING, fit_pd, repeated
+from motorprior.identification.reference import SPEEDS, replays
 from motorprior.logs.motor_log import MotorLog
 
 MISSING = 0.35
 """Error over the tuned PD's from which on a fit counts as lacking physics [-]."""
-_SEGMENTS = 20
-"""Most segments that are replayed."""
 
 
 @dataclass(frozen=True)
@@ -88,21 +85,17 @@ def fit_quality(
         log: with known loads.
         report: called after every evaluation of the tuning.
     """
-    cases = trials(log, _SEGMENTS)
-    squares, pools = [], []
-    for case, truth in cases:
-        simulated = run(motors, case)
-        squares.append(np.square(truth - measured_pos(simulated, log)))
-        pools.append(speed_pool(simulated.joint_vel))
     pd = repeated(fit_pd(log, start, EVERYTHING, report), log.num_joints)
-    baseline = [np.square(truth - run(pd, case).joint_pos) for case, truth in cases]
-    every, pool = np.concatenate(squares), np.concatenate(pools)
-    speeds = {name: _rms(every[pool == index]) for index, name in enumerate(SPEEDS)}
+    segments, pools = zip(*replays(motors, log), strict=True)
+    error, pool = np.concatenate(segments), np.concatenate(pools)
+    baseline = np.concatenate([missed for missed, _ in replays(pd, log)])
     return FitQuality(
-        np.sqrt(every.mean(axis=0)), np.sqrt(np.concatenate(baseline).mean(axis=0)), speeds,
-        np.array([_rms(values) for values in squares]), log.joint_names,
+        _rms(error, axis=0), _rms(baseline, axis=0),
+        {name: float(_rms(error[pool == index])) for index, name in enumerate(SPEEDS)},
+        np.array([_rms(missed) for missed in segments]), log.joint_names,
     )  # fmt: skip
 
 
-def _rms(squares: np.ndarray) -> float:
-    return float(np.sqrt(squares.mean())) if squares.size else float("nan")
+def _rms(error: np.ndarray, axis: int | None = None) -> np.ndarray:
+    """Root mean square; nan of nothing."""
+    return np.sqrt(np.mean(np.square(error), axis=axis)) if error.size else np.array(np.nan)

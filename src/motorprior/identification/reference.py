@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import t as student_t
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Response, run
 from motorprior.identification.baselines import trials
@@ -84,13 +85,23 @@ def loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[s
     }
 
 
-def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]:
-    residuals, pools = [], []
+def replays(motors: Actuator, log: MotorLog) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The log's segments, replayed from rest with their commands and loads; one motor per joint of the log.
+
+    Returns:
+        Of each segment recorded - simulated angles [rad], both read by the same encoder, and the index into SPEEDS of
+        the simulated joint's pool, each (steps, n).
+    """
+    found = []
     for case, truth in trials(log, _SEGMENTS):
         simulated = run(motors, case)
-        residuals.append((truth - measured_pos(simulated, log)).ravel())
-        pools.append(speed_pool(simulated.joint_vel).ravel())
-    residual, pool, metrics = np.concatenate(residuals), np.concatenate(pools), {}
+        found.append((truth - measured_pos(simulated, log), _pool(simulated.joint_vel)))
+    return found
+
+
+def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]:
+    residual, pool = (np.concatenate(parts).ravel() for parts in zip(*replays(motors, log), strict=True))
+    metrics: dict[str, float] = {}
     for index, name in enumerate(SPEEDS):
         chosen = residual[pool == index]
         values = np.percentile(chosen if len(chosen) else residual, LEVELS)
@@ -108,7 +119,7 @@ def _percentiles(pool: str) -> list[str]:
     return [f"residual_p{level:02d}_{pool}" for level in LEVELS]
 
 
-def speed_pool(joint_vel: np.ndarray) -> np.ndarray:
+def _pool(joint_vel: np.ndarray) -> np.ndarray:
     """Index into SPEEDS for velocities [rad/s]."""
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
 
@@ -158,7 +169,7 @@ def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_ve
 
     The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
     """
-    pool, quantile, out = speed_pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
+    pool, quantile, out = _pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
     for index, name in enumerate(SPEEDS):
         values = np.array([metrics[percentile] for percentile in _percentiles(name)])
         low, high = 2 * values[0] - values[1], 2 * values[-1] - values[-2]

@@ -53,24 +53,28 @@ def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwor
     return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
 
-def widened(network: LatentNetwork, mean: np.ndarray, factor: float) -> tuple[LatentNetwork, np.ndarray]:
+def widened(
+    network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
+) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
     """Spread draws ``factor`` times as far from the central motor; the decoded motors of ``mean`` stay the same.
 
     Args:
         network: with a copula, or it is returned as it is.
         mean: (M, Z) latents of motors.
+        log_var: (M, Z) their log-variances.
         factor: at least 1.
 
     Returns:
-        The network and the new latents.
+        The network, the new latents and their log-variances.
     """
     copula = network.copula
     if copula is None or factor == 1.0:
-        return network, mean
+        return network, mean, log_var
     latents, middle = copula.decoder_latents(mean), copula.quantiles[len(SCORES) // 2]
     wide = Copula(copula.mixing, middle + factor * (copula.quantiles - middle))
     normal = scores(wide.quantiles, latents)
-    return replace(network, copula=wide), np.linalg.solve(copula.mixing.T, normal.T).T
+    moved = np.linalg.solve(copula.mixing.T, normal.T).T
+    return replace(network, copula=wide), moved, log_var - 2.0 * np.log(factor)
 
 
 def shrunk_correlation(x: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -196,8 +195,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     if network.motor is not None:
         quality = _quality(LatentActuator(network, mean), log, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        network, mean = widened(network, mean, quality.widening)
-        log_var = log_var - 2.0 * math.log(quality.widening)
+        network, mean, log_var = widened(network, mean, log_var, quality.widening)
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics,
