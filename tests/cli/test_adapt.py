@@ -16,6 +16,7 @@ from motorprior.identification.presets import identification_preset
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
+from motorprior.pipeline.stage import read_results
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
 
@@ -26,6 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_bench(Bench(root / "bench", motors=12, steps=2000))
     run_bench(Bench(root / "new", motors=12, steps=1200, seed=5))
     run_bench(Bench(root / "few", motors=3, steps=1200, seed=5))
+    run_bench(Bench(root / "held_out", motors=3, steps=3000, seed=7))
     run_bench(Bench(root / "slow", motors=2, steps=200, seed=5, preset="paper"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(term_selection, "ORDER", ("profile",))  # the others take a minute
@@ -48,6 +50,20 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     choice = ("--actuator", "prior", "--prior", prior, "--posterior", out / "posterior.safetensors")
     assert motorprior("walk", *choice, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk").code == 0
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
+
+
+def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, refused):
+    prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
+    held_out = folder / "held_out" / "log.parquet"
+    done = motorprior("validate-log", prior, held_out, "--out", out)
+    assert done.code == 0 and "tuned_pd" in done.out
+    found = read_results(out)
+    errors = {row.model: row.value for row in found.where(quantity="free_run_rmse", statistic="median")}
+    assert set(errors) == {"rollout", "prior_mean", "tuned_pd"}
+    assert errors["rollout"] < errors["prior_mean"] and errors["rollout"] < 0.5 * errors["tuned_pd"]
+    assert 0.5 < found.where(quantity="coverage90").value() <= 1.0
+    short = folder / "few" / "log.parquet"
+    refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 
 
 @pytest.mark.slow

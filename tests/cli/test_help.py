@@ -33,7 +33,19 @@ from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.virtual_robot import Virtual
 
 COMMANDS = (
-    *("", "demo", "logs", "logs import", "logs check", "bench", "identify", "validate", "diff", "adapt"),
+    *(
+        "",
+        "demo",
+        "logs",
+        "logs import",
+        "logs check",
+        "bench",
+        "identify",
+        "validate",
+        "validate-log",
+        "diff",
+        "adapt",
+    ),
     *("simulate", "replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-robot", "report", "speed"),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}

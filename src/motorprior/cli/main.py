@@ -30,6 +30,7 @@ from motorprior.cli.simulate import SimulateCommand, simulate  # noqa: E402
 from motorprior.cli.speed import Speed, run_speed  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
+from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
 from motorprior.cli.virtual_robot import VirtualRobotCommand, run_virtual_robot  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
@@ -46,6 +47,7 @@ Command = (
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[IdentifyCommand, tyro.conf.subcommand("identify")]
     | Annotated[ValidateCommand, tyro.conf.subcommand("validate")]
+    | Annotated[ValidateLogCommand, tyro.conf.subcommand("validate-log")]
     | Annotated[Diff, tyro.conf.subcommand("diff")]
     | Annotated[AdaptCommand, tyro.conf.subcommand("adapt")]
     | Annotated[SimulateCommand, tyro.conf.subcommand("simulate")]
@@ -66,6 +68,7 @@ RUN = {
     Bench: partial(run_bench, progress=TERMINAL),
     IdentifyCommand: identify,
     ValidateCommand: validate,
+    ValidateLogCommand: validate_log,
     Diff: run_diff,
     AdaptCommand: adapt,
     SimulateCommand: simulate,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
@@ -20,15 +22,20 @@ LEVELS = (50, 90)
 COVERAGE_STREAM = 23
 
 
+def latent_draws(posterior: Posterior, rng: np.random.Generator, count: int) -> Iterator[np.ndarray]:
+    """``count`` draws (M, Z) from the posteriors of M motors."""
+    factors = np.linalg.cholesky(posterior.covariance)
+    for _ in range(count):
+        noise = rng.standard_normal(posterior.mean.shape)
+        yield posterior.mean + np.einsum("mij,mj->mi", factors, noise)
+
+
 def predictive_draws(
     network: LatentNetwork, metrics: dict[str, float], posterior: Posterior, case: Trial, rng: np.random.Generator
 ) -> np.ndarray:
     """(DRAWS, steps, M) joint angles [rad]: z from the posterior, simulated in closed loop, plus a residual."""
-    factors = np.linalg.cholesky(posterior.covariance)
     draws = []
-    for _ in range(DRAWS):
-        noise = rng.standard_normal(posterior.mean.shape)
-        z = posterior.mean + np.einsum("mij,mj->mi", factors, noise)
+    for z in latent_draws(posterior, rng, DRAWS):
         simulated = run(LatentActuator(network, z), case)
         draws.append(simulated.joint_pos + draw_residuals(metrics, rng, simulated.joint_vel))
     return np.stack(draws)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from scipy.stats import wilcoxon
@@ -94,7 +95,7 @@ def _saved(before: _State, after: _State) -> float:
 
 def _worth(before: _State, after: _State) -> bool:
     gains = np.log(before.held_out / after.held_out)
-    sure = bool(gains.any()) and float(wilcoxon(gains, alternative="greater").pvalue) < _LEVEL
+    sure = bool(gains.any()) and float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue) < _LEVEL
     return _saved(before, after) > PRICE and (sure or len(gains) < _RANKS_TELL)
 
 

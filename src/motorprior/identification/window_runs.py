@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_step import StepConstants
@@ -174,6 +174,28 @@ class WindowRuns:
         list(self._threads.map(lambda task: self._run(*task), tasks))
         return out
 
+    def recorded(self, channel: int) -> np.ndarray:
+        """(M, N, W) what the log has of a channel of `windows` at the end of every step of the windows."""
+        preset, found = self._preset, []
+        for segment in self._segments:
+            first = preset.history + 1
+            rows = segment.rows[first : first + segment.windows * preset.window, channel]
+            found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
+        return np.concatenate(found, axis=1)
+
+    def errors(self, motors: Actuator) -> np.ndarray:
+        """(M, N, C, W) scaled errors of any motors, one for each of the log; float32."""
+        out = np.empty((self.num_motors, self.windows, self.channels, self._preset.window), np.float32)
+        done, dt = 0, self._preset.period
+        for segment in self._segments:
+            filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
+            rows = segment.rows.copy()
+            rows[:, INERTIA] += motors.armature
+            self._fill(motors.arrays(dt), motors.arrays(dt), np.arange(self.num_motors), rows, False, filled)
+            out[:, done : done + segment.windows] = filled
+            done += segment.windows
+        return out
+
     def _run(
         self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: _Segment, out: np.ndarray
     ) -> None:
@@ -186,8 +208,17 @@ class WindowRuns:
                 arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
                 arrays.parameters[_ZERO] = 0.0
         filled = np.empty(out.shape, np.float32)
-        _free_runs(
-            observer, free, motor, segment.rows, dt, self._preset.history, self._preset.window, np.array(SCALES),
-            at_rotor, filled,
-        )  # fmt: skip
+        self._fill(observer, free, motor, segment.rows, at_rotor, filled)
         out[...] = filled
+
+    def _fill(
+        self,
+        observer: ActuatorArrays,
+        free: ActuatorArrays,
+        motor: np.ndarray,
+        rows: np.ndarray,
+        at_rotor: bool,
+        filled: np.ndarray,
+    ) -> None:
+        preset, scales = self._preset, np.array(SCALES)
+        _free_runs(observer, free, motor, rows, preset.period, preset.history, preset.window, scales, at_rotor, filled)

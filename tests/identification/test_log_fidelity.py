@@ -1,0 +1,76 @@
+"""A log in place of the truth: what made it replays it, other models do not, and bands hold what they promise."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS as BENCHES
+from motorprior.bench.recording import record
+from motorprior.exceptions import LogError
+from motorprior.identification.log_fidelity import FREE_RUN, free_run_data, free_run_errors, known_half
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import VEL, TrainingData
+from motorprior.logs.motor_log import MotorLog
+
+Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
+PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
+
+
+@pytest.fixture(scope="module")
+def log() -> MotorLog:
+    fleet = load_fleet("mixed")
+    return record(fleet.sample(3, np.random.default_rng(0)), BENCHES["rollout"], 3000, 1, fleet)
+
+
+def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network()
+    runs = WindowRuns(decoder_data(network, Z), PRESET)
+    models = {"truth": LatentActuator(network, Z), "other": LatentActuator(network, Z[[1, 2, 0]])}
+    models["pd"] = IdealPd.uniform(3, 10.0, 0.5, 1.5)
+    same = runs.residuals(network, Z, np.arange(3))
+    np.testing.assert_array_equal(runs.errors(models["truth"]), same)
+    errors = free_run_errors(runs, models)
+    assert np.all(errors["truth"] < 1e-4)
+    assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
+
+
+def test_the_armature_of_a_pd_joins_the_load(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET)
+    light, heavy = (
+        free_run_errors(runs, {"pd": IdealPd.uniform(3, 10.0, 0.5, 1.5, armature)})["pd"] for armature in (0.0, 0.05)
+    )
+    assert np.all(np.abs(light - heavy) > 1e-3)
+
+
+def test_what_was_recorded_is_at_the_end_of_every_step(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    data = decoder_data(grey_network(), Z)
+    found = WindowRuns(data, PRESET).recorded(VEL)
+    assert found.shape == (3, 6 * 3, 100)
+    np.testing.assert_array_equal(found[1, 0], data.series[1, PRESET.history + 1 : PRESET.history + 101, VEL])
+    np.testing.assert_array_equal(found[2, -1], data.series[2, 5 * 400 + 261 : 5 * 400 + 361, VEL])
+
+
+def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):
+    known, judged = known_half(log)
+    assert (known.num_rows, judged.num_rows) in ((1000, 2000), (2000, 1000))
+    whole = replace(log.rows(slice(0, 900)), segment=None)
+    assert [half.num_rows for half in known_half(whole)] == [450, 450]
+    data, runs = free_run_data(judged, PRESET, "log")
+    assert runs.windows == sum((part.stop - part.start - 61) // round(FREE_RUN / 0.002) for part in data.parts) > 0
+
+
+def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):
+    with pytest.raises(LogError, match=r"(?s)longest segment has 300 rows.*561"):
+        free_run_data(log.rows(slice(0, 300)), PRESET, "log")
