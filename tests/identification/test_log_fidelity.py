@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.fleet import load_fleet
@@ -33,7 +34,8 @@ def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
 ):
     network = grey_network()
     runs = WindowRuns(decoder_data(network, Z), PRESET)
-    models = {"truth": LatentActuator(network, Z), "other": LatentActuator(network, Z[[1, 2, 0]])}
+    truth, other = LatentActuator(network, Z), LatentActuator(network, Z[[1, 2, 0]])
+    models: dict[str, Actuator] = {"truth": truth, "other": other}
     models["pd"] = IdealPd.uniform(3, 10.0, 0.5, 1.5)
     same = runs.residuals(network, Z, np.arange(3))
     np.testing.assert_array_equal(runs.errors(models["truth"]), same)

@@ -56,7 +56,7 @@ STRIBECK_VELOCITY = 0.3
 """[rad/s]"""
 _TINY = 1e-12
 """Keeps the derivative of a root at 0 finite."""
-_WEAKENED = ("kp", "torque_limit", "integral_limit")
+_WEAKENED = ("kp", "torque_limit", "integral_limit", "stall_torque")
 """Constants that are torques of the law, which heat weakens."""
 
 Values = Any

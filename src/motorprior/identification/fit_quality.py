@@ -70,7 +70,7 @@ class FitQuality:
         return (
             *said,
             f"warning: {100 * self.unexplained:.0f} % of the PD's error is left (above {100 * MISSING:.0f} %): these "
-            "motors have physics that the model lacks. Do not read its constants as physics; draws are widened",
+            "motors have physics that the model lacks. Do not read its constants as physics",
         )
 
 

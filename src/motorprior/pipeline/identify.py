@@ -196,6 +196,10 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         quality = _quality(LatentActuator(network, mean), log, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
         network, mean, log_var = widened(network, mean, log_var, quality.widening)
+        if network.copula is not None and quality.misses_physics:
+            progress.note(
+                f"draws are spread {quality.widening:.2f} times as far from the central motor as its motors are"
+            )
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics,

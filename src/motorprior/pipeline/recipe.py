@@ -58,8 +58,10 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
 def _require_fit(preset: Preset, prior: MotorPrior, where: str | Path) -> None:
     network, named = prior.network, PRESETS.get(prior.preset)
     terms = () if network.motor is None else network.motor.terms
-    fits = (preset.taps, preset.period, preset.num_latents, preset.grey_box, preset.has_armature, preset.terms) == (
-        network.taps, network.period, network.num_latents, network.motor is not None, network.has_armature, terms,
+    said = (preset.taps, preset.period, preset.num_latents, preset.num_neurons, preset.grey_box, preset.has_armature)
+    fits = (*said, preset.terms) == (
+        network.taps, network.period, network.num_latents, len(network.w3), network.motor is not None,
+        network.has_armature, terms,
     )  # fmt: skip
     if not fits or (named is not None and named.objective != preset.objective):
         raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy=_REMEDY)

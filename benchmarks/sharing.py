@@ -1,0 +1,140 @@
+"""What motors that help each other gain over motors fitted one by one: short logs, few motors, no torques.
+
+    python benchmarks/sharing.py --out runs/sharing
+
+Presets rollout and per_motor have the same motors, terms and search; in the one a Gaussian over the fleet is estimated
+with them, in the other every motor is alone. figures.json has the median error over motors [rad] on held-out excitation
+as EXCITATION/CASE/PRESET, and of the armature and Coulomb friction the correlation with the truth over motors as
+CONSTANT/CASE/PRESET. Stages that are finished are kept. Twenty minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.bench.facts import BenchFacts, read_bench
+from motorprior.bench.families import geared
+from motorprior.identification.bench_fidelity import HELD_OUT, bench_errors
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.identify import PRIOR, Identify, run_identify
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+PRESETS = ("rollout", "per_motor")
+EXCITATIONS = ("gait", "impacts", "chirp")
+CONSTANTS = ("armature", "coulomb")
+PERIOD = 0.002
+PROGRESS = Lines(sys.stderr)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A bench: motors, seconds of log each, and whether the log has torques."""
+
+    motors: int
+    seconds: float
+    torque: bool = True
+
+    @property
+    def name(self) -> str:
+        """Of its folder and figures."""
+        return f"{self.motors}_motors_{self.seconds:g}_s" + ("" if self.torque else "_no_torque")
+
+    @property
+    def steps(self) -> int:
+        """Samples per motor."""
+        return round(self.seconds / PERIOD)
+
+
+CASES = (
+    *(Case(32, seconds) for seconds in (2.0, 5.0, 10.0)),
+    *(Case(motors, 5.0) for motors in (4, 8)),
+    *(Case(32, seconds, torque=False) for seconds in (5.0,)),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Fit short logs together and one by one, and measure how far both are from the motors."""
+
+    out: Path
+    """Run folder."""
+    fleet: str = "mixed"
+    """Population of motors, of those whose constants a geared motor has."""
+    seed: int = 0
+    """Seed of bench, searches and held-out excitation."""
+    cases: tuple[str, ...] = tuple(case.name for case in CASES)
+    """Names of the cases to run."""
+
+
+def measure(settings: Settings, case: Case) -> dict[str, float]:
+    """The figures of one case, measured unless they are there."""
+    bench, folder = settings.out / case.name / "bench", settings.out / case.name / "measured"
+    run_bench(Bench(bench, settings.fleet, "adapt", case.motors, case.steps, settings.seed), PROGRESS)
+    paths = {name: settings.out / case.name / name / PRIOR for name in PRESETS}
+    for name, path in paths.items():
+        run_identify(Identify(bench, path.parent, name, settings.seed, torque=case.torque), PROGRESS)
+    wanted = description("validate", asdict(settings) | {"cases": [case.name]}, list(paths.values()))
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            priors = {name: MotorPrior.load(path) for name, path in paths.items()}
+            write_json(folder / FIGURES, figures(settings, case, priors, read_bench(bench)[1]))
+    return read_json(folder / FIGURES)
+
+
+def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], facts: BenchFacts) -> dict[str, float]:
+    """Errors [rad] on held-out excitation, and correlations of constants with the truth."""
+    motors, preset = facts.physical_motors(), HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
+    models = {name: prior.training_motors for name, prior in priors.items()}
+    errors = bench_errors(motors, models, settings.seed, preset)
+    found = {
+        f"{kind}/{case.name}/{name}": float(np.median(errors[kind][name])) for kind in EXCITATIONS for name in PRESETS
+    }
+    for name, prior in priors.items():
+        fitted, true = prior.network.constants(prior.mean), geared(motors)
+        for constant in CONSTANTS:
+            value = float(np.corrcoef(fitted[constant], getattr(true, constant))[0, 1])
+            found[f"{constant}/{case.name}/{name}"] = value
+    return found
+
+
+def table(found: dict[str, float], names: tuple[str, ...]) -> str:
+    """Markdown: a row per case; errors in mrad, together / alone."""
+    titles = (*(f"{kind} [mrad]" for kind in EXCITATIONS), *(f"{name}, correlation" for name in CONSTANTS))
+    lines = [f"| log | {' | '.join(titles)} |", "|---" * (1 + len(titles)) + "|"]
+    for name in names:
+        scaled = [(kind, 1e3, 1) for kind in EXCITATIONS] + [(constant, 1.0, 2) for constant in CONSTANTS]
+        cells = [
+            " / ".join(f"{scale * found[f'{column}/{name}/{preset}']:.{digits}f}" for preset in PRESETS)
+            for column, scale, digits in scaled
+        ]
+        lines.append(f"| {name.replace('_', ' ')} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, write figures.json and table.md, print the table."""
+    settings = tyro.cli(Settings, description=__doc__)
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    cases = {case.name: case for case in CASES}
+    found: dict[str, float] = {}
+    for name in settings.cases:
+        found |= measure(settings, cases[name])
+    write_json(settings.out / FIGURES, found)
+    text = table(found, settings.cases)
+    write_text(settings.out / "table.md", text + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
