@@ -1,14 +1,14 @@
-"""Which terms of `servo_terms` the data ask for: added one by one where held-out free runs get better.
+"""Which terms of `servo_terms` the data ask for: left out one by one where held-out free runs do without them.
 
-Some motors are fitted on every second segment of their logs and judged on the others. Terms are tried one after the
-other, those first that change most, each with a fit of its own from the beginning, as a term changes where the other
-constants belong. A term stays if it is worth its price,
+Some motors are fitted on every second segment of their logs and judged on the others. All terms are fitted at once
+first, since some are worth nothing without another: an encoder on the output needs the joint's own damping, or the
+joint rattles in its play. Then each is left out in turn, the rarest first, with a fit of its own from the beginning, as
+a term changes where the other constants belong. It stays if it is worth its price,
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 5 %
 
-(ranks, since one motor that a fit left in a wrong place would otherwise decide).
-
-In the end each term is left out once more, and stays out if the others do without it at that price.
+(ranks, since one motor that a fit left in a wrong place would otherwise decide). In the end all that stayed are compared
+with no term at all in the same way.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ PRICE = 0.04
 MOTORS = 8
 """Most motors that are fitted."""
 ORDER = (
-    "profile", "torque_speed", "output_damping", "output_encoder", "integral", "dead_zone", "current", "presliding",
-    "asymmetry", "heat",
+    "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
+    "torque_speed", "profile",
 )  # fmt: skip
-"""In which terms are tried."""
+"""In which terms are left out."""
 _LEVEL, _RANKS_TELL = 0.05, 5
 """Of the signed-rank test of a term's gain, and the least number of motors at which it can be reached."""
 _TURNS = (*TURNS[:3], *TURNS[-2:])
@@ -78,14 +78,17 @@ def select_terms(
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
         return Selection((), {})
     trial = _Trial(network, runs, seed)
-    best, saved = trial.fitted((), None), {}
+    best, saved = trial.fitted(tuple(ORDER), None), {}
     for name in ORDER:
-        tried = trial.fitted((*best.terms, name), best)
-        best = trial.fitted_on(tried, best)  # as many attempts without the term as with it
-        saved[name] = _saved(best, tried)
-        best = tried if _worth(best, tried) else best
+        less = trial.fitted(tuple(other for other in best.terms if other != name), best)
+        best = trial.fitted_on(less, best)  # as many attempts with the term as without it
+        saved[name] = _saved(less, best)
+        best = best if _worth(less, best) else less
         report(f"{name}: saves {100 * saved[name]:.0f} %")
-    return trial.without_the_needless(best, saved, report)
+    if best.terms:
+        bare = trial.fitted((), best)
+        best = best if _worth(bare, best) else bare
+    return Selection(best.terms, saved)
 
 
 def _saved(before: _State, after: _State) -> float:
@@ -113,15 +116,6 @@ class _Trial:
         found = fit_fleet(self._network, self._runs, terms, True, self._seed, chosen=self._seen, turns=_TURNS)
         state = self._state(terms, found.raw)
         return state if before is None else self.fitted_on(before, state)
-
-    def without_the_needless(self, best: _State, saved: dict[str, float], report: Callable[[str], None]) -> Selection:
-        """Each term left out once."""
-        for name in best.terms:
-            less = self.fitted(tuple(other for other in best.terms if other != name), best)
-            if not _worth(less, best):
-                report(f"{name}: the others do without it")
-                best, saved[name] = less, _saved(less, best)
-        return Selection(best.terms, saved)
 
     def fitted_on(self, other: _State, state: _State) -> _State:
         """Of every motor the better of ``state`` and of what another fit, of other terms, gives when fitted on."""
