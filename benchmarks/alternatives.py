@@ -249,7 +249,7 @@ def grey_box(settings: Settings, log: Any, held_log: Any, note: Callable[[str, f
     preset = replace(PRESETS["rollout"], steps=settings.steps)
     data, started = training_data(log, preset, "bench"), time.monotonic()
     found = identify(data, preset, 0)
-    seconds, free = time.monotonic() - started, replace(preset, window=FREE_STEPS)
+    seconds, free = time.monotonic() - started, replace(found.preset, window=FREE_STEPS)
     run, held_out = closed_loop(free, data.scales, bounded=False), training_data(held_log, free, "held out")
     z = jnp.asarray(found.mean, jnp.float32)
     note(

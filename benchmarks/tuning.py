@@ -1,4 +1,4 @@
-"""Same tuning for all trained recipes: one grid of learning rates and Adam steps, evaluated on a separate bench.
+"""Same tuning for all recipes trained by Adam: one grid of learning rates and Adam steps, evaluated on a separate bench.
 
     python benchmarks/tuning.py --out runs/tuning
 
@@ -7,7 +7,7 @@ this bench, seed 1, are in no table of docs/fidelity.md; what is compared is the
 error on held-out gait and impacts of the motors trained on, at their posterior means. Writes tuning.md, results.json,
 figures.json:
     rmse_mrad/POINT/PRESET    median over motors; the largest number of all where the training diverged
-per_motor_play is fitted by a search and Gauss-Newton, tuned_pd by Nelder-Mead: they have no learning rate.
+rollout and per_motor are fitted by searches and Gauss-Newton, tuned_pd by Nelder-Mead: they have no learning rate.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Settings:
     """Run folder; figures of this code and fleet that are there already are kept."""
     fleet: str = "mixed"
     """Population of motors."""
-    presets: tuple[str, ...] = tuple(PRESETS)
-    """Which recipes."""
+    presets: tuple[str, ...] = tuple(name for name, preset in PRESETS.items() if not preset.physics_first)
+    """Which recipes; those with physics first have no learning rate that matters."""
 
 
 def error(bench: Path, preset: Preset) -> float:
