@@ -1,4 +1,4 @@
-"""Same tuning for all recipes trained by Adam: one grid of learning rates and Adam steps, evaluated on a separate bench.
+"""Same tuning for all recipes that Adam trains: one grid of learning rates and steps, evaluated on a separate bench.
 
     python benchmarks/tuning.py --out runs/tuning
 

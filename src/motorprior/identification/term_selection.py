@@ -7,8 +7,8 @@ a term changes where the other constants belong. It stays if it is worth its pri
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 5 %
 
-(ranks, since one motor that a fit left in a wrong place would otherwise decide). In the end all that stayed are compared
-with no term at all in the same way.
+(ranks, since one motor that a fit left in a wrong place would otherwise decide). In the end all that stayed are
+compared with no term at all in the same way.
 """
 
 from __future__ import annotations
