@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from motorprior.exceptions import LogError
+from motorprior.logs.column_map import ColumnMap, load_column_map
 from motorprior.logs.log_reader import LogReader
+from motorprior.logs.mapped_table import read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import PARQUET
 from motorprior.logs.puppersim import PUPPERSIM
@@ -16,12 +18,14 @@ READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM)
 """In the order in which they are asked."""
 
 
-def read_log(path: str | Path, robot: Robot | None = None) -> MotorLog:
-    """Read a log in any known format: a motor log, a recording of a robot, or a log of jietan/puppersim.
+def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
+    """Read a log in any known format: a motor log, a recording of a robot, a log of jietan/puppersim, or any table.
 
     Args:
         path: the file.
         robot: that was recorded; motor logs (.parquet) name it themselves and need none.
+        columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet) mean: a map, the name of a
+            shipped one, or its file (docs/your-motors.md).
 
     Returns:
         The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
@@ -29,8 +33,12 @@ def read_log(path: str | Path, robot: Robot | None = None) -> MotorLog:
     Raises:
         LogError: no such file, an unknown format, or a damaged file; names row and column.
         ConfigError: the format needs a robot and none was given.
+        ArtifactError: a column map that cannot be used.
     """
     path = Path(path)
+    if columns is not None:
+        known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
+        return read_mapped_log(path, known, robot)
     for reader in READERS:
         if path.name.endswith(reader.endings) and reader.recognises(path):
             return reader.read(path, robot)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
+from motorprior.logs.resampling import resample
 from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -20,14 +23,18 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Recordings of `motorprior record` or `deploy` (.csv), or raw logs (.csv, .csv.gz, original .txt pickles)."""
+    """Recordings of `motorprior record` or `deploy` (.csv), raw logs of the Pupper (.csv, .csv.gz, original .txt
+    pickles), or, with ``columns``, any table (.csv, .csv.gz, .parquet)."""
     out: Path
     """Folder for the .parquet files."""
+    columns: str | None = None
+    """What the columns of a table mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     period: float | None = None
-    """Sample period of the result [s], for recordings of a robot; as recorded if not given."""
+    """Sample period of the result [s], for recordings of a robot and for tables; as recorded if not given."""
     hung: bool = False
-    """A recording of `motorprior record` for which the robot hung in the air with its body level: add the load of every
-    motor, which `adapt` needs. At the robot's physics step unless another period is given."""
+    """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
+    the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
+    given."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
@@ -72,6 +79,8 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         ConfigError: a period or a load for something else than a recording of a robot.
         LogError: it cannot be read.
     """
+    if config.columns is not None:
+        return _table(path, robot, config, config.columns)
     if config.period is None and not config.hung:
         return read_log(path, robot)
     if not is_robot_run(path):
@@ -85,3 +94,33 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     from motorprior.simulation.hung_load import with_loads
 
     return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
+
+
+def _table(path: Path, robot: Robot, config: LogsImport, columns: str) -> MotorLog:
+    log = read_log(path, robot, columns)
+    if config.period is None and not config.hung:
+        return log
+    period = config.period or robot.physics_dt
+    if not config.hung:
+        return resample(log, period)
+    from motorprior.simulation.hung_load import with_loads
+
+    return with_loads(_smooth_on_grid(log, period), robot)
+
+
+def _smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
+    """The log at steps of ``period`` [s], its commands held, its angles splines through smoothed readings.
+
+    Velocities are the splines' own: recorded ones are often filtered, and loads need accelerations.
+    """
+    from scipy.interpolate import CubicSpline
+
+    from motorprior.identification.smoothing import smoothed
+
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), float(np.median(time_steps(log)[1])))
+    angles, grid = log.joint_pos if found is None else found[0], resample(log, period)
+    pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
+    for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
+        spline = CubicSpline(log.time[old], angles[old], axis=0)
+        pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
+    return replace(grid, joint_pos=pos, joint_vel=vel)

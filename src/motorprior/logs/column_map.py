@@ -1,0 +1,182 @@
+"""A column map: the small TOML file that says what the columns of somebody's table mean, in which units and signs.
+
+    motor = "Feetech STS3215"
+    time = "t_ms"
+    position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
+    joint_pos = "present_{joint}"
+
+    [units]
+    time = "ms"
+    angle = "tick"
+    ticks_per_turn = 4096
+
+    [joints.1]
+    name = "shoulder_pan"                   # of the robot's joint, if the columns have another name
+    sign = -1
+    zero = 0.05                             # the joint's angle [rad] where the column says 0
+
+An angle is sign·unit·value + zero, a velocity or torque sign·unit·value. ``action[{joint}]`` is one number of a column
+of lists.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from motorprior.exceptions import ArtifactError
+from motorprior.logs.motor_log import ENCODERS
+from motorprior.schema import TABLE, TEXT, Schema, integer, number, one_of
+
+TURN = 2.0 * math.pi
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLES = {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan}
+VELOCITIES = {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0}
+TORQUES = {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665}
+SERIES = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
+"""Channels that have a column for every joint."""
+JOINT = "{joint}"
+_REMEDY = "see docs/your-motors.md"
+_MAP = Schema(
+    {
+        **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), TEXT),
+        "encoder": one_of(*ENCODERS),
+        **dict.fromkeys(("units", "joints"), TABLE),
+    },
+    _REMEDY,
+    optional=frozenset({"robot", "segment", "encoder", "units", *SERIES[2:]}),
+)
+_UNITS = Schema(
+    {
+        "time": one_of(*TIMES), "angle": one_of(*ANGLES), "velocity": one_of(*VELOCITIES), "torque": one_of(*TORQUES),
+        "ticks_per_turn": integer(2, 2**31 - 1),
+    },
+    _REMEDY,
+    optional=frozenset({"time", "angle", "velocity", "torque", "ticks_per_turn"}),
+    name="units",
+)  # fmt: skip
+_JOINT = Schema(
+    {"name": TEXT, "sign": integer(-1, 1), "zero": number(-TURN, TURN, unit="rad")},
+    _REMEDY,
+    optional=frozenset({"name", "sign", "zero"}),
+)
+
+
+@dataclass(frozen=True)
+class MappedJoint:
+    """A joint of the table: its name in the columns, the robot's name for it, its sign, and its zero [rad]."""
+
+    column: str
+    name: str
+    sign: float
+    zero: float
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """What the columns of a table mean.
+
+    Attributes:
+        source: file or name of the map.
+        motor: motor model.
+        robot: name of the robot, if the map says it.
+        encoder: where angles are measured, "joint" or "rotor".
+        time: column of the time.
+        segment: column of the number of the recording, or None for a single one.
+        series: channel -> name of its columns, with JOINT where the joint's name stands.
+        joints: in the order of the map.
+        scales: channel -> SI units per unit of its columns.
+    """
+
+    source: str
+    motor: str
+    robot: str
+    encoder: str
+    time: str
+    segment: str | None
+    series: dict[str, str]
+    joints: tuple[MappedJoint, ...]
+    scales: dict[str, float]
+
+
+def shipped_maps() -> tuple[str, ...]:
+    """Names of the maps that come with motorprior."""
+    return tuple(sorted(file.name.removesuffix(".toml") for file in _folder().iterdir() if file.name.endswith(".toml")))
+
+
+def load_column_map(name_or_path: str | Path) -> ColumnMap:
+    """A shipped map by its name, or that of a .toml file.
+
+    Raises:
+        ArtifactError: no such map or file, not TOML, or an entry that is not understood; names the key and its value.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        if str(name_or_path) not in shipped_maps():
+            known = ", ".join(shipped_maps())
+            raise ArtifactError(
+                f"no column map {str(name_or_path)!r}", remedy=f"use one of {known}, or the path of a .toml file"
+            )
+        return _from_text(_folder().joinpath(f"{name_or_path}.toml").read_text(encoding="utf-8"), str(name_or_path))
+    try:
+        return _from_text(path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+    except UnicodeDecodeError as error:
+        raise ArtifactError("not a text file", where=path, remedy=_REMEDY) from error
+
+
+def _folder() -> Any:
+    return files("motorprior.logs").joinpath("maps")
+
+
+def _from_text(text: str, where: str) -> ColumnMap:
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"not valid TOML ({error})", where=where, remedy=_REMEDY) from error
+    _MAP.check(table, where)
+    units = table.get("units", {})
+    _UNITS.check(units, where)
+    series = {name: table[name] for name in SERIES if name in table}
+    for name, column in series.items():
+        if JOINT not in column:
+            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT}", where=where, remedy=_REMEDY)
+    return ColumnMap(
+        where, table["motor"], table.get("robot", ""), table.get("encoder", "joint"), table["time"],
+        table.get("segment"), series, _joints(table["joints"], where), _scales(units, where),
+    )  # fmt: skip
+
+
+def _joints(table: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
+    if not table:
+        raise ArtifactError("no table [joints.…]", where=where, remedy=_REMEDY)
+    found = []
+    for column, joint in table.items():
+        _JOINT.check(joint, f"{where}[joints.{column}]")
+        if joint.get("sign", 1) == 0:
+            raise ArtifactError("sign = 0 is not 1 or -1", where=f"{where}[joints.{column}]", remedy=_REMEDY)
+        sign, zero = float(joint.get("sign", 1)), float(joint.get("zero", 0.0))
+        found.append(MappedJoint(column, joint.get("name", column), sign, zero))
+    names = [joint.name for joint in found]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ArtifactError(f"two joints are named {sorted(twice)[0]!r}", where=where, remedy="name each once")
+    return tuple(found)
+
+
+def _scales(units: dict[str, Any], where: str) -> dict[str, float]:
+    angle = ANGLES[units.get("angle", "rad")]
+    if math.isnan(angle):
+        if "ticks_per_turn" not in units:
+            raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=_REMEDY)
+        angle = TURN / units["ticks_per_turn"]
+    torque = TORQUES[units.get("torque", "N·m")]
+    return {
+        "time": TIMES[units.get("time", "s")], "position_target": angle, "joint_pos": angle,
+        "joint_vel": VELOCITIES[units.get("velocity", "rad/s")], "joint_torque": torque, "external_torque": torque,
+        "load_inertia": 1.0,
+    }  # fmt: skip
