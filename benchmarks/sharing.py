@@ -2,10 +2,11 @@
 
     python benchmarks/sharing.py --out runs/sharing
 
-Presets rollout and per_motor have the same motors, terms and search; in the one a Gaussian over the fleet is estimated
-with them, in the other every motor is alone. figures.json has the median error over motors [rad] on held-out excitation
-as EXCITATION/CASE/PRESET, and of the armature and Coulomb friction the correlation with the truth over motors as
-CONSTANT/CASE/PRESET. Stages that are finished are kept. Twenty minutes on two cores.
+Presets rollout and per_motor have the same motors and search; in the one a Gaussian over the fleet is estimated with
+them, in the other every motor is alone. A residual network, which rollout may have, is left out where it wins nothing.
+figures.json has the median error over motors [rad] on held-out excitation as EXCITATION/CASE/PRESET, and of the
+armature and Coulomb friction the correlation with the truth over motors as CONSTANT/CASE/PRESET. Stages that are
+finished are kept. Twenty minutes on two cores.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
 from motorprior.exceptions import LogError
-from motorprior.identification.log_fidelity import FREE_RUN, free_run_data, free_run_errors, known_half
+from motorprior.identification.log_fidelity import FREE_RUN, free_run_errors, free_runs, known_half
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import VEL, TrainingData
@@ -69,10 +69,11 @@ def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):
     assert (known.num_rows, judged.num_rows) in ((1000, 2000), (2000, 1000))
     whole = replace(log.rows(slice(0, 900)), segment=None)
     assert [half.num_rows for half in known_half(whole)] == [450, 450]
-    data, runs = free_run_data(judged, PRESET, "log")
-    assert runs.windows == sum((part.stop - part.start - 61) // round(FREE_RUN / 0.002) for part in data.parts) > 0
+    runs = free_runs(judged, PRESET, "log")
+    parts = judged.segment_slices()
+    assert runs.windows == sum((part.stop - part.start - 61) // round(FREE_RUN / 0.002) for part in parts) > 0
 
 
 def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):
     with pytest.raises(LogError, match=r"(?s)longest segment has 300 rows.*561"):
-        free_run_data(log.rows(slice(0, 300)), PRESET, "log")
+        free_runs(log.rows(slice(0, 300)), PRESET, "log")

@@ -73,6 +73,13 @@ def test_every_term_is_tried():
     assert sorted(ORDER) == sorted(TERMS)
 
 
+@pytest.mark.parametrize("windows", range(2, 12))
+def test_of_two_windows_or_more_some_are_held_out_and_some_are_not(decoder_data: Data, windows: int):
+    runs = logs(decoder_data, (), segments=1, rows=61 + 64 * windows)
+    held_out = held_out_windows(runs)
+    assert len(held_out) == windows and 0.3 < held_out.mean() <= 0.5
+
+
 @pytest.mark.parametrize("segments", [1, 2, 3, 5, 10, 13, 40])
 def test_half_of_the_windows_are_held_out(decoder_data: Data, segments: int):
     runs = logs(decoder_data, (), segments=segments, rows=400 if segments < 4 else 150)

@@ -19,7 +19,7 @@ quantities at the output shaft, h is the step. In the order in which they act:
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
     output_damping the joint itself is braked by output_damping·dq, which the engine integrates
     heat           torques of the law fall to (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) after t seconds of
-                   log; where the time is not known, warmth is drawn from [0, 1]
+                   log; where the time is not known, half warm: warmth = 0.5
 """
 
 from __future__ import annotations

@@ -43,7 +43,8 @@ class FitQuality:
     @property
     def unexplained(self) -> float:
         """Median over motors of the error over the tuned PD's [-]."""
-        return float(np.median(self.motors / np.maximum(self.baseline, 1e-9)))
+        errors = np.where(np.isfinite(self.motors), self.motors, 1.0)  # a motor that breaks down explains nothing
+        return float(np.median(errors / np.maximum(self.baseline, 1e-9)))
 
     @property
     def misses_physics(self) -> bool:

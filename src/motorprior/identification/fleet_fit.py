@@ -21,7 +21,7 @@ from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, SIGNED
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
-from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 
 INITIAL_MOTOR = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
@@ -111,7 +111,8 @@ def fit_fleet(
     """
     rng = np.random.default_rng([seed, _STREAM])
     center = initial_center(terms, runs.fastest) if start is None else np.median(start, axis=0)
-    fit, belief = MotorFit(with_motor(network, center, terms), runs, chosen), weak_belief(len(center))
+    fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _unseen(terms, runs)
+    belief = weak_belief(len(center)).holding(held)
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
         first = fit.search(rng, nowhere, belief, SEARCH_RADII, SEARCH_DRAWS)
@@ -125,14 +126,21 @@ def fit_fleet(
         report()
     for reach, steps in turns:
         if together:
-            belief = _belief(found, runs.windows)
+            belief = _belief(found, fit.windows).holding(held)
         found = replace(found, energy=found.loss + belief.energy(found.z))
         again = fit.polish(found.z, belief, steps, reach)
         other = restart(rng, fit, again, belief, together)
         found = again.better(fit.polish(other, belief, steps, reach))
         report()
-    middle = np.median(found.z, axis=0)
-    return FleetFit(center + middle, found.z - middle, found.loss, terms)
+    z = np.where(held, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
+    # around a centre from which the decoder reaches every motor
+    middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
+    return FleetFit(center + middle, z - middle, fit.losses(z), terms)
+
+
+def _unseen(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(P,) constants that the log's encoders do not show (`window_runs`)."""
+    return np.array([runs.at_rotor and name in HIDDEN_FROM_ROTOR for name in parameters_of(terms)])
 
 
 def weak_belief(size: int) -> Belief:

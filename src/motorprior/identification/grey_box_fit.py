@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.motor_fit import WIDE, Belief, MotorFit
+from motorprior.identification.motor_fit import WIDE, Belief, Fit, MotorFit
 from motorprior.identification.presets import Preset
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
@@ -48,9 +48,10 @@ def adapt(
     runs = WindowRuns(data, preset)
     fit, belief = MotorFit(network, runs), _standard_normal(network, runs, temperature)
     rng, shape = np.random.default_rng(_STREAM), (runs.num_motors, network.num_latents)
-    if start is None:
-        start = fit.search(rng, np.zeros(shape), belief, SEARCH_RADII, SEARCH_DRAWS)
-    found = fit.polish(start, belief, STEPS, WIDE)
+    if start is not None:
+        found = fit.polish(start, belief, STEPS, WIDE)
+        return _posterior(fit, fit.polish(found.z, belief, STEPS, 0.5 * WIDE), temperature)
+    found = fit.polish(fit.search(rng, np.zeros(shape), belief, SEARCH_RADII, SEARCH_DRAWS), belief, STEPS, WIDE)
     for _ in range(TURNS):
         anew = np.where(
             rng.random((shape[0], REDRAWN, shape[1])) < 0.5,
@@ -58,8 +59,11 @@ def adapt(
             found.z[:, None],
         )
         found = found.better(fit.polish(fit.best_of(anew, belief), belief, STEPS, WIDE))
-    found = found.better(fit.polish(found.z, belief, STEPS, 0.5 * WIDE))
-    return Posterior(found.z, _covariance(fit, found.z, temperature), found.loss, runs.windows)
+    return _posterior(fit, found.better(fit.polish(found.z, belief, STEPS, 0.5 * WIDE)), temperature)
+
+
+def _posterior(fit: MotorFit, found: Fit, temperature: float) -> Posterior:
+    return Posterior(found.z, _covariance(fit, found.z, temperature), found.loss, fit.windows)
 
 
 def covariance(

@@ -21,7 +21,7 @@ from motorprior.identification.loss import POSITION_SCALE, VELOCITY_SCALE
 from motorprior.identification.presets import Preset
 from motorprior.identification.reference import draw_residuals
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import VEL, TrainingData, training_data
+from motorprior.identification.windows import VEL, training_data
 from motorprior.logs.motor_log import MotorLog
 
 FREE_RUN = 1.0
@@ -36,15 +36,14 @@ def known_half(log: MotorLog) -> tuple[MotorLog, MotorLog]:
     return log.rows(slice(0, cut)), log.rows(slice(cut, log.num_rows))
 
 
-def free_run_data(log: MotorLog, preset: Preset, where: str) -> tuple[TrainingData, WindowRuns]:
+def free_runs(log: MotorLog, preset: Preset, where: str) -> WindowRuns:
     """The log as free runs of FREE_RUN, with the warm-up of a recipe.
 
     Raises:
         LogError: it lacks a channel, has another sample period, or no segment is long enough.
     """
     preset = replace(preset, objective="rollout", window=round(FREE_RUN / preset.period))
-    data = training_data(log, preset, where)
-    return data, WindowRuns(data, preset)
+    return WindowRuns(training_data(log, preset, where), preset)
 
 
 def free_run_errors(runs: WindowRuns, models: Mapping[str, Actuator]) -> dict[str, np.ndarray]:
@@ -55,7 +54,7 @@ def free_run_errors(runs: WindowRuns, models: Mapping[str, Actuator]) -> dict[st
     }
 
 
-def log_coverage(prior: MotorPrior, posterior: Posterior, data: TrainingData, runs: WindowRuns) -> dict[int, float]:
+def log_coverage(prior: MotorPrior, posterior: Posterior, runs: WindowRuns) -> dict[int, float]:
     """Share of the recorded angles inside the central bands of draws from the posterior, by the band's level [%]."""
     rng, errors = np.random.default_rng(_STREAM), []
     recorded = runs.recorded(VEL)

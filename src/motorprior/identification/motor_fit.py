@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.compiled import njit
 from motorprior.identification.loss import huber, huber_curvature, huber_weight
 from motorprior.identification.window_runs import WindowRuns
 
@@ -27,6 +28,29 @@ _LANES = 768
 """Motors simulated at a time; bounds the memory."""
 _NEVER, _BROKEN = 1e9, 1e6
 """Loss of a simulation that broke down, and residual of one."""
+_CERTAIN = 1e6
+"""Precision of what is held."""
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc"})
+def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that depends on nothing.
+
+    A library's product adds up in another order with another number of threads.
+    """
+    size, count = slopes.shape
+    gradient, matrix = np.zeros(size), np.zeros((size, size))
+    for i in range(size):
+        weighted, total = weights * slopes[i], np.float32(0.0)
+        for row in range(count):
+            total += pulls[row] * slopes[i, row]
+        gradient[i] = total
+        for j in range(i + 1):
+            total = np.float32(0.0)
+            for row in range(count):
+                total += weighted[row] * slopes[j, row]
+            matrix[i, j] = matrix[j, i] = total
+    return gradient, matrix
 
 
 @dataclass(frozen=True)
@@ -35,6 +59,10 @@ class Belief:
 
     mean: np.ndarray
     precision: np.ndarray
+
+    def holding(self, columns: np.ndarray) -> Belief:
+        """The same, but certain that z is 0 in these columns (Z,)."""
+        return Belief(np.where(columns, 0.0, self.mean), np.where(columns, _CERTAIN, self.precision))
 
     def energy(self, z: np.ndarray) -> np.ndarray:
         """(...) ½·Σ precision·(z - mean)² of z (..., Z)."""
@@ -70,6 +98,11 @@ class MotorFit:
         self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
         self._everyone = np.arange(runs.num_motors)
 
+    @property
+    def windows(self) -> int:
+        """Of each motor that count."""
+        return len(np.arange(self.runs.windows)[self._chosen])
+
     def _residuals(self, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, R) float32."""
         with np.errstate(over="ignore", invalid="ignore"):
@@ -88,11 +121,13 @@ class MotorFit:
 
     def window_losses(self, z: np.ndarray) -> np.ndarray:
         """(M, N) loss of each window at z (M, Z)."""
-        values = [
-            self.runs.residuals(self.network, z[[motor]], np.array([motor]))[:, self._chosen]
-            for motor in self._everyone
-        ]
-        return self.runs.channels * np.mean(huber(np.concatenate(values).astype(np.float64)), axis=(2, 3))
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = [
+                self.runs.residuals(self.network, z[[motor]], np.array([motor]))[:, self._chosen]
+                for motor in self._everyone
+            ]
+            loss = self.runs.channels * np.mean(huber(np.concatenate(values).astype(np.float64)), axis=(2, 3))
+        return np.where(np.isfinite(loss), loss, _NEVER)
 
     def _loss(self, residuals: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -196,5 +231,5 @@ class MotorFit:
             usable = (np.abs(here) < _BROKEN) & np.isfinite(slopes).all(axis=0)
         here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
         factor = self.runs.channels / len(here)
-        gradient = factor * (slopes @ (huber_weight(here) * here))
-        return gradient.astype(np.float64), (factor * ((slopes * bend(here)) @ slopes.T)).astype(np.float64)
+        gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
+        return factor * gradient, factor * matrix

@@ -22,7 +22,7 @@ NOISES = np.geomspace(1e-5, 3e-3, 11)
 DENSITIES = np.geomspace(1e2, 3e4, 6)
 """Densities d that are tried [rad/s²/√s]."""
 _WIDE = 1e2
-"""Initial deviation of velocity [rad/s] and of acceleration over 100 [rad/s²]."""
+"""Initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]."""
 _TRIED_ROWS, _TRIED_MOTORS = 2000, 6
 """Rows and motors on which noise and density are chosen."""
 

@@ -20,10 +20,10 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import wilcoxon
 
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order
-from motorprior.identification.fleet_fit import TURNS, encoded, fit_fleet, initial_center, weak_belief, with_motor
+from motorprior.identification.fleet_fit import TURNS, encoded, fit_fleet, weak_belief, with_motor
 from motorprior.identification.motor_fit import MotorFit
 from motorprior.identification.window_runs import WindowRuns
 
@@ -114,7 +114,7 @@ class _Trial:
         """Of every motor the better of a fit from the beginning and, if there is one, of that ``before``, fitted on."""
         terms = in_order(terms)
         found = fit_fleet(self._network, self._runs, terms, True, self._seed, chosen=self._seen, turns=_TURNS)
-        state = self._state(terms, found.raw)
+        state = self._state(terms, found.center, found.offsets)
         return state if before is None else self.fitted_on(before, state)
 
     def fitted_on(self, other: _State, state: _State) -> _State:
@@ -123,20 +123,20 @@ class _Trial:
 
     def _from(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones faint at first, fitted on."""
-        center, faint = initial_center(terms), encoded(FAINT, terms)
+        faint = encoded(FAINT, terms)
         rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
         columns = [
             before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), faint[row])
             for row, name in enumerate(parameters_of(terms))
         ]
+        start = np.stack(columns, axis=1)
+        center = np.median(start, axis=0)
         fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._seen)
-        start = np.stack(columns, axis=1) - center
-        return self._state(terms, center + fit.polish(start, weak_belief(len(center)), _STEPS).z)
+        return self._state(terms, center, fit.polish(start - center, weak_belief(len(center)), _STEPS).z)
 
-    def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
-        center = np.median(raw, axis=0)
-        network = with_motor(self._network, center, terms)
-        losses = MotorFit(network, self._runs).window_losses(raw - center)
+    def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
+        losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
+        raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
         return _State(terms, raw, losses[:, self._seen].mean(axis=1), losses[:, self._unseen].mean(axis=1))
 
 
@@ -152,5 +152,5 @@ def held_out_windows(runs: WindowRuns) -> np.ndarray:
     """(N,) whether a window is judged, not fitted: every second segment, or, of few segments, stretches of windows."""
     groups = runs.groups()
     if groups[-1] < 3:
-        groups = np.arange(len(groups)) * 8 // len(groups)
+        groups = np.arange(len(groups)) * min(8, len(groups)) // len(groups)
     return groups % 2 == 1  # presets have five excitations in turn: over two rounds each is in both halves

@@ -30,6 +30,8 @@ from motorprior.identification.windows import EXTERNAL, INERTIA, POS, SECONDS, T
 
 LANES_PER_TASK = 256
 """Motors that one thread simulates at a time; their state then stays in a core's cache."""
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")
+"""Constants that an encoder on the rotor does not show."""
 _ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL
 """Rows of a grey box's memory."""
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
@@ -147,6 +149,11 @@ class WindowRuns:
         return sum(segment.windows for segment in self._segments)
 
     @property
+    def at_rotor(self) -> bool:
+        """Whether the log's encoders are on the rotors."""
+        return self._measured.at_rotor
+
+    @property
     def fastest(self) -> float:
         """Speed [rad/s] that the joints exceed in one sample of a hundred."""
         return float(np.median([np.quantile(np.abs(segment.rows[:, VEL]), 0.99) for segment in self._segments]))
@@ -184,7 +191,12 @@ class WindowRuns:
         return np.concatenate(found, axis=1)
 
     def errors(self, motors: Actuator) -> np.ndarray:
-        """(M, N, C, W) scaled errors of any motors, one for each of the log; float32."""
+        """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
+
+        Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are.
+        """
+        if isinstance(motors, LatentActuator) and motors.network.motor is not None:
+            return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
         out = np.empty((self.num_motors, self.windows, self.channels, self._preset.window), np.float32)
         done, dt = 0, self._preset.period
         for segment in self._segments:

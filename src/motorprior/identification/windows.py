@@ -58,6 +58,8 @@ _REMEDIES = {
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS = range(7)
+PAUSE = 60.0
+"""Time between two segments after which motors count as cold again [s]."""
 MEANS = (VEL, TORQUE, EXTERNAL)
 """Channels of `TrainingData.series` that are averaged with the row before for a rollout."""
 
@@ -82,7 +84,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.joint_torque,
         log.external_torque,
         log.load_inertia,
-        np.broadcast_to((log.time - log.time[0])[:, None], log.joint_pos.shape),
+        np.broadcast_to(_seconds_of_work(log)[:, None], log.joint_pos.shape),
     )
     series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
     if preset.objective == "rollout":
@@ -94,6 +96,16 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         scales=_scales(log, where),
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
+
+
+def _seconds_of_work(log: MotorLog) -> np.ndarray:
+    """(R,) time since the motors began to work [s]; they begin anew after a PAUSE, or where the clock does."""
+    seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
+    for part in log.segment_slices():
+        first = log.time[part.start]
+        start = start if before <= first <= before + PAUSE else first
+        seconds[part], before = log.time[part] - start, log.time[part.stop - 1]
+    return seconds
 
 
 def _without_noise(log: MotorLog) -> MotorLog:

@@ -58,10 +58,10 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, log: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.log_fidelity import free_run_data, free_run_errors, known_half, log_coverage
+    from motorprior.identification.log_fidelity import free_run_errors, free_runs, known_half, log_coverage
 
     known, judged = known_half(log)
-    data, runs = free_run_data(judged, recipe_of(prior, config.prior), str(config.log))
+    runs = free_runs(judged, recipe_of(prior, config.prior), str(config.log))
     with progress.start(f"adapt to {log.num_joints} motors, tune a PD, free runs", 3) as task:
         found = adapt_to(prior, config.prior, known, str(config.log))
         task.advance()
@@ -76,7 +76,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, log: MotorLog, progress: Pr
         for model, values in errors.items()
         for statistic, of in (("median", np.median), ("mean", np.mean))
     ]
-    covered = log_coverage(prior, found, data, runs)
+    covered = log_coverage(prior, found, runs)
     return Results.of(rows + [Result(f"coverage{level}", "1", share) for level, share in covered.items()])
 
 
