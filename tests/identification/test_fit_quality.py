@@ -58,3 +58,9 @@ def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_networ
     np.testing.assert_allclose(spread, 1.5, rtol=0.02)
     middle, wide_middle = (np.median(each.decoder_latents(draws), axis=0) for each in (network, wide))
     np.testing.assert_allclose(wide_middle, middle, atol=0.1)
+
+
+def test_a_motor_that_breaks_down_explains_nothing():
+    errors = np.array([float("nan"), float("inf"), 0.001])
+    found = FitQuality(errors, np.full(3, 0.02), {}, np.array([0.001]), ("hip", "knee", "toe"))
+    assert found.misses_physics and found.widening == 2.0

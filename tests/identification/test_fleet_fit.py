@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification import fleet_fit
 from motorprior.identification.fleet_fit import (
@@ -17,11 +17,11 @@ from motorprior.identification.fleet_fit import (
     initial_center,
     with_motor,
 )
-from motorprior.identification.motor_fit import NARROW, WIDE, Belief, MotorFit
+from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, _sums
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData
+from motorprior.identification.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
+from motorprior.identification.windows import Measured, TrainingData
 
 Data = Callable[..., TrainingData]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
@@ -65,6 +65,46 @@ def test_the_constants_of_four_motors_are_found(found: FleetFit):
     network = found.network(bare())
     assert network.motor is not None
     np.testing.assert_array_equal(network.motor.center, found.center)
+
+
+def test_losses_are_those_of_the_network_that_is_stored(runs: WindowRuns, found: FleetFit):
+    np.testing.assert_array_equal(MotorFit(found.network(bare()), runs).losses(found.offsets), found.loss)
+
+
+def test_motors_beyond_the_decoders_reach_are_stored_as_they_were_fitted(
+    runs: WindowRuns, monkeypatch: pytest.MonkeyPatch
+):
+    def far(self: MotorFit, start: np.ndarray, *others: object) -> Fit:
+        z = np.array([-4.0, -1.0, 2.0, 6.0])[:, None] * np.ones(start.shape[1])
+        return Fit(z, np.zeros(len(z)), self.losses(z))
+
+    monkeypatch.setattr(MotorFit, "polish", far)
+    stored = fit_fleet(bare(), runs, (), False, 0, turns=())
+    assert np.abs(stored.offsets).max() <= LOG_REACH
+    np.testing.assert_allclose(
+        stored.raw - initial_center((), runs.fastest),
+        np.clip(np.array([-4.0, -1.0, 2.0, 6.0]), -LOG_REACH, LOG_REACH)[:, None] * np.ones(stored.offsets.shape[1]),
+    )
+    np.testing.assert_array_equal(MotorFit(stored.network(bare()), runs).losses(stored.offsets), stored.loss)
+
+
+def test_what_encoders_on_the_rotors_do_not_show_is_left_alone(decoder_data: Data):
+    data = decoder_data(bare(), truth(), segments=5, rows=300)
+    seen = WindowRuns(replace(data, measured=Measured(False, at_rotor=True)), PRESET)
+    stored = fit_fleet(bare(), seen, (), False, 0, turns=((WIDE, 2),))
+    hidden = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
+    np.testing.assert_array_equal(stored.offsets[:, hidden], 0.0)
+    assert np.ptp(stored.offsets[:, PARAMETERS.index("kp")]) > 0.01
+
+
+def test_sums_are_those_of_a_matrix_product():
+    rng = np.random.default_rng(0)
+    slopes, pulls, weights = (rng.standard_normal(shape).astype(np.float32) for shape in ((5, 4000), 4000, 4000))
+    gradient, matrix = _sums(slopes, pulls, weights)
+    exact = slopes.astype(np.float64)
+    np.testing.assert_allclose(gradient, exact @ pulls, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(matrix, (exact * weights) @ exact.T, rtol=1e-3, atol=1e-2)
+    np.testing.assert_array_equal(matrix, matrix.T)
 
 
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +15,13 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
 from motorprior.exceptions import LogError
-from motorprior.identification.log_fidelity import FREE_RUN, free_run_errors, free_runs, known_half
+from motorprior.identification.latent_fit import Posterior
+from motorprior.identification.log_fidelity import FREE_RUN, free_run_errors, free_runs, known_half, log_coverage
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.reference import LEVELS as PERCENTILES
+from motorprior.identification.reference import SPEEDS
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import VEL, TrainingData
+from motorprior.identification.windows import VEL, Measured, TrainingData
 from motorprior.logs.motor_log import MotorLog
 
 Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
@@ -42,6 +47,15 @@ def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
     errors = free_run_errors(runs, models)
     assert np.all(errors["truth"] < 1e-4)
     assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
+
+
+def test_a_grey_box_is_read_where_the_logs_encoders_are(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network()
+    runs = WindowRuns(replace(decoder_data(network, Z), measured=Measured(True, at_rotor=True)), PRESET)
+    found = runs.errors(LatentActuator(network, Z))
+    np.testing.assert_array_equal(found, runs.residuals(network, Z, np.arange(3)))
 
 
 def test_the_armature_of_a_pd_joins_the_load(
@@ -72,6 +86,23 @@ def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):
     runs = free_runs(judged, PRESET, "log")
     parts = judged.segment_slices()
     assert runs.windows == sum((part.stop - part.start - 61) // round(FREE_RUN / 0.002) for part in parts) > 0
+
+
+def test_bands_hold_what_they_promise(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    """Of motors drawn from the posterior, with a residual so small that the draws alone make the bands."""
+    network, rng = grey_network(spread=0.3), np.random.default_rng(4)
+    covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
+    true = 0.5 * rng.standard_normal((24, 3))
+    runs = WindowRuns(decoder_data(network, true, segments=3), PRESET)
+    speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in PERCENTILES for speed in SPEEDS}
+    prior: Any = SimpleNamespace(network=network, metrics=speeds)
+    central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
+    found = log_coverage(prior, central, runs)
+    assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
+    sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), runs)
+    assert sure[90] < 0.3
 
 
 def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):

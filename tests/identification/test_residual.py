@@ -9,6 +9,8 @@ import pytest
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import gain, without_residual
+from motorprior.identification.term_selection import held_out_windows
+from motorprior.identification.train import starts_of_seen
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
 
@@ -61,3 +63,23 @@ def test_a_network_of_no_neurons_is_the_physics_alone(machines):
     np.testing.assert_array_equal(one, other)
     assert bare.num_neurons == 0 and bare.num_latents == 3
     np.testing.assert_array_equal(bare.torque(np.ones((2, 6)), Z), 0.0)
+
+
+@pytest.mark.parametrize("lengths", [[500, 500], [700], [1000], [1000] * 3, [400] * 10, [300, 900, 50, 600]])
+def test_no_judged_row_is_trained_on(grey_network: Networks, decoder_data: Data, lengths: list[int]):
+    ends = np.cumsum(lengths)
+    parts = tuple(slice(end - length, end) for end, length in zip(ends, lengths, strict=True))
+    data = decoder_data(grey_network(), Z, segments=1, rows=int(ends[-1]))
+    runs = WindowRuns(replace(data, parts=parts), PRESET)
+    judged, grid = held_out_windows(runs), []
+    for part in parts:
+        count = max(0, (part.stop - part.start - 1 - PRESET.history) // PRESET.window)
+        grid += [part.start + PRESET.history + window * PRESET.window for window in range(count)]
+    starts = starts_of_seen(parts, PRESET, judged)
+    trained = (starts[:, None] + PRESET.history + np.arange(PRESET.window)).ravel()
+    rows = np.array(grid)[:, None] + np.arange(PRESET.window)
+    assert not np.isin(rows[judged], trained).any() and np.isin(rows[~judged], trained).all()
+    assert all(
+        any(part.start <= start and start + PRESET.history + PRESET.window < part.stop for part in parts)
+        for start in starts
+    )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, TERMS
+from motorprior.actuator.servo_terms import INITIAL, TERMS, in_order
 from motorprior.identification import term_selection
 from motorprior.identification.fleet_fit import encoded, initial_center, with_motor
 from motorprior.identification.presets import PRESETS
@@ -24,7 +24,7 @@ MOTORS = 6
 
 def logs(decoder_data: Data, terms: tuple[str, ...], segments: int = 10, rows: int = 300) -> WindowRuns:
     """Of motors that have these terms, felt well."""
-    felt = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0}
+    felt = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0, "output_damping": 0.03}
     center = initial_center(()).tolist() + encoded(felt, terms)[len(initial_center(())) :].tolist()
     network = bare(np.array(center), terms)
     z, rng = 0.15 * np.random.default_rng(3).standard_normal((MOTORS, len(center))), np.random.default_rng(5)
@@ -59,7 +59,16 @@ def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("terms", [("profile",), (), ("output_encoder", "output_damping")], ids=len)
+def test_terms_that_need_each_other_are_found(decoder_data: Data):
+    """At most one more is: a test at 5 % of ten terms lets one through at times."""
+    pair = {"output_encoder", "output_damping"}
+    found = select_terms(bare(initial_center(()), ()), logs(decoder_data, in_order(pair)), 0)
+    assert pair <= set(found.terms) and len(found.terms) <= 3, found.saved
+    assert all(found.saved[name] > PRICE for name in pair)
+
+
+@pytest.mark.slow
+@CASES
 def test_the_terms_that_motors_have_are_found_and_no_others(decoder_data: Data, terms: tuple[str, ...]):
     assert_found(decoder_data, terms, len(ORDER))
 

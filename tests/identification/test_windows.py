@@ -8,7 +8,17 @@ import pytest
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.presets import PRESETS, identification_preset
-from motorprior.identification.windows import INERTIA, MEANS, POS, SECONDS, TARGET, VEL, draw, training_data
+from motorprior.identification.windows import (
+    INERTIA,
+    MEANS,
+    PAUSE,
+    POS,
+    SECONDS,
+    TARGET,
+    VEL,
+    draw,
+    training_data,
+)
 from motorprior.logs.motor_log import MotorLog
 
 PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)  # 10 rows per window
@@ -160,3 +170,15 @@ def test_segments_shorter_than_a_window_are_refused_with_its_length():
 def test_an_unknown_preset_is_refused_with_the_known_ones():
     with pytest.raises(ConfigError, match=r"rollout.*one_network"):
         identification_preset("papper")
+
+
+def test_work_begins_anew_after_a_pause_and_where_the_clock_does():
+    log = a_log()
+    parts = log.segment_slices()
+    time = log.time.copy()
+    time[parts[1]] += PAUSE - 1.0  # a short pause: still warm
+    time[parts[2]] += 3 * PAUSE
+    time[parts[3]] -= 100.0
+    seconds = training_data(replace(log, time=time), PRESET, "log").series[0, :, SECONDS]
+    for part, start in zip(parts, (0.0, LENGTHS[0] * 0.002 + PAUSE - 1.0, 0.0, 0.0), strict=True):
+        np.testing.assert_allclose(seconds[part], start + 0.002 * np.arange(part.stop - part.start), atol=1e-4)
