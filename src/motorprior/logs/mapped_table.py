@@ -156,9 +156,13 @@ def _numbers(batch: Any, name: str, before: int, path: Path) -> np.ndarray:
 
 
 def _element(column: Any, name: str, path: Path) -> Any:
+    import pyarrow as pa
     import pyarrow.compute as pc
 
     index = int(_ELEMENT.fullmatch(name)[2])  # pyright: ignore[reportOptionalSubscript]
     if "list" not in str(column.type):
         raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=_REMEDY)
-    return pc.list_element(column, index)  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        return pc.list_element(column, index)  # pyright: ignore[reportAttributeAccessIssue]
+    except pa.ArrowException as error:
+        raise LogError(f"{name}: a list has no such element ({error})", where=path, remedy=_REMEDY) from error
