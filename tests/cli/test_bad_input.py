@@ -203,7 +203,8 @@ def test_a_log_of_the_other_bench_is_refused(refused: Command, tmp_path: Path):
 def test_a_log_shorter_than_a_window_is_refused(refused: Command, tmp_path: Path):
     run_bench(Bench(tmp_path / "bench", motors=2, steps=50))
     recipe = identification_preset("rollout")
-    words = ("log.parquet", "has 50 rows", f"a window {recipe.history + recipe.window}", "record longer")
+    rows = recipe.history + recipe.window + 1  # and the row that its last step leads to
+    words = ("log.parquet", "has 50 rows", f"a window {rows}", "record longer")
     refused("identify", tmp_path / "bench", "--out", tmp_path / "out", words=words)
 
 

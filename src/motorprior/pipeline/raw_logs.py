@@ -23,8 +23,8 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Recordings of `motorprior record` or `deploy` (.csv), raw logs of the Pupper (.csv, .csv.gz, original .txt
-    pickles), or, with ``columns``, any table (.csv, .csv.gz, .parquet)."""
+    """Recordings of `motorprior record` or `deploy` (.csv), raw logs of jietan/puppersim (.csv, .csv.gz,
+    original .txt pickles), or, with ``columns``, any table (.csv, .csv.gz, .parquet)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
