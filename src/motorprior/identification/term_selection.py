@@ -2,14 +2,12 @@
 
 Some motors are fitted on every second segment of their logs and judged on the others. All terms are fitted at once
 first, since some are worth nothing without another: an encoder on the output needs the joint's own damping, or the
-joint rattles in its play. Then each is left out in turn, with a fit of its own from the beginning, as a term changes
-where the other constants belong. It stays if it is worth its price,
+joint rattles in its play. Then each is left out in turn, the rarest first, with a fit of its own from the beginning, as
+a term changes where the other constants belong. It stays if it is worth its price,
 
-    g = mean over held-out windows of log((loss with it + FLOOR) / (loss without + FLOOR)), of each motor
-    median over motors of g < log(1 - PRICE),   Wilcoxon's signed-rank test at 5 %
+    median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 5 %
 
-(logarithms, since a few windows with impacts hold three quarters of the loss; ranks, since one motor that a fit left in
-a wrong place would otherwise decide). In the end all that stayed are
+(ranks, since one motor that a fit left in a wrong place would otherwise decide). In the end all that stayed are
 compared with no term at all in the same way.
 """
 
@@ -31,15 +29,13 @@ from motorprior.identification.window_runs import WindowRuns
 
 PRICE = 0.04
 """Share of the held-out loss that a term must save."""
-FLOOR = 1e-3
-"""Loss that does not count: that of 0.5 mrad."""
 MOTORS = 8
 """Most motors that are fitted."""
 ORDER = (
-    "profile", "output_encoder", "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "torque_speed",
-    "output_damping",
+    "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
+    "torque_speed", "profile",
 )  # fmt: skip
-"""In which terms are left out: those first that, where motors lack them, make the fits of all others worse."""
+"""In which terms are left out."""
 _LEVEL, _RANKS_TELL = 0.05, 5
 """Of the signed-rank test of a term's gain, and the least number of motors at which it can be reached."""
 _TURNS = (*TURNS[:3], *TURNS[-2:])
@@ -59,13 +55,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class _State:
-    """Fits of m motors with these terms.
-
-    Attributes:
-        raw: (m, P) decoder outputs.
-        fitted: (m,) losses that they were fitted by.
-        held_out: (m, N) logarithms of the losses of the held-out windows, above FLOOR.
-    """
+    """Fits (m, P) of motors with these terms, as decoder outputs; their losses (m,), fitted and held out."""
 
     terms: tuple[str, ...]
     raw: np.ndarray
@@ -103,16 +93,11 @@ def select_terms(
 
 def _saved(before: _State, after: _State) -> float:
     """Share of the held-out loss, median over motors."""
-    return 1.0 - float(np.exp(-np.median(_gains(before, after))))
-
-
-def _gains(before: _State, after: _State) -> np.ndarray:
-    """(m,) -g of the module docstring."""
-    return np.mean(before.held_out - after.held_out, axis=1)
+    return 1.0 - float(np.exp(np.median(np.log(after.held_out / before.held_out))))
 
 
 def _worth(before: _State, after: _State) -> bool:
-    gains = _gains(before, after)
+    gains = np.log(before.held_out / after.held_out)
     sure = bool(gains.any()) and float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue) < _LEVEL
     return _saved(before, after) > PRICE and (sure or len(gains) < _RANKS_TELL)
 
@@ -152,15 +137,15 @@ class _Trial:
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
         raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-        return _State(terms, raw, losses[:, self._seen].mean(axis=1), np.log(losses[:, self._unseen] + FLOOR))
+        return _State(terms, raw, losses[:, self._seen].mean(axis=1), losses[:, self._unseen].mean(axis=1))
 
 
 def _better(one: _State, other: _State) -> _State:
     """Of every motor the one that fits better what is fitted."""
     chosen = other.fitted < one.fitted
     raw = np.where(chosen[:, None], other.raw, one.raw)
-    held_out = np.where(chosen[:, None], other.held_out, one.held_out)
-    return _State(one.terms, raw, np.where(chosen, other.fitted, one.fitted), held_out)
+    fitted, held_out = (np.where(chosen, getattr(other, name), getattr(one, name)) for name in ("fitted", "held_out"))
+    return _State(one.terms, raw, fitted, held_out)
 
 
 def held_out_windows(runs: WindowRuns) -> np.ndarray:
