@@ -2,7 +2,8 @@
 
 A log takes the place of physical motors where none are known. Its first half tells of its motors (`known_half`), the
 second half is judged. Each free run begins with the recorded joint and with the hidden state of a simulation that
-followed the recording until then (`window_runs`). Errors are recorded minus simulated angles, no mean removed.
+followed the recording until then (`window_runs`). Errors are simulated minus recorded angles, the latter smoothed where
+readings are noisy (`smoothing`); no mean is removed.
 """
 
 from __future__ import annotations

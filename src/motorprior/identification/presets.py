@@ -30,7 +30,7 @@ class Preset:
         batch: windows per Adam step.
         steps: Adam steps.
         learning_rate: peak of a cosine schedule with warm-up.
-        own_latents: each latent scales one of the 14 constants; otherwise every latent acts on every constant.
+        own_latents: each latent scales one of the constants; otherwise every latent acts on every constant.
         physics_first: fit the constants by compiled free runs before anything else: ``together``, where motors help
             each other, or ``alone``; the network then learns what they leave, if that is worth it. "" if everything
             is trained at once.

@@ -137,7 +137,7 @@ def _physics_first(
         notes.append("residual network: left out, the log is too short to judge it")
     if preset.num_neurons:
         stored = None if checkpoints is None else _Beside(checkpoints, _as_arrays(found, saved))
-        candidate = _residual(network, found.offsets, data, preset, runs, seed, report, stored)
+        candidate = _residual(network, found.offsets, data, preset, judged, seed, report, stored)
         less, closer = gain(network, candidate, runs, found.offsets, judged)
         metrics["saved_residual"] = less
         if less > LEAST_GAIN and closer >= 0.0:
@@ -185,13 +185,13 @@ def _residual(
     offsets: np.ndarray,
     data: TrainingData,
     preset: Preset,
-    runs: WindowRuns,
+    judged: np.ndarray,
     seed: int,
     report: Report,
     checkpoints: Checkpoints | None,
 ) -> LatentNetwork:
-    """The network with a residual that was trained on the windows that are not judged."""
-    seen = starts_of_seen(data.parts, preset, held_out_windows(runs))
+    """The network with a residual that was trained on the windows that are not ``judged`` (N,)."""
+    seen = starts_of_seen(data.parts, preset, judged)
     rng = np.random.default_rng([seed, 0])
     start = initial_parameters(rng, preset) | {"w3": jnp.zeros(preset.num_neurons)}
     start |= {"v1": jnp.zeros((preset.num_latents, preset.num_neurons))}

@@ -68,7 +68,7 @@ def fit_prior(
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
         seed: of weights, windows and noise; same logs, preset and seed, same bytes.
         steps: Adam steps; the preset's own number if not given.
-        out: folder for prior.safetensors and, meanwhile, a checkpoint: the same call goes on where it was interrupted,
+        out: folder for prior.safetensors and, meanwhile, a checkpoint: the same call goes on from its last checkpoint,
             and only loads what is finished. Nothing is written without it.
         progress: where to report to, for example ``Lines(sys.stderr)``.
 
