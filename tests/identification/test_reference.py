@@ -8,7 +8,9 @@ import pytest
 from motorprior.actuator.prior_bounds import LARGEST_LOSS
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.latent_fit import adapt, window_losses
+from motorprior.identification.fleet_fit import TURNS, fit_fleet
+from motorprior.identification.latent_fit import adapt
+from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.reference import (
     LEVELS,
@@ -21,15 +23,12 @@ from motorprior.identification.reference import (
     num_blocks,
     reference_metrics,
 )
-from motorprior.identification.train import identify
+from motorprior.identification.residual import without_residual
+from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import training_data
 
 FLEET, NEW = load_fleet("mixed"), 32
-RECIPE = replace(
-    identification_preset("rollout"), own_latents=False, num_latents=4, num_neurons=4, taps=(0, 1), warm_up=20,
-    window=32, batch=96,
-    steps=300, learning_rate=3e-2, noisy=False,
-)  # fmt: skip
+RECIPE = replace(identification_preset("rollout"), num_neurons=0)
 
 
 METRICS = {
@@ -40,20 +39,21 @@ METRICS = {
 
 @pytest.fixture(scope="module")
 def chances():
-    """{seconds: (NEW,) chances of motors nobody trained on}, at the posteriors after so long a log, or after 5 s."""
+    """{seconds: (NEW,) chances of motors nobody trained on}, adapted to so long a log."""
     rng = np.random.default_rng(5)
     log = record(FLEET.sample(24, rng), PRESETS["rollout"], 5000, 0, FLEET)
     data = training_data(log, RECIPE, "log")
-    prior = identify(data, RECIPE, 0)
-    metrics = reference_metrics(prior.network, data, RECIPE, prior.mean, log)
-    new, found, z = FLEET.sample(NEW, rng), {}, np.zeros((NEW, 0))
+    bare = without_residual(data.scales, RECIPE.taps, RECIPE.period, RECIPE.num_latents)
+    fit = fit_fleet(bare, WindowRuns(data, RECIPE), (), True, 0, turns=(*TURNS[:2], *TURNS[-4:]))
+    recipe = replace(RECIPE, num_latents=len(fit.center))
+    network, mean, _ = standard_posterior(fit.network(bare), data, recipe, fit.offsets)
+    metrics = reference_metrics(network, data, recipe, mean, log)
+    new, found = FLEET.sample(NEW, rng), {}
     for seconds in (2, 5, 10, 30):
-        log = record(new, PRESETS["adapt"], round(seconds / RECIPE.period), 70 + seconds, FLEET)
-        data = training_data(log, RECIPE, "log")
-        if seconds <= 5:
-            z = adapt(prior.network, data, RECIPE, metrics["loss_mean"], steps=40).mean
-        losses = window_losses(prior.network, data, RECIPE, z)
-        found[seconds] = loss_p_value(metrics, losses.mean(axis=1), num_blocks(losses.shape[1], RECIPE))
+        log = record(new, PRESETS["adapt"], round(seconds / recipe.period), 70 + seconds, FLEET)
+        data = training_data(log, recipe, "log")
+        posterior = adapt(network, data, recipe, metrics["loss_mean"])
+        found[seconds] = loss_p_value(metrics, posterior.loss, num_blocks(posterior.windows, recipe))
     return found
 
 
