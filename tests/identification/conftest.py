@@ -1,6 +1,7 @@
 """Logs of motors that a decoder made: what they are is known, and a fit can reach it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,18 +22,28 @@ def decoder_data() -> Callable[..., TrainingData]:
     Their velocities and torques are those of half a step before already, as a rollout wants them.
     """
 
-    def make(network: LatentNetwork, z: np.ndarray, segments: int = 6, rows: int = 400, seed: int = 9) -> TrainingData:
+    def make(
+        network: LatentNetwork,
+        z: np.ndarray,
+        segments: int = 6,
+        rows: int = 400,
+        seed: int = 9,
+        gains: np.ndarray | None = None,
+        load: float = 1.0,
+    ) -> TrainingData:
         parts, count = [], len(z)
         for segment in range(segments):
             kind = BENCH.kinds[segment % len(BENCH.kinds)]
             case = trial(np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False)
+            case = replace(case, load_inertia=load * case.load_inertia)
             seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
             warmth = network.warmth(z, float(seconds[:, 0].mean()))
-            found: Any = run(LatentActuator(network, z, warmth), case)
-            load = np.broadcast_to(case.load_inertia, (rows, count))
+            found: Any = run(LatentActuator(network, z, warmth, gains), case)
+            inertia = np.broadcast_to(case.load_inertia, (rows, count))
+            told = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
-                case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque, load,
-                seconds,
+                case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
+                inertia, seconds, *told,
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
@@ -42,6 +53,7 @@ def decoder_data() -> Callable[..., TrainingData]:
             parts=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
             scales={name: float(getattr(network, name)) for name in names},
             measured=Measured(True),
+            gain_unit=network.gain_unit,
         )
 
     return make

@@ -42,7 +42,7 @@ def truth(terms: tuple[str, ...] = ()) -> np.ndarray:
 def bare(terms: tuple[str, ...] = ()) -> LatentNetwork:
     """The initial motor's decoder, one latent per constant."""
     center = initial_center(terms)
-    return with_motor(without_residual(SCALES, (0,), 0.002, len(center)), center, terms)
+    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, terms)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_motors_beyond_the_decoders_reach_are_stored_as_they_were_fitted(
     stored = fit_fleet(bare(), runs, (), False, 0, turns=())
     assert np.abs(stored.offsets).max() <= LOG_REACH
     np.testing.assert_allclose(
-        stored.raw - initial_center((), runs.fastest),
+        stored.raw - initial_center((), runs),
         np.clip(np.array([-4.0, -1.0, 2.0, 6.0]), -LOG_REACH, LOG_REACH)[:, None] * np.ones(stored.offsets.shape[1]),
     )
     np.testing.assert_array_equal(MotorFit(stored.network(bare()), runs).losses(stored.offsets), stored.loss)

@@ -43,7 +43,7 @@ def chances():
     rng = np.random.default_rng(5)
     log = record(FLEET.sample(24, rng), PRESETS["rollout"], 5000, 0, FLEET)
     data = training_data(log, RECIPE, "log")
-    bare = without_residual(data.scales, RECIPE.taps, RECIPE.period, RECIPE.num_latents)
+    bare = without_residual(data.scales, RECIPE)
     fit = fit_fleet(bare, WindowRuns(data, RECIPE), (), True, 0, turns=(*TURNS[:2], *TURNS[-4:]))
     recipe = replace(RECIPE, num_latents=len(fit.center))
     network, mean, _ = standard_posterior(fit.network(bare), data, recipe, fit.offsets)

@@ -24,7 +24,7 @@ Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8]])
 def machines(grey_network: Networks, decoder_data: Data) -> tuple[LatentNetwork, LatentNetwork, WindowRuns]:
     """Physics alone, the same with the network that made the log, and the log."""
     whole = grey_network(network=0.4, terms=("output_damping",))
-    bare = without_residual({n: getattr(whole, n) for n in SCALES}, whole.taps, whole.period, whole.num_latents)
+    bare = without_residual({n: getattr(whole, n) for n in SCALES}, PRESET)
     return replace(bare, motor=whole.motor), whole, WindowRuns(decoder_data(whole, Z), PRESET)
 
 

@@ -37,7 +37,7 @@ def logs(decoder_data: Data, terms: tuple[str, ...], segments: int = 10, rows: i
 
 
 def bare(center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
-    return with_motor(without_residual(SCALES, (0,), 0.002, len(center)), center, terms)
+    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, terms)
 
 
 CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "none"])

@@ -187,6 +187,16 @@ def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), warmth: Any = 0.0)
     return values
 
 
+def with_stated_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
+    """Constants by name of motors that were told the gains ``kp`` and ``kd``, of which the decoded ones are multiples.
+
+        kp = decoded kp·stated kp,   kd = decoded kp·decoded kd_over_kp·stated kd
+
+    If the stated gains are those of the motor, the decoded kp and kd_over_kp [-] are 1.
+    """
+    return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
+
+
 def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[str, ...] = ()) -> StepConstants:
     """Constants for steps of ``h`` [s] from constants by name; ``xp`` as in `decode`.
 

@@ -24,6 +24,7 @@ from motorprior.actuator.actuator import ActuatorArrays, require_step
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
+from motorprior.actuator.geared_motor_step import with_stated_gains
 from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.lanes import LANES
@@ -91,6 +92,8 @@ class LatentNetwork:
     """the physical half of a grey box"""
     copula: Copula | None = None
     """from z ~ N(0, I) to the latents that all the above is a function of; None: z itself"""
+    gain_unit: str = ""
+    """of the stated gains (`MotorLog`) that the motor's kp and kd_over_kp are multiples of; "" if they are its own"""
 
     @property
     def num_latents(self) -> int:
@@ -107,7 +110,10 @@ class LatentNetwork:
         return z if self.copula is None else self.copula.decoder_latents(z)
 
     def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name, of a grey box; of one that warms, those of a cold motor."""
+        """(n,) physical constants by name, of a grey box; of one that warms, those of a cold motor.
+
+        Where gains are stated, kp and kd_over_kp are multiples of these (`with_stated_gains`).
+        """
         assert self.motor is not None
         return self.motor.decode(self.decoder_latents(z))
 
@@ -141,11 +147,15 @@ class LatentNetwork:
 
 @dataclass(frozen=True)
 class LatentActuator:
-    """n learned motors: one network, one z (n, Z) each, and how warm they are (`servo_terms`)."""
+    """n learned motors: one network, one z (n, Z) each, how warm they are (`servo_terms`), and the gains they are told.
+
+    ``gains`` (2, n) are stated kp and kd in the network's ``gain_unit``, None where that is "".
+    """
 
     network: LatentNetwork
     z: np.ndarray
     warmth: np.ndarray | float = 0.5
+    gains: np.ndarray | None = None
 
     @property
     def kind(self) -> ActuatorKind:
@@ -171,10 +181,15 @@ class LatentActuator:
         """See `Actuator.arrays`.
 
         Raises:
-            ConfigError: ``physics_dt`` does not divide the network's period.
+            ConfigError: ``physics_dt`` does not divide the network's period, or gains are wanted and not given.
         """
         require_step(physics_dt)
         net = self.network
+        if net.gain_unit and self.gains is None:
+            raise ConfigError(
+                f"these motors were learned with stated gains [{net.gain_unit}]", remedy="say which gains they have",
+                argument="gains",
+            )  # fmt: skip
         renewal = round(net.period / physics_dt)
         if renewal < 1 or abs(renewal * physics_dt - net.period) > 1e-9:
             raise ConfigError(
@@ -190,6 +205,8 @@ class LatentActuator:
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
             values = net.motor.decode(latents[: self.num_motors], self.warmth)
+            if self.gains is not None:
+                values = with_stated_gains(values, *self.gains)
             parameters = np.concatenate([parameters, motor_table(values, physics_dt, net.motor.terms)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(

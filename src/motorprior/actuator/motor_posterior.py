@@ -19,7 +19,7 @@ LARGEST = 1e3
 _REMEDY = "write it with `motorprior adapt`"
 _HEADER = Header(
     "motor posterior",
-    1,
+    2,
     {
         "joint_names": many(TEXT, least=1),
         "prior_sha256": TEXT,
@@ -45,6 +45,7 @@ class MotorPosterior:
         joint_names: M names, those of the log.
         seconds: how much log was used.
         surprise: (M,) probability that a motor of the prior's fleet seems as odd (`motorprior adapt`).
+        gains: (2, M) stated kp and kd in the log, None if the prior knows of none.
     """
 
     prior: MotorPrior
@@ -53,6 +54,7 @@ class MotorPosterior:
     joint_names: tuple[str, ...]
     seconds: float
     surprise: tuple[float, ...]
+    gains: np.ndarray | None = None
 
     def sample(self, count: int, seed: int | np.random.Generator) -> LatentActuator:
         """Draw ``count`` motors: of each joint its own, or, of a single motor, ``count`` times that one.
@@ -72,7 +74,8 @@ class MotorPosterior:
             )
         factors = np.linalg.cholesky(self.covariance)
         noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
-        return LatentActuator(self.prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise))
+        gains = None if self.gains is None else np.broadcast_to(self.gains, (2, count))
+        return LatentActuator(self.prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise), gains=gains)
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it names the prior by digest and does not contain it.
@@ -84,7 +87,8 @@ class MotorPosterior:
             joint_names=list(self.joint_names), prior_sha256=self.prior.sha256(), seconds=self.seconds,
             surprise=list(self.surprise),
         )  # fmt: skip
-        write_tensors(Path(path), {"mean": self.mean, "covariance": self.covariance}, header)
+        tensors = {"mean": self.mean, "covariance": self.covariance}
+        write_tensors(Path(path), tensors | ({} if self.gains is None else {"gains": self.gains}), header)
 
     @classmethod
     def load(cls, path: str | Path, prior: MotorPrior) -> MotorPosterior:
@@ -100,7 +104,8 @@ class MotorPosterior:
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        check_tensors(tensors, _TENSORS, path, _REMEDY, {"motors": len(header["joint_names"])})
+        wanted = _TENSORS | ({"gains": Tensor((2, "motors"), 1e6)} if prior.network.gain_unit else {})
+        check_tensors(tensors, wanted, path, _REMEDY, {"motors": len(header["joint_names"])})
         covariance = tensors["covariance"]
         wrong = {
             "joint_names and surprise are not as many": len(header["surprise"]) != len(header["joint_names"]),
@@ -114,7 +119,7 @@ class MotorPosterior:
                 "it is no posterior of this prior", where=path, remedy="adapt that prior to the log again"
             )
         names, surprise = tuple(header["joint_names"]), tuple(header["surprise"])
-        return cls(prior, tensors["mean"], covariance, names, header["seconds"], surprise)
+        return cls(prior, tensors["mean"], covariance, names, header["seconds"], surprise, tensors.get("gains"))
 
 
 def _has_factor(covariance: np.ndarray) -> bool:

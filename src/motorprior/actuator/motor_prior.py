@@ -18,6 +18,7 @@ from motorprior.actuator.servo_terms import TERMS, in_order
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.logs.motor_log import GAIN_UNITS
 from motorprior.schema import TABLE, TEXT, TRUTH, Field, Header, Tensor, check_tensors, exactly, many, number, one_of
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
@@ -38,7 +39,7 @@ def _are_taps(taps: object) -> bool:
 
 _HEADER = Header(
     "motor prior",
-    4,
+    5,
     {
         "units": exactly(UNITS),
         "sign": exactly(SIGN),
@@ -49,6 +50,8 @@ _HEADER = Header(
         "taps": Field(f"integers that ascend from 0 to {_OLDEST_TAP} at most", _are_taps),
         **dict.fromkeys(("has_armature", "grey_box", "standardised"), TRUTH),
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
+        "joint_names": many(TEXT),
+        "gain_unit": one_of("", *GAIN_UNITS),
         **dict.fromkeys(("provenance", "metrics"), TABLE),
     },
     _REMEDY,
@@ -71,6 +74,7 @@ _MOTORS = {
     "mean": Tensor(("motors", "latents"), _LARGEST),
     "log_var": Tensor(("motors", "latents"), _LARGEST_LOGARITHM),
 }
+_GAINS = {"gains": Tensor((2, "motors"), 1e6)}
 _GREY_BOX = {
     "motor_center": Tensor(("constants",), _LARGEST_LOGARITHM),
     "motor_slope": Tensor(("latents", "constants"), LARGEST_SLOPE),
@@ -95,6 +99,8 @@ class MotorPrior:
         provenance: where the logs come from: the bench's fleet with the distributions of its gains and constants, or
             the log's source; recipe and seed.
         metrics: figures of the training.
+        joint_names: of the training motors, if they drove the joints of a robot.
+        gains: (2, M) stated kp and kd of the training motors, None if the network's ``gain_unit`` is "".
     """
 
     network: LatentNetwork
@@ -105,23 +111,41 @@ class MotorPrior:
     motor: str
     provenance: dict[str, Any]
     metrics: dict[str, float]
+    joint_names: tuple[str, ...] = ()
+    gains: np.ndarray | None = None
 
-    def sample(self, count: int, seed: int | np.random.Generator) -> LatentActuator:
+    def sample(self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None) -> LatentActuator:
         """Draw ``count`` new motors, z ~ N(0, I).
 
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
+            gains: (2, count) stated kp and kd; the training motors' medians if not given. Ignored where none count.
 
         Raises:
             ConfigError: ``count`` is no positive whole number, or ``seed`` no seed.
         """
         require_count("count", count)
-        return LatentActuator(self.network, generator_of(seed).standard_normal((count, self.network.num_latents)))
+        z = generator_of(seed).standard_normal((count, self.network.num_latents))
+        return LatentActuator(self.network, z, gains=self._told(count, gains))
+
+    def _told(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:
+        """(2, count) gains, or None where none count."""
+        if self.gains is None:
+            return None
+        return np.tile(np.median(self.gains, axis=1)[:, None], count) if gains is None else gains
 
     def training_motors(self, index: np.ndarray) -> LatentActuator:
         """The training motors at ``index``, at their posterior means."""
-        return LatentActuator(self.network, self.mean[index])
+        return LatentActuator(
+            self.network, self.mean[index], gains=None if self.gains is None else self.gains[:, index]
+        )
+
+    def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
+        """(J, Z) latents expected at these joints: the training motor's of the same name, 0 where there is none."""
+        rows = {name: mean for name, mean in zip(self.joint_names, self.mean, strict=False)}
+        nothing = np.zeros(self.network.num_latents)
+        return np.stack([rows.get(name, nothing) for name in joint_names])
 
     def require(self, robot: str, physics_dt: float) -> None:
         """Refuse a use the prior was not made for.
@@ -133,7 +157,7 @@ class MotorPrior:
             raise ConfigError(
                 f"the prior is of robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
             )
-        LatentActuator(self.network, self.mean[:1]).arrays(physics_dt)
+        self.training_motors(np.array([0])).arrays(physics_dt)
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically.
@@ -161,7 +185,10 @@ class MotorPrior:
             taps=list(net.taps), period=net.period, has_armature=net.has_armature, grey_box=net.motor is not None,
             standardised=net.copula is not None, **{name: getattr(net, name) for name in _SCALES},
             preset=self.preset, robot=self.robot, motor=self.motor, provenance=self.provenance, metrics=self.metrics,
+            joint_names=list(self.joint_names), gain_unit=net.gain_unit,
         )  # fmt: skip
+        if self.gains is not None:
+            tensors["gains"] = self.gains
         return {**tensors, "mean": self.mean, "log_var": self.log_var}, header
 
     @classmethod
@@ -182,10 +209,11 @@ class MotorPrior:
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
         network = LatentNetwork(
             **arrays, **numbers, taps=tuple(header["taps"]), has_armature=header["has_armature"], motor=motor,
-            copula=copula,
+            copula=copula, gain_unit=header["gain_unit"],
         )  # fmt: skip
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
-        return cls(network, tensors["mean"], tensors["log_var"], **texts)
+        names, gains = tuple(header["joint_names"]), tensors.get("gains")
+        return cls(network, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
 
 
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
@@ -193,6 +221,7 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     check_metrics(header["metrics"], path)
     wanted = _MOTORS | _WEIGHTS
     wanted |= (_GREY_BOX if header["grey_box"] else {}) | (_COPULA if header["standardised"] else {})
+    wanted |= _GAINS if header["gain_unit"] else {}
     names = parameters_of(tuple(header["motor_terms"]))
     known = {"inputs": 2 * len(header["taps"]), "constants": len(names)}
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
@@ -204,6 +233,11 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
         "standardised is true, but it has no latents": header["standardised"] and sizes["latents"] == 0,
         "quantiles that do not rise, or a singular mixing": header["standardised"] and not _is_copula(tensors),
         "it has 0 training motors": sizes["motors"] == 0,
+        "joint_names are not as many as its motors": header["joint_names"]
+        and len(header["joint_names"]) != sizes["motors"],
+        "gains are not positive": header["gain_unit"]
+        and (tensors["gains"][0].min(initial=1.0) <= 0.0 or tensors["gains"][1].min(initial=0.0) < 0.0),
+        "gain_unit without a motor": header["gain_unit"] and not header["grey_box"],
         "motor_terms are not in their order, or motor_parameters are not theirs": header["motor_terms"]
         != list(in_order(header["motor_terms"]))
         or header["motor_parameters"] != list(names),

@@ -21,13 +21,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LONGEST_DELAY, MotorState
+from motorprior.actuator.geared_motor_step import LONGEST_DELAY, MotorState, with_stated_gains
 from motorprior.actuator.latent import scaled_torque
 from motorprior.bench.loaded_joint import next_velocity
 from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed
 from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import EXTERNAL, INERTIA, POS, SECONDS, TARGET, TORQUE, VEL
+from motorprior.identification.windows import EXTERNAL, INERTIA, KD, KP, POS, SECONDS, TARGET, TORQUE, VEL
 
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
@@ -89,6 +89,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]
         motor = decode(parameters, own, bounded, terms, free[0, :, SECONDS]) if preset.grey_box else {}
+        if preset.gain_unit:
+            motor = with_stated_gains(motor, free[0, :, KP], free[0, :, KD])
         bias = motor_bias(parameters, own)
         inertia = free[0, :, INERTIA]
         if preset.has_armature:

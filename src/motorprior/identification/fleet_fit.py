@@ -22,6 +22,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, SIGNED
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
 from motorprior.identification.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
+from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 INITIAL_MOTOR = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
@@ -29,6 +30,16 @@ INITIAL_MOTOR = {
     "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
 }  # fmt: skip
 """Constants at which a fit begins, in SI units: a small geared servo."""
+_TORQUES = (
+    "torque_limit",
+    "armature",
+    "coulomb",
+    "stribeck_torque",
+    "viscous_damping",
+    "gear_stiffness",
+    "gear_damping",
+)
+"""Constants that scale with the size of a motor."""
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
 RESTARTS, RESTART_DRAWS = 3, 96
 TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)
@@ -62,10 +73,25 @@ class FleetFit:
         return with_motor(like, self.center, self.terms)
 
 
-def initial_center(terms: tuple[str, ...], fastest: float | None = None) -> np.ndarray:
-    """(P,) decoder outputs of the initial motor; its limits of speed are near ``fastest`` [rad/s], if that is given."""
-    limits = {} if not fastest else {"profile_speed": fastest, "no_load_speed": 1.3 * fastest}
-    return encoded(INITIAL_MOTOR | limits, terms)
+def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
+    """(P,) decoder outputs of the initial motor; its limits of speed and stated gains are those of the logs, if given.
+
+    Where gains are stated in N·m/rad, every torque of the initial motor is that of a motor with such gains.
+    """
+    motor = INITIAL_MOTOR
+    if runs is not None and runs.fastest:
+        motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
+    if runs is None or not runs.gain_unit:
+        return encoded(motor, terms)
+    kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0]))
+    if runs.gain_unit == PHYSICAL_GAINS:
+        factor = kp / INITIAL_MOTOR["kp"]
+        motor = motor | {name: factor * motor[name] for name in _TORQUES}
+        needed = float(np.median(runs.gains[0] * runs.largest_error))
+        motor = motor | {"kp": 1.0, "kd_over_kp": 1.0, "torque_limit": max(motor["torque_limit"], 2.0 * needed)}
+    else:
+        motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
+    return encoded(motor, terms)
 
 
 def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
@@ -110,8 +136,8 @@ def fit_fleet(
         report: called 1 + RESTARTS + len(turns) times.
     """
     rng = np.random.default_rng([seed, _STREAM])
-    center = initial_center(terms, runs.fastest) if start is None else np.median(start, axis=0)
-    fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _unseen(terms, runs)
+    center = initial_center(terms, runs) if start is None else np.median(start, axis=0)
+    fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _held(terms, runs)
     belief = weak_belief(len(center)).holding(held)
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
@@ -138,9 +164,11 @@ def fit_fleet(
     return FleetFit(center + middle, z - middle, fit.losses(z), terms)
 
 
-def _unseen(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(P,) constants that the log's encoders do not show (`window_runs`)."""
-    return np.array([runs.at_rotor and name in HIDDEN_FROM_ROTOR for name in parameters_of(terms)])
+def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(P,) constants that are not fitted: stated ones, and those that the log's encoders hide (`window_runs`)."""
+    held = HIDDEN_FROM_ROTOR if runs.at_rotor else ()
+    held += ("kp", "kd_over_kp") if runs.gain_unit == PHYSICAL_GAINS else ()
+    return np.array([name in held for name in parameters_of(terms)])
 
 
 def weak_belief(size: int) -> Belief:

@@ -84,5 +84,6 @@ def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> 
         motor = GearedMotor(values.pop("motor_center"), np.diag(slope) if preset.own_latents else slope, preset.terms)
     values |= scales
     return LatentNetwork(
-        **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, motor=motor
-    )
+        **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, motor=motor,
+        gain_unit=preset.gain_unit,
+    )  # fmt: skip

@@ -35,6 +35,7 @@ class Preset:
             each other, or ``alone``; the network then learns what they leave, if that is worth it. "" if everything
             is trained at once.
         terms: of `servo_terms` that the motors have; a fit that puts physics first chooses them.
+        gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
     """
@@ -56,6 +57,7 @@ class Preset:
     own_latents: bool = False
     physics_first: str = ""
     terms: tuple[str, ...] = ()
+    gain_unit: str = ""
     standardise: bool = False
 
     @property

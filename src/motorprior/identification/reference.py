@@ -15,7 +15,7 @@ from motorprior.identification.baselines import trials
 from motorprior.identification.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, stated_gains_of
 
 LEVELS = tuple(range(5, 100, 5))
 """Percentiles of the closed-loop residual that are saved [%]."""
@@ -93,10 +93,17 @@ def replays(motors: Actuator, log: MotorLog) -> list[tuple[np.ndarray, np.ndarra
         the simulated joint's pool, each (steps, n).
     """
     found = []
-    for case, truth in trials(log, _SEGMENTS):
-        simulated = run(motors, case)
+    for (case, truth), part in zip(trials(log, _SEGMENTS), log.segments(), strict=False):
+        simulated = run(told(motors, part), case)
         found.append((truth - measured_pos(simulated, log), _pool(simulated.joint_vel)))
     return found
+
+
+def told(motors: Actuator, log: MotorLog) -> Actuator:
+    """The motors with the gains that the log states, if they are learned ones that are told any."""
+    if isinstance(motors, LatentActuator) and motors.network.gain_unit:
+        return replace(motors, gains=stated_gains_of(log))
+    return motors
 
 
 def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]:

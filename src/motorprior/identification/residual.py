@@ -15,19 +15,20 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.motor_fit import MotorFit
+from motorprior.identification.presets import Preset
 from motorprior.identification.window_runs import WindowRuns
 
 LEAST_GAIN = 0.03
 """Share of the held-out loss that a residual must save."""
 
 
-def without_residual(scales: dict[str, float], taps: tuple[int, ...], period: float, latents: int) -> LatentNetwork:
+def without_residual(scales: dict[str, float], preset: Preset) -> LatentNetwork:
     """A network of no neurons: a grey box is given its motor afterwards."""
-    nothing, numbers = np.zeros, cast(Any, scales)
+    nothing, numbers, taps, latents = np.zeros, cast(Any, scales), preset.taps, preset.num_latents
     return LatentNetwork(
         w1=nothing((2 * len(taps), 0)), v1=nothing((latents, 0)), b1=nothing(0), w2=nothing((0, 0)), b2=nothing(0),
         w3=nothing(0), b3=nothing(()), log_armature=nothing(()), armature_slope=nothing(latents), taps=taps,
-        period=period, **numbers, has_armature=False,
+        period=preset.period, **numbers, has_armature=False, gain_unit=preset.gain_unit,
     )  # fmt: skip
 
 

@@ -125,7 +125,7 @@ def _physics_first(
     runs = WindowRuns(data, preset)
     found, saved = _physics(data, preset, runs, seed, report, checkpoints)
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
-    network = found.network(without_residual(data.scales, preset.taps, preset.period, preset.num_latents))
+    network = found.network(without_residual(data.scales, preset))
     metrics = {f"saved_{name}": value for name, value in saved.items()}
     notes, losses = (
         [f"terms: {', '.join(found.terms) or 'none'} beyond the geared motor"],
@@ -161,7 +161,7 @@ def _physics(
     if kept is not None:
         report(_STAGE * (len(TERMS) + STAGES), "constants were fitted")
         return _from_arrays(kept)
-    bare = without_residual(data.scales, preset.taps, preset.period, preset.num_latents)
+    bare = without_residual(data.scales, preset)
     some = np.unique(np.linspace(0, runs.num_motors - 1, min(MOTORS, runs.num_motors)).astype(int))
     few = WindowRuns(data, preset, some)
     chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))

@@ -26,7 +26,18 @@ from motorprior.bench.loaded_joint import next_velocity
 from motorprior.compiled import njit
 from motorprior.identification.loss import SCALES
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import EXTERNAL, INERTIA, POS, SECONDS, TARGET, TORQUE, VEL, TrainingData
+from motorprior.identification.windows import (
+    EXTERNAL,
+    INERTIA,
+    KD,
+    KP,
+    POS,
+    SECONDS,
+    TARGET,
+    TORQUE,
+    VEL,
+    TrainingData,
+)
 
 LANES_PER_TASK = 256
 """Motors that one thread simulates at a time; their state then stays in a core's cache."""
@@ -122,6 +133,11 @@ class _Segment:
         """Its middle, since the log began."""
         return float(self.rows[:, SECONDS, 0].mean())
 
+    @property
+    def gains(self) -> np.ndarray:
+        """(2, M) stated kp and kd."""
+        return self.rows[0, [KP, KD]]
+
 
 class WindowRuns:
     """Free runs over all windows of M motors' logs.
@@ -134,7 +150,7 @@ class WindowRuns:
 
     def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
-        self._preset, self._measured, self._segments = preset, data.measured, []
+        self._preset, self._measured, self._segments, self.gain_unit = preset, data.measured, [], data.gain_unit
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
@@ -152,6 +168,17 @@ class WindowRuns:
     def at_rotor(self) -> bool:
         """Whether the log's encoders are on the rotors."""
         return self._measured.at_rotor
+
+    @property
+    def gains(self) -> np.ndarray:
+        """(2, M) stated kp and kd of every motor in the first segment; 1 if none count."""
+        return self._segments[0].gains
+
+    @property
+    def largest_error(self) -> np.ndarray:
+        """(M,) position error [rad] that each motor exceeds in one sample of a thousand."""
+        errors = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) for segment in self._segments]
+        return np.quantile(np.concatenate(errors), 0.999, axis=0)
 
     @property
     def fastest(self) -> float:
@@ -211,11 +238,12 @@ class WindowRuns:
     def _run(
         self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: _Segment, out: np.ndarray
     ) -> None:
-        motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds)), self._preset.period
+        gains = segment.gains[:, motor] if network.gain_unit else None
+        motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds), gains), self._preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)
         at_rotor = self._measured.at_rotor and network.motor is not None
         if at_rotor:
-            central = LatentActuator(network, np.zeros((1, z.shape[1]))).arrays(dt)
+            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1]).arrays(dt)
             for arrays in (observer, free):
                 arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
                 arrays.parameters[_ZERO] = 0.0

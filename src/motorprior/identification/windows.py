@@ -36,14 +36,16 @@ class TrainingData:
     """Logs of M motors with R rows each.
 
     Attributes:
-        series: (M, R, 7) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
-            external_torque, load_inertia, seconds since the log began. For a rollout positions and velocities are
-            smoothed where readings are noisy (`smoothing`), the velocities are those of half a period earlier and the
-            torques are averages centred on the sample, as a semi-implicit step needs them.
+        series: (M, R, 9) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
+            external_torque, load_inertia, seconds since the log began, stated kp and kd (1 where none count). For a
+            rollout positions and velocities are smoothed where readings are noisy (`smoothing`), the velocities are
+            those of half a period earlier and the torques are averages centred on the sample, as a semi-implicit step
+            needs them.
         starts: (S,) first rows of the windows that lie inside one segment.
         parts: rows of each segment.
         measured: measured channels.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
+        gain_unit: of the stated gains, "" if none count.
     """
 
     series: np.ndarray
@@ -51,13 +53,14 @@ class TrainingData:
     parts: tuple[slice, ...]
     scales: dict[str, float]
     measured: Measured
+    gain_unit: str = ""
 
 
 _REMEDIES = {
     "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import` and its option `hung`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
-TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS = range(7)
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
 PAUSE = 60.0
 """Time between two segments after which motors count as cold again [s]."""
 MEANS = (VEL, TORQUE, EXTERNAL)
@@ -85,6 +88,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.external_torque,
         log.load_inertia,
         np.broadcast_to(_seconds_of_work(log)[:, None], log.joint_pos.shape),
+        *_gains(log, preset, where),
     )
     series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
     if preset.objective == "rollout":
@@ -94,8 +98,22 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         starts=_window_starts(log, preset, where),
         parts=tuple(log.segment_slices()),
         scales=_scales(log, where),
+        gain_unit=preset.gain_unit,
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
+
+
+def _gains(log: MotorLog, preset: Preset, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """(R, M) stated kp and kd, both kp if kd is not stated; ones for a recipe that knows of none."""
+    if not preset.gain_unit:
+        return np.ones_like(log.joint_pos), np.ones_like(log.joint_pos)
+    if log.stated_kp is None or log.gain_unit != preset.gain_unit:
+        has = "no stated_kp" if log.stated_kp is None else f"gains in {log.gain_unit}"
+        raise LogError(
+            f"{has}, the prior's motors have stated gains [{preset.gain_unit}]", where=where,
+            remedy="state kp and kd of every joint in the column map, or import the log with --kp and --kd",
+        )  # fmt: skip
+    return log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd
 
 
 def _seconds_of_work(log: MotorLog) -> np.ndarray:

@@ -14,6 +14,8 @@
     name = "shoulder_pan"                   # of the robot's joint, if the columns have another name
     sign = -1
     zero = 0.05                             # the joint's angle [rad] where the column says 0
+    kp = 16                                 # gains that the motor was told, in units.gain: N·m/rad or firmware
+    kd = 0.5
 
 An angle is sign·unit·value + zero, a velocity or torque sign·unit·value. ``action[{joint}]`` is one number of a column
 of lists.
@@ -28,8 +30,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import ENCODERS
+from motorprior.logs.motor_log import ENCODERS, GAIN_UNITS, PHYSICAL_GAINS
 from motorprior.schema import TABLE, TEXT, Schema, integer, number, one_of
 
 TURN = 2.0 * math.pi
@@ -53,27 +57,35 @@ _MAP = Schema(
 _UNITS = Schema(
     {
         "time": one_of(*TIMES), "angle": one_of(*ANGLES), "velocity": one_of(*VELOCITIES), "torque": one_of(*TORQUES),
-        "ticks_per_turn": integer(2, 2**31 - 1),
+        "ticks_per_turn": integer(2, 2**31 - 1), "gain": one_of(*GAIN_UNITS),
     },
     _REMEDY,
-    optional=frozenset({"time", "angle", "velocity", "torque", "ticks_per_turn"}),
+    optional=frozenset({"time", "angle", "velocity", "torque", "ticks_per_turn", "gain"}),
     name="units",
 )  # fmt: skip
 _JOINT = Schema(
-    {"name": TEXT, "sign": integer(-1, 1), "zero": number(-TURN, TURN, unit="rad")},
+    {
+        "name": TEXT,
+        "sign": integer(-1, 1),
+        "zero": number(-TURN, TURN, unit="rad"),
+        "kp": number(1e-6, 1e6),
+        "kd": number(0.0, 1e6),
+    },
     _REMEDY,
-    optional=frozenset({"name", "sign", "zero"}),
+    optional=frozenset({"name", "sign", "zero", "kp", "kd"}),
 )
 
 
 @dataclass(frozen=True)
 class MappedJoint:
-    """A joint of the table: its name in the columns, the robot's name for it, its sign, and its zero [rad]."""
+    """A joint of the table: its name in the columns, the robot's name for it, its sign, its zero [rad], its gains."""
 
     column: str
     name: str
     sign: float
     zero: float
+    kp: float | None
+    kd: float | None
 
 
 @dataclass(frozen=True)
@@ -90,6 +102,7 @@ class ColumnMap:
         series: channel -> name of its columns, with JOINT where the joint's name stands.
         joints: in the order of the map.
         scales: channel -> SI units per unit of its columns.
+        gain_unit: of the joints' gains (`MotorLog`).
     """
 
     source: str
@@ -101,6 +114,12 @@ class ColumnMap:
     series: dict[str, str]
     joints: tuple[MappedJoint, ...]
     scales: dict[str, float]
+    gain_unit: str
+
+    def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
+        """(J,) of the channels stated_kp and stated_kd of these joints, as far as they are stated."""
+        found = {f"stated_{name}": [getattr(joint, name) for joint in joints] for name in ("kp", "kd")}
+        return {name: np.array(values) for name, values in found.items() if None not in values}
 
 
 def shipped_maps() -> tuple[str, ...]:
@@ -149,6 +168,7 @@ def _from_text(text: str, where: str) -> ColumnMap:
     return ColumnMap(
         where, table["motor"], table.get("robot", ""), table.get("encoder", "joint"), table["time"],
         table.get("segment"), series, _joints(table["joints"], where), _scales(units, where),
+        units.get("gain", PHYSICAL_GAINS),
     )  # fmt: skip
 
 
@@ -161,10 +181,17 @@ def _joints(table: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
         if joint.get("sign", 1) == 0:
             raise ArtifactError("sign = 0 is not 1 or -1", where=f"{where}[joints.{column}]", remedy=_REMEDY)
         sign, zero = float(joint.get("sign", 1)), float(joint.get("zero", 0.0))
-        found.append(MappedJoint(column, joint.get("name", column), sign, zero))
+        found.append(MappedJoint(column, joint.get("name", column), sign, zero, joint.get("kp"), joint.get("kd")))
     names = [joint.name for joint in found]
     if twice := {name for name in names if names.count(name) > 1}:
         raise ArtifactError(f"two joints are named {sorted(twice)[0]!r}", where=where, remedy="name each once")
+    for name in ("kp", "kd"):
+        stated = [getattr(joint, name) is not None for joint in found]
+        if any(stated) and not all(stated):
+            odd = found[stated.index(False)].column
+            raise ArtifactError(f"joint {odd!r} lacks {name}, others have it", where=where, remedy="state all or none")
+    if found[0].kd is not None and found[0].kp is None:
+        raise ArtifactError("kd without kp", where=where, remedy="state both, or kp alone")
     return tuple(found)
 
 

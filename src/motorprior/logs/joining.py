@@ -40,7 +40,7 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 
 
 def _require_alike(first: MotorLog, log: MotorLog) -> None:
-    for name in ("robot", "motor", "encoder"):
+    for name in ("robot", "motor", "encoder", "gain_unit"):
         one, other = getattr(first, name), getattr(log, name)
         if one != other:
             raise LogError(f"{name} {other!r}, another log has {one!r}", where=log.source, remedy="fit one at a time")

@@ -43,12 +43,15 @@ def read_mapped_log(path: str | Path, columns: ColumnMap, robot: Robot | None = 
     values: dict[str, Any] = {"time": columns.scales["time"] * found[columns.time]}
     for channel, names in wanted.items():
         values[channel] = _channel(channel, np.stack([found[name] for name in names], axis=1), joints, columns)
+    for channel, gains in columns.gains(joints).items():
+        values[channel] = np.broadcast_to(gains, (len(values["time"]), len(joints)))
     if columns.segment:
         values["segment"] = _whole(found[columns.segment], columns.segment, path)
     return checked(
         MotorLog(
             joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
-            motor=columns.motor, source=str(path), encoder=columns.encoder, **values,
+            motor=columns.motor, source=str(path), encoder=columns.encoder,
+            gain_unit=columns.gain_unit, **values,
         ),
         where=path,
     )  # fmt: skip

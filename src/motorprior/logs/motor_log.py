@@ -20,11 +20,15 @@ JOINT_SERIES = {
     "joint_torque": "N_m",
     "load_inertia": "kg_m2",
     "external_torque": "N_m",
+    "stated_kp": "stated",
+    "stated_kd": "stated",
 }
 """Channels of shape (T, J) and their unit, as it is spelled in column names."""
 
 BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
+PHYSICAL_GAINS = "N·m/rad"
+GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
     "load_inertia * joint_acc = joint_torque + external_torque"
@@ -54,6 +58,10 @@ class MotorLog:
         base_orientation: (T, 2) roll and pitch of the robot's base [rad], or None.
         encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", to which the gear's play and wind-up
             are invisible (angles at the output shaft, too).
+        stated_kp: (T, J) proportional gain that the motor was told, constant within a segment, or None.
+        stated_kd: (T, J) the same for the derivative gain, which acts on the velocity; only with stated_kp.
+        gain_unit: of the stated gains: "N·m/rad" (and N·m·s/rad), which are then the motor's, or "firmware", units of
+            its own, of which the motor's gains are unknown multiples.
     """
 
     time: np.ndarray
@@ -70,6 +78,9 @@ class MotorLog:
     segment: np.ndarray | None = None
     base_orientation: np.ndarray | None = None
     encoder: str = "joint"
+    stated_kp: np.ndarray | None = None
+    stated_kd: np.ndarray | None = None
+    gain_unit: str = PHYSICAL_GAINS
 
     @property
     def num_joints(self) -> int:
@@ -127,6 +138,14 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     return index, log.time[index] - log.time[index - 1]
 
 
+def stated_gains_of(log: MotorLog) -> np.ndarray | None:
+    """(2, J) stated kp and kd in the first row, kd equal to kp where it is not stated; None if none are."""
+    if log.stated_kp is None:
+        return None
+    kd = log.stated_kp if log.stated_kd is None else log.stated_kd
+    return np.stack([log.stated_kp[0], kd[0]])
+
+
 def log_digest(log: MotorLog) -> str:
     """SHA-256 of all that the log holds."""
     whole = hashlib.sha256()
@@ -155,16 +174,20 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
     Raises:
         LogError: wrong shape or joint count, a value that is not finite (row, column, value), time that
             does not increase within a segment (row, both values), a load inertia that is not positive,
-            fewer than 2 rows in a segment, or an unknown place of the encoder.
+            fewer than 2 rows in a segment, an unknown place of the encoder or unit of gains, or stated gains that
+            change within a segment, or that are not positive (kd: negative).
     """
     if log.encoder not in ENCODERS:
         raise LogError(f"encoder {log.encoder!r}", where=where, remedy=f"give {' or '.join(ENCODERS)}")
+    if log.gain_unit not in GAIN_UNITS:
+        raise LogError(f"gain_unit {log.gain_unit!r}", where=where, remedy=f"give {' or '.join(GAIN_UNITS)}")
     log = _as_arrays(log, where)
     _check_shapes(log, where)
     _check_finite(log, where)
     _check_segments(log, where)
     _check_time(log, where)
     _check_load(log, where)
+    _check_gains(log, where)
     return log
 
 
@@ -267,3 +290,21 @@ def _check_load(log: MotorLog, where: str | Path | None) -> None:
             where=where,
             remedy="give the load's inertia about the joint, or leave the channel out",
         )
+
+
+def _check_gains(log: MotorLog, where: str | Path | None) -> None:
+    if log.stated_kp is None and log.stated_kd is not None:
+        raise LogError("stated_kd without stated_kp", where=where, remedy="state both, or the proportional gain alone")
+    for name in ("stated_kp", "stated_kd"):
+        gains = getattr(log, name)
+        if gains is None:
+            continue
+        first = np.concatenate([np.full(part.stop - part.start, part.start) for part in log.segment_slices()])
+        least = np.nextafter(0.0, 1.0) if name == "stated_kp" else 0.0
+        for odd, problem in ((gains < least, "is too small"), (gains != gains[first], "changes within a segment")):
+            if np.any(odd):
+                row, column = np.argwhere(odd)[0].tolist()
+                raise LogError(
+                    f"row {row}, {column_name(name, column, log.joint_names)} {problem}: {gains[row, column]}",
+                    where=where, remedy="begin a segment where gains change, or leave them out",
+                )  # fmt: skip

@@ -18,13 +18,13 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import BASE_AXES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 METADATA_KEY = b"motorprior"
 REWRITE = "write the log again with this version of motorprior"
 _OPTIONAL = ("segment", "base_orientation")
 _HEADER_KEYS = (
     *("schema_version", "units", "sign_convention", "robot", "motor"),
-    *("source", "joint_names", "channels", "encoder"),
+    *("source", "joint_names", "channels", "encoder", "gain_unit"),
 )
 
 
@@ -64,7 +64,7 @@ def read_parquet(path: str | Path) -> MotorLog:
     wanted = _column_names(header["channels"], tuple(header["joint_names"]))
     _require_columns(table, [name for names in wanted.values() for name in names], path)
     values: dict[str, Any] = {channel: _stack(table, channel, names) for channel, names in wanted.items()}
-    values |= {key: header[key] for key in ("robot", "motor", "source", "encoder")}
+    values |= {key: header[key] for key in ("robot", "motor", "source", "encoder", "gain_unit")}
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
 
@@ -111,6 +111,7 @@ def _header(log: MotorLog) -> dict[str, Any]:
         "joint_names": list(log.joint_names),
         "channels": _present(log),
         "encoder": log.encoder,
+        "gain_unit": log.gain_unit,
     }
 
 
@@ -158,7 +159,7 @@ def _check_header(header: dict[str, Any], path: Path) -> None:
     for key, wanted in (("units", _units()), ("sign_convention", SIGN_CONVENTION)):
         if header[key] != wanted:
             raise LogError(f"{key} {header[key]!r}, expected {wanted!r}", where=path, remedy=REWRITE)
-    for key in ("robot", "motor", "source", "encoder"):
+    for key in ("robot", "motor", "source", "encoder", "gain_unit"):
         if not isinstance(header[key], str):
             raise LogError(f"header: {key} {header[key]!r} is not text", where=path, remedy=REWRITE)
     for key, allowed in (("joint_names", None), ("channels", (*JOINT_SERIES, *_OPTIONAL))):

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, checked, time_steps
 
-HELD = ("position_target", "load_inertia", "segment")
+HELD = ("position_target", "load_inertia", "segment", "stated_kp", "stated_kd")
 """Channels that keep their value until the next row; the others are interpolated."""
 MAX_ROWS = 50_000_000
 

@@ -14,7 +14,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog, checked, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
@@ -194,7 +194,8 @@ def run_adapt(
 
 def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:
     surprise = tuple(float(value) for value in outliers.p_value)
-    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, surprise)
+    gains = stated_gains_of(log) if prior.network.gain_unit else None
+    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, surprise, gains)
 
 
 def _require_like_the_fleet(log: MotorLog, outliers: OutlierTest, path: str | Path) -> None:

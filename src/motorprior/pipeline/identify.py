@@ -18,7 +18,7 @@ from motorprior.bench.facts import FACTS, LOG, read_bench
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import MotorLog, checked, log_digest
+from motorprior.logs.motor_log import MotorLog, checked, log_digest, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
@@ -83,6 +83,7 @@ def fit_prior(
     _require_numbers(steps, seed)
     recipe = _recipe(preset, steps)
     log = _one_log(logs)
+    recipe = _for_stated_gains(recipe, log)
     job = _Job(log, log.source, preset, recipe, seed, _Origin(log.robot, log.motor, {"log": log.source}))
     if out is None:
         return _fitted(job, _data(job), progress, None)
@@ -100,6 +101,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     _require_numbers(config.steps, config.seed)
     recipe = _recipe(config.preset, config.steps)
     log, inputs, origin = _training_log(config.bench)
+    recipe = _for_stated_gains(recipe, log)
     wanted = description("identify", asdict(config), inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
     job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
@@ -145,6 +147,11 @@ def _one_log(logs: MotorLog | Sequence[MotorLog]) -> MotorLog:
     if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
         raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
     return joined([checked(log, where=log.source) for log in every])
+
+
+def _for_stated_gains(recipe: Preset, log: MotorLog) -> Preset:
+    """The recipe for a log that states gains: a grey box takes them as given."""
+    return replace(recipe, gain_unit=log.gain_unit) if recipe.grey_box and log.stated_kp is not None else recipe
 
 
 def _data(job: _Job) -> TrainingData:
@@ -202,7 +209,8 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
             )
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics,
+        origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics, log.joint_names,
+        stated_gains_of(log) if network.gain_unit else None,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.logs.motor_log import PHYSICAL_GAINS
 from motorprior.pipeline.stage import digest, fleet_files
 from motorprior.robots.robot import Robot
 from motorprior.schema import TEXT, Schema, maybe, number, one_of
@@ -86,6 +87,13 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
     return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
 
 
+def told_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
+    """(2, joints) gains that the robot tells its motors, if they are in the prior's unit; otherwise the prior's own."""
+    if prior.network.gain_unit != PHYSICAL_GAINS:
+        return None
+    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+
+
 MotorSource: TypeAlias = MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
 """The motors of an episode: what they are drawn from, motors that are the same in every episode, or a function."""
 
@@ -104,7 +112,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
     count = robot.num_joints
     if isinstance(motors, MotorPrior):
         motors.require(robot.name, robot.physics_dt)
-        return (lambda rng: motors.sample(count, rng)), robot.physics_dt
+        return (lambda rng: motors.sample(count, rng, told_gains(motors, robot))), robot.physics_dt
     if isinstance(motors, MotorPosterior):
         motors.prior.require(robot.name, robot.physics_dt)
         ordered = _of_the_robot(motors, robot)
@@ -247,6 +255,7 @@ def _of_the_robot(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
     return replace(
         posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=robot.joint_names,
         surprise=tuple(posterior.surprise[index] for index in order),
+        gains=None if posterior.gains is None else posterior.gains[:, order],
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog, checked, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import resample
@@ -31,6 +31,11 @@ class LogsImport:
     """What the columns of a table mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     period: float | None = None
     """Sample period of the result [s], for recordings of a robot and for tables; as recorded if not given."""
+    kp: tuple[float, ...] = ()
+    """Proportional gain [N·m/rad] that the motors of a table were told: one for all joints, or one per joint in the
+    robot's order. Takes the place of what ``columns`` says; in firmware units where that says so."""
+    kd: tuple[float, ...] = ()
+    """Derivative gain [N·m·s/rad], like ``kp``."""
     hung: bool = False
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
@@ -97,7 +102,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
 
 
 def _table(path: Path, robot: Robot, config: LogsImport, columns: str) -> MotorLog:
-    log = read_log(path, robot, columns)
+    log = _with_gains(read_log(path, robot, columns), config)
     if config.period is None and not config.hung:
         return log
     period = config.period or robot.physics_dt
@@ -106,6 +111,20 @@ def _table(path: Path, robot: Robot, config: LogsImport, columns: str) -> MotorL
     from motorprior.simulation.hung_load import with_loads
 
     return with_loads(_smooth_on_grid(log, period), robot)
+
+
+def _with_gains(log: MotorLog, config: LogsImport) -> MotorLog:
+    """The log with the gains that the user states."""
+    stated: dict[str, np.ndarray] = {}
+    for name in ("kp", "kd"):
+        gains = getattr(config, name)
+        if len(gains) not in (0, 1, log.num_joints):
+            raise ConfigError(
+                f"{len(gains)} gains for {log.num_joints} joints", remedy="give one, or one per joint", argument=name
+            )
+        if gains:
+            stated[f"stated_{name}"] = np.broadcast_to(np.array(gains), log.joint_pos.shape)
+    return checked(replace(log, **stated), where=log.source) if stated else log
 
 
 def _smooth_on_grid(log: MotorLog, period: float) -> MotorLog:

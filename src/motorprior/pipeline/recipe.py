@@ -10,6 +10,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
+from motorprior.logs.motor_log import GAIN_UNITS
 from motorprior.schema import TRUTH, Schema, integer, many, number, one_of
 
 LONGEST_WINDOW = 100_000
@@ -22,6 +23,7 @@ RECIPE = Schema(
         "taps": many(integer(0, LONGEST_WINDOW), least=1),
         **dict.fromkeys(("has_armature", "grey_box", "noisy", "own_latents", "standardise"), TRUTH),
         "physics_first": one_of("", "alone", "together"),
+        "gain_unit": one_of("", *GAIN_UNITS),
         "terms": many(one_of(*TERMS)),
         "num_latents": integer(0, 1000),
         "num_neurons": integer(0, 10_000),
@@ -59,9 +61,9 @@ def _require_fit(preset: Preset, prior: MotorPrior, where: str | Path) -> None:
     network, named = prior.network, PRESETS.get(prior.preset)
     terms = () if network.motor is None else network.motor.terms
     said = (preset.taps, preset.period, preset.num_latents, preset.num_neurons, preset.grey_box, preset.has_armature)
-    fits = (*said, preset.terms) == (
+    fits = (*said, preset.terms, preset.gain_unit) == (
         network.taps, network.period, network.num_latents, len(network.w3), network.motor is not None,
-        network.has_armature, terms,
+        network.has_armature, terms, network.gain_unit,
     )  # fmt: skip
     if not fits or (named is not None and named.objective != preset.objective):
         raise ArtifactError("the recipe in its provenance is not its network's", where=where, remedy=_REMEDY)

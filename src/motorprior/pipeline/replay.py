@@ -16,7 +16,7 @@ from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.logs.registry import read_log
-from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
+from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd, told_gains
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
@@ -124,7 +124,7 @@ def _replay_models(
         "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
         "physical": [fleet.center(robot.num_joints).actuator()],
         "physical_draws": [fleet.sample(robot.num_joints, rng).actuator() for _ in range(config.draws)],
-        prior.preset: [prior.sample(robot.num_joints, rng) for _ in range(config.draws)],
+        prior.preset: [prior.sample(robot.num_joints, rng, told_gains(prior, robot)) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():

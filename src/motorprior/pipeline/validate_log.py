@@ -66,7 +66,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, log: MotorLog, progress: Pr
         found = adapt_to(prior, config.prior, known, str(config.log))
         task.advance()
         models: dict[str, Actuator] = {prior.preset: LatentActuator(prior.network, found.mean)}
-        models["prior_mean"] = LatentActuator(prior.network, np.zeros_like(found.mean))
+        models["prior_mean"] = LatentActuator(prior.network, prior.expected(judged.joint_names))
         models["tuned_pd"] = _tuned_pd(known)
         task.advance()
         errors = free_run_errors(runs, models)

@@ -1,0 +1,116 @@
+"""Gains that a log states are the set-up, not the motor: z is the same whatever they are."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification.closed_loop import closed_loop
+from motorprior.identification.fleet_fit import TURNS, fit_fleet
+from motorprior.identification.grey_box_fit import adapt
+from motorprior.identification.network import import_parameters
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.residual import without_residual
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import KD, KP, TrainingData, training_data
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+
+Networks, Data = Callable[..., LatentNetwork], Callable[..., TrainingData]
+PRESET = replace(PRESETS["per_motor"], warm_up=60, window=64, gain_unit=PHYSICAL_GAINS)
+Z = np.array([[0.8, -1.2, 0.4], [-0.5, 0.7, 1.1], [0.1, 0.2, -1.0]])
+SOFT, STIFF = np.array([[9.0], [0.7]]), np.array([[16.0], [0.9]])
+INDEX = [PARAMETERS.index(name) for name in ("kp", "kd_over_kp")]
+
+
+@pytest.fixture(scope="module")
+def told(grey_network: Networks) -> LatentNetwork:
+    """Motors whose gains are what they are told."""
+    network = replace(grey_network(kp=1.0, kd_over_kp=1.0), gain_unit=PHYSICAL_GAINS)
+    assert network.motor is not None
+    slope = network.motor.slope.copy()
+    slope[:, INDEX] = 0.0
+    return replace(network, motor=replace(network.motor, slope=slope))
+
+
+def logged(decoder_data: Data, network: LatentNetwork, gains: np.ndarray, seed: int = 9) -> TrainingData:
+    """Their log at these gains (2, 1)."""
+    return decoder_data(network, Z, seed=seed, gains=np.broadcast_to(gains, (2, len(Z))))
+
+
+def test_motors_that_are_told_gains_move_like_motors_that_have_them(grey_network: Networks, told: LatentNetwork):
+    kp, kd = SOFT[:, 0]
+    own = replace(grey_network(kp=kp, kd_over_kp=kd / kp), motor=None)
+    assert told.motor is not None
+    center = told.motor.center.copy()
+    center[INDEX] += np.log([kp, kd / kp])
+    own = replace(own, motor=replace(told.motor, center=center))
+    given = LatentActuator(told, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
+    np.testing.assert_allclose(given.parameters, LatentActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
+    with pytest.raises(ConfigError, match="stated gains"):
+        LatentActuator(told, Z).arrays(0.002)
+
+
+def test_z_describes_the_motor_whatever_gains_and_load_it_works_with(decoder_data: Data, told: LatentNetwork):
+    found = {}
+    for name, gains, load in (("soft", SOFT, 1.0), ("stiff", STIFF, 1.0), ("loaded", STIFF, 1.5)):
+        data = decoder_data(told, Z, gains=np.broadcast_to(gains, (2, len(Z))), load=load)
+        found[name] = adapt(told, data, replace(PRESET, num_latents=3), 0.01, None)
+    for name, posterior in found.items():
+        spread = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
+        assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name
+
+
+def test_a_prior_that_ignored_the_gains_would_take_them_for_the_motor(decoder_data: Data, told: LatentNetwork):
+    data = logged(decoder_data, told, STIFF)
+    ignored = data.series.copy()
+    ignored[..., KP], ignored[..., KD] = SOFT[:, 0]
+    misled = adapt(told, replace(data, series=ignored), replace(PRESET, num_latents=3), 0.01, None)
+    assert np.abs(misled.mean - Z).max() > 1.0
+
+
+def test_a_fit_keeps_gains_that_are_stated_and_finds_the_rest(decoder_data: Data, told: LatentNetwork):
+    data = logged(decoder_data, told, STIFF)
+    runs = WindowRuns(data, PRESET)
+    fit = fit_fleet(without_residual(data.scales, PRESET), runs, (), True, 0, turns=TURNS[:5])
+    np.testing.assert_array_equal(fit.raw[:, INDEX], 0.0)
+    assert fit.loss.max() < 0.1
+
+
+def test_training_in_jax_knows_the_gains_as_well(decoder_data: Data, told: LatentNetwork):
+    data = logged(decoder_data, told, STIFF)
+    preset = replace(PRESET, num_latents=3, num_neurons=8, own_latents=False, taps=told.taps)
+    rollout = closed_loop(preset, data.scales, bounded=False)
+    windows = np.stack([row[200 : 200 + preset.history + preset.window + 1] for row in data.series])
+    untold = windows.copy()
+    untold[..., KP], untold[..., KD] = SOFT[:, 0]
+    right, wrong = (
+        np.abs(rollout(import_parameters(told), rows, Z.astype(np.float32))[0]).max() for rows in (windows, untold)
+    )
+    assert right < 3e-3 < 1e-2 < wrong
+    assert np.abs(WindowRuns(data, preset).residuals(told, Z, np.arange(len(Z)))[:, :, 0]).max() < 0.03
+
+
+def log(**stated: object) -> MotorLog:
+    time = 0.002 * np.arange(400)
+    angle = np.sin(9.0 * time)[:, None]
+    load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}
+    return MotorLog(
+        time=time, position_target=angle + 0.01, joint_pos=angle, joint_names=("j",), robot="r", motor="m", source="s",
+        **load, **stated,
+    )  # fmt: skip
+
+
+def test_stated_gains_count_only_where_the_recipe_knows_of_them():
+    gains = {"stated_kp": np.full((400, 1), 20.0), "stated_kd": np.full((400, 1), 1.5)}
+    assert training_data(log(**gains), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [20.0, 1.5]
+    assert training_data(log(stated_kp=gains["stated_kp"]), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [20.0, 20.0]
+    plain = replace(PRESET, gain_unit="")
+    assert training_data(log(**gains), plain, "x").series[0, 5, [KP, KD]].tolist() == [1.0, 1.0]
+    with pytest.raises(LogError, match="no stated_kp"):
+        training_data(log(), PRESET, "x")
+    with pytest.raises(LogError, match="gains in firmware"):
+        training_data(log(**gains, gain_unit="firmware"), PRESET, "x")
