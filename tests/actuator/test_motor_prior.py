@@ -34,6 +34,44 @@ def saved(prior: MotorPrior, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture
+def told(grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
+    """Of motors that were told gains."""
+    network, mean = replace(grey_network(), gain_unit="N·m/rad"), np.random.default_rng(1).standard_normal((3, 3))
+    gains = np.array([[20.0, 20.0, 40.0], [1.0, 1.5, 2.0]])
+    return MotorPrior(network, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains)
+
+
+def test_a_prior_knows_whose_motors_it_saw_and_what_gains_they_were_told(told: MotorPrior, tmp_path: Path):
+    told.save(tmp_path / "p.safetensors")
+    prior = MotorPrior.load(tmp_path / "p.safetensors")
+    assert prior.joint_names == told.joint_names and prior.network.gain_unit == "N·m/rad"
+    np.testing.assert_array_equal(prior.gains, told.gains)
+    np.testing.assert_array_equal(prior.training_motors(np.array([2])).gains, [[40.0], [2.0]])
+    np.testing.assert_array_equal(prior.sample(2, 0).gains, [[20.0, 20.0], [1.5, 1.5]])
+    np.testing.assert_array_equal(prior.sample(2, 0, np.ones((2, 2))).gains, np.ones((2, 2)))
+    np.testing.assert_array_equal(prior.expected(("calf", "tail")), [told.mean[2], np.zeros(3)])
+
+
+@pytest.mark.parametrize(
+    ("tensors", "header", "said"),
+    [
+        ({"gains": np.array([[20.0, -1.0, 3.0], [1.0, 1.0, 1.0]])}, {}, "gains are not positive"),
+        ({"gains": np.ones((2, 4))}, {}, "gains"),
+        ({}, {"gain_unit": "A/rad"}, "gain_unit"),
+        ({}, {"joint_names": ["hip"]}, "joint_names are not as many"),
+    ],
+)
+def test_gains_and_names_that_do_not_fit_are_refused(
+    told: MotorPrior, tmp_path: Path, tensors: dict, header: dict, said: str
+):
+    path = tmp_path / "p.safetensors"
+    told.save(path)
+    rewrite(path, tensors, header)
+    with pytest.raises(ArtifactError, match=said):
+        MotorPrior.load(path)
+
+
 def rewrite(path: Path, tensors: dict, header: dict, without: tuple[str, ...] = ()) -> None:
     """Change some tensors and header keys of a file, and drop others."""
     old_tensors, old_header = read_tensors(path)

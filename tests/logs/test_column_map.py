@@ -91,6 +91,21 @@ def test_units_signs_and_zeros_are_those_of_the_map(tmp_path: Path, columns: dic
     assert log.segment.tolist() == columns["episode"].tolist()
 
 
+def test_gains_of_the_map_are_stated_for_every_row(tmp_path: Path, columns: dict[str, np.ndarray]):
+    text = TICKS.replace('name = "pan"', 'name = "pan"\nkp = 32\nkd = 0').replace(
+        "sign = -1", "sign = -1\nkp = 16\nkd = 2"
+    )
+    path = write(tmp_path / "log.csv", columns)
+    log = read_log(path, columns=a_map(tmp_path, text))
+    assert log.stated_kp is not None and log.stated_kd is not None and log.gain_unit == "N·m/rad"
+    assert set(map(tuple, log.stated_kp)) == {(32.0, 16.0)} and set(map(tuple, log.stated_kd)) == {(0.0, 2.0)}
+    own = read_log(
+        path, columns=a_map(tmp_path, text.replace('velocity = "rpm"', 'gain = "firmware"\nvelocity = "rpm"'))
+    )
+    assert own.gain_unit == "firmware"
+    assert read_log(path, columns=a_map(tmp_path, TICKS)).stated_kp is None
+
+
 def test_a_number_of_a_column_of_lists_is_a_joint(tmp_path: Path):
     rng = np.random.default_rng(1)
     goal, pos = 90 * rng.standard_normal((2, ROWS, 2))
@@ -135,6 +150,9 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
         ("[joints]", '[units]\nangle = "tick"\n[joints]', "ticks_per_turn"),
         ("[joints]", '[units]\nangle = "grad"\n[joints]', "angle = 'grad'"),
         ("[joints]", "[joints", "not valid TOML"),
+        ("a = {}", "a = {kp = 3}", "joint 'b' lacks kp"),
+        ("a = {}\nb = {}", "a = {kd = 3}\nb = {kd = 1}", "kd without kp"),
+        ("a = {}", "a = {kp = 0}", "kp = 0"),
     ],
 )
 def test_a_map_that_is_not_understood_is_refused(tmp_path: Path, old: str, new: str, said: str):

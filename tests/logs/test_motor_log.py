@@ -89,3 +89,29 @@ def test_one_joint_keeps_its_columns(full_log):
     assert log.num_joints == 1
     np.testing.assert_array_equal(log.external_torque, full_log.external_torque[:, [1]])
     np.testing.assert_array_equal(log.base_orientation, full_log.base_orientation)
+
+
+@pytest.mark.parametrize(
+    ("kp", "kd", "unit", "said"),
+    [
+        (0.0, None, "firmware", "row 0, stated_kp/left is too small"),
+        (None, 1.0, "N·m/rad", "stated_kd without stated_kp"),
+        (2.0, -1.0, "N·m/rad", "row 0, stated_kd/left is too small"),
+        (2.0, 1.0, "A/rad", "gain_unit 'A/rad'"),
+    ],
+)
+def test_stated_gains_are_positive_and_have_a_unit(make_log, kp, kd, unit, said):
+    shape = make_log().joint_pos.shape
+    stated = {name: None if value is None else np.full(shape, value) for name, value in (("kp", kp), ("kd", kd))}
+    with pytest.raises(LogError, match=said):
+        checked(make_log(stated_kp=stated["kp"], stated_kd=stated["kd"], gain_unit=unit))
+
+
+def test_gains_change_between_segments_only(make_log):
+    log = make_log()
+    kp = np.full(log.joint_pos.shape, 2.0)
+    kp[log.num_rows // 2 :] = 3.0
+    with pytest.raises(LogError, match="changes within a segment"):
+        checked(make_log(stated_kp=kp))
+    halves = np.arange(log.num_rows) // (log.num_rows // 2)
+    assert checked(make_log(stated_kp=kp, segment=np.minimum(halves, 1))).stated_kp is not None

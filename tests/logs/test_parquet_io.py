@@ -75,7 +75,7 @@ def test_a_missing_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("header", "problem"),
     [
-        ({"schema_version": 1}, "log schema version 1, this motorprior reads 2"),
+        ({"schema_version": 1}, "log schema version 1, this motorprior reads 3"),
         ({"schema_version": None}, "log schema version None"),
         ({"motor": None}, r"missing keys \['motor'\]"),
         ({"colour": "red"}, r"unknown keys \['colour'\]"),

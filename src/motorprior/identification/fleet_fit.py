@@ -88,7 +88,8 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         factor = kp / INITIAL_MOTOR["kp"]
         motor = motor | {name: factor * motor[name] for name in _TORQUES}
         needed = float(np.median(runs.gains[0] * runs.largest_error))
-        motor = motor | {"kp": 1.0, "kd_over_kp": 1.0, "torque_limit": max(motor["torque_limit"], 2.0 * needed)}
+        limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
+        motor = motor | {"kp": 1.0, "kd_over_kp": 1.0, "torque_limit": limit}
     else:
         motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
     return encoded(motor, terms)
