@@ -173,7 +173,7 @@ BROKEN_LOGS = {
     "no inertia": (edit_column("load_inertia_kg_m2/motor_000", put(0, 0.0)), ("row 0", "load_inertia", "0.0")),
     "joint count": (drop_column("joint_pos_rad/motor_002"), ("missing columns", "joint_pos_rad/motor_002")),
     "degrees": (edit_header("units", {"time": "s", "joint_pos": "deg"}), ("units", "deg", "rad")),
-    "newer schema": (edit_header("schema_version", 3), ("schema version 3", "reads 2")),
+    "newer schema": (edit_header("schema_version", 4), ("schema version 4", "reads 3")),
 }
 
 

@@ -111,7 +111,7 @@ def _gains(log: MotorLog, preset: Preset, where: str) -> tuple[np.ndarray, np.nd
         has = "no stated_kp" if log.stated_kp is None else f"gains in {log.gain_unit}"
         raise LogError(
             f"{has}, the prior's motors have stated gains [{preset.gain_unit}]", where=where,
-            remedy="state kp and kd of every joint in the column map, or import the log with --kp and --kd",
+            remedy="state kp and kd of every joint in the column map, or import the log with kp and kd given",
         )  # fmt: skip
     return log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd
 
