@@ -74,9 +74,7 @@ class FitQuality:
         )
 
 
-def fit_quality(
-    motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None
-) -> FitQuality:
+def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None) -> FitQuality:
     """Replay a log with its motors, and with a PD tuned to it.
 
     Args:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
@@ -114,9 +115,10 @@ class _JointFit:
         x, cost = start, np.inf
         for reach in REACHES:
             inside = np.clip(x, self.low + 1e-6, self.high - 1e-6)
+            slopes: Any = partial(self._slopes, reach=reach)
             found = least_squares(
-                self._residuals, inside, partial(self._slopes, reach=reach), (self.low, self.high), x_scale="jac",
-                max_nfev=EVALUATIONS, ftol=1e-6, xtol=1e-7,
+                self._residuals, inside, slopes, (self.low, self.high), x_scale="jac", max_nfev=EVALUATIONS,
+                ftol=1e-6, xtol=1e-7,
             )  # fmt: skip
             x, cost = found.x, float(found.cost)
         return cost, x

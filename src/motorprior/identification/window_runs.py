@@ -208,9 +208,7 @@ class WindowRuns:
             done += segment.windows
         return out
 
-    def _run(
-        self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray
-    ) -> None:
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
         motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds)), self.preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)
         at_rotor = self._measured.at_rotor and network.motor is not None

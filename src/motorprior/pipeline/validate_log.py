@@ -35,6 +35,8 @@ SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
 """Errors that are measured, and how long their free runs are."""
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 BASELINES, PICTURES = "baselines", "pictures"
+_DPI = 110
+"""A picture per motor: small files."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def measured(
     for quantity, runs in spans.items():
         for model, values in free_run_errors(runs, models).items():
             rows += [
-                Result(quantity, "rad", _finite(of(values)), model, statistic=statistic)
+                Result(quantity, "rad", _finite(float(of(values))), model, statistic=statistic)
                 for statistic, of in (("median", np.median), ("mean", np.mean))
             ]
             rows += [
@@ -153,9 +155,10 @@ def draw_motors(folder: Path, joint_names: tuple[str, ...], traces: LogTraces) -
     folder.mkdir(parents=True, exist_ok=True)
     for motor, joint in enumerate(joint_names):
         bands = {level: (low[:, motor], high[:, motor]) for level, (low, high) in traces.bands.items()}
-        series = (values[:, motor] for values in (traces.position_target, traces.joint_pos, traces.model))
+        target, pos, model = traces.position_target, traces.joint_pos, traces.model
+        shown = log_against_bands(traces.time, target[:, motor], pos[:, motor], model[:, motor], bands, joint)
         with atomic_path(folder / f"{joint}.png") as temporary:
-            temporary.write_bytes(png_bytes(log_against_bands(traces.time, *series, bands, joint), dpi=110))
+            temporary.write_bytes(png_bytes(shown, dpi=_DPI))
 
 
 def _finite(value: float) -> float:
