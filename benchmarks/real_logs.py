@@ -205,13 +205,18 @@ def pupper(settings: Settings) -> Iterator[Test]:
     raw = [path for path in sorted((settings.data / "pupper_v2").glob("*.csv.gz")) if "_sim_" not in path.name]
     logs = {path.name.split(".")[0]: resample(read_log(path, robot), RECIPE.period) for path in raw[: settings.logs]}
     for name, log in logs.items():
-        yield name, [_responses(settings, [log], log)]
-    folds = [_responses(settings, [each for each in logs.values() if each is not log], log) for log in logs.values()]
-    yield "leave_one_log_out", folds[: settings.folds]
+        yield name, [_responses(settings, f"{name}_itself", [log], log)]
+    names = list(logs)[: settings.folds]
+    yield "leave_one_log_out", [_responses(settings, name, _others(logs, name), logs[name]) for name in names]
 
 
-def _responses(settings: Settings, known: Sequence[MotorLog], judged: MotorLog) -> Figures:
-    models = fitted_responses(stretches(known, settings.seconds), RECIPE, settings.seed, PROGRESS)
+def _others(logs: Mapping[str, MotorLog], name: str) -> list[MotorLog]:
+    return [log for other, log in logs.items() if other != name]
+
+
+def _responses(settings: Settings, name: str, known: Sequence[MotorLog], judged: MotorLog) -> Figures:
+    fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
+    models = fitted_responses(stretches(known, settings.seconds), RECIPE, fits, PROGRESS)
     return {"whole": _errors(judged, RECIPE, models)}
 
 

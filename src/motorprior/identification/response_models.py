@@ -23,11 +23,12 @@ from motorprior.compiled import njit
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import EXTERNAL, POS, TARGET, VEL
 
+AT_ONCE = 1e9
 CONSTANTS = {
-    "delay": 0.0, "rate": np.inf, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
+    "delay": 0.0, "rate": AT_ONCE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
     "offset": 0.0, "sag": 0.0, "sine": 0.0, "cosine": 0.0,
 }  # fmt: skip
-"""Constants in SI units, with the values at which each does nothing; at an infinite rate the joint is where it aims."""
+"""Constants in SI units, with the values at which each does nothing; from AT_ONCE on the joint is where it aims."""
 MODELS = {
     "pure_delay": ("delay",),
     "second_order": ("delay", "rate", "damping", "offset"),
@@ -62,7 +63,7 @@ def _respond(
         out: overwritten.
     """
     delay, rate, damping, speed, acceleration, band, gain, offset, sag, sine, cosine = constants
-    late, at_once, turned = delay / dt, np.isinf(rate), sine != 0.0 or cosine != 0.0
+    late, at_once, turned = delay / dt, rate >= AT_ONCE, sine != 0.0 or cosine != 0.0
     for run in range(out.shape[0]):
         q, dq = pos[run], vel[run]
         for step in range(out.shape[1]):
