@@ -73,7 +73,7 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
         assert 0.5 < found.where(quantity=coverage).value() <= 1.0
     assert sorted(path.name for path in (out / "pictures").iterdir()) == [f"motor_00{n}.png" for n in range(3)]
     others = folder / "new" / "log.parquet"
-    words = ("new/log.parquet", "same joints", "--fitted-on")
+    words = ("new/log.parquet: joints motor_000", "held_out/log.parquet has", "same joints")
     refused("validate-log", prior, held_out, "--fitted-on", others, "--out", tmp_path / "others", words=words)
     short = folder / "few" / "log.parquet"
     refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))

@@ -92,7 +92,7 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
     if known.joint_names != log.joint_names:
         raise LogError(
             f"joints {', '.join(known.joint_names)}; {config.log} has {', '.join(log.joint_names)}",
-            where=config.fitted_on[0], remedy="give logs of the same joints in the same order", argument="fitted_on",
+            where=config.fitted_on[0], remedy="give logs of the same joints in the same order",
         )  # fmt: skip
     return known, log
 
