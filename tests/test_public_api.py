@@ -132,6 +132,21 @@ def test_a_prior_is_that_of_the_stage_and_the_folder_keeps_it(log, prior: mp.Mot
     assert mp.fit_prior(changed, "paper", steps=2, out=tmp_path / "kept").sha256() != prior.sha256(), "another log"
 
 
+def test_several_files_are_one_log(log: mp.MotorLog, tmp_path: Path):
+    from motorprior.pipeline.identify import Identify, run_identify
+
+    files = tuple(tmp_path / f"{name}.parquet" for name in ("first", "second"))
+    for file, rows in zip(files, (slice(0, 150), slice(150, 300)), strict=True):
+        mp.write_log(file, log.rows(rows))
+    run_identify(Identify(files, tmp_path / "stage", "paper", steps=2))
+    both = mp.fit_prior([mp.read_log(file) for file in files], "paper", steps=2)
+    assert mp.MotorPrior.load(tmp_path / "stage" / "prior.safetensors").sha256() == both.sha256()
+    with pytest.raises(mp.ConfigError, match="not a motor log"):
+        run_identify(Identify((files[0], tmp_path), tmp_path / "other", "paper", steps=2))
+    with pytest.raises(mp.ConfigError, match="no log given"):
+        run_identify(Identify((), tmp_path / "other", "paper", steps=2))
+
+
 class Notes(mp.Lines):
     """What is reported."""
 

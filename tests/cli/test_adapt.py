@@ -11,13 +11,15 @@ import closing_the_loop
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
-from motorprior.identification import term_selection
+from motorprior.identification import response_fit, term_selection
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.pipeline.stage import read_results
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
+
+LOG_BASELINES = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "tuned_pd")
 
 
 @pytest.fixture(scope="module")
@@ -52,16 +54,27 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
-def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, refused):
+def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, refused, monkeypatch):
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
-    done = motorprior("validate-log", prior, held_out, "--out", out)
-    assert done.code == 0 and "tuned_pd" in done.out
+    monkeypatch.setattr(term_selection, "ORDER", ("profile",))  # the others take a minute
+    monkeypatch.setattr(response_fit, "GENERATIONS", 5)
+    done = motorprior("validate-log", prior, held_out, "--adam-steps", 20, "--out", out)
+    assert done.code == 0 and "tuned_pd" in done.out and "whole log, mean" in done.out
     found = read_results(out)
-    errors = {row.model: row.value for row in found.where(quantity="free_run_rmse", statistic="median")}
-    assert set(errors) == {"rollout", "prior_mean", "tuned_pd"}
-    assert errors["rollout"] < errors["prior_mean"] and errors["rollout"] < 0.5 * errors["tuned_pd"]
-    assert 0.5 < found.where(quantity="coverage90").value() <= 1.0
+    for quantity in ("free_run_rmse", "whole_run_rmse"):
+        errors = {row.model: row.value for row in found.where(quantity=quantity, statistic="median")}
+        assert set(errors) == {"rollout", "prior_mean", *LOG_BASELINES}
+        assert errors["rollout"] < errors["prior_mean"] and errors["rollout"] < 0.5 * errors["tuned_pd"]
+        assert errors["second_order"] < errors["pure_delay"]
+        each = found.where(quantity=quantity, model="per_motor", statistic=None)
+        assert [row.part for row in each] == ["motor_000", "motor_001", "motor_002"]
+    for coverage in ("coverage90", "whole_run_coverage90"):
+        assert 0.5 < found.where(quantity=coverage).value() <= 1.0
+    assert sorted(path.name for path in (out / "pictures").iterdir()) == [f"motor_00{n}.png" for n in range(3)]
+    others = folder / "new" / "log.parquet"
+    words = ("new/log.parquet: joints motor_000", "held_out/log.parquet has", "same joints")
+    refused("validate-log", prior, held_out, "--fitted-on", others, "--out", tmp_path / "others", words=words)
     short = folder / "few" / "log.parquet"
     refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 

@@ -98,7 +98,7 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
         ("logs import a b --out c", LogsImportCommand((Path("a"), Path("b")), Path("c"))),
         ("logs check a", LogsCheck((Path("a"),))),
         ("bench --out a --steps 5", Bench(Path("a"), steps=5)),
-        ("identify a --out b", IdentifyCommand(Path("a"), Path("b"))),
+        ("identify a --out b", IdentifyCommand((Path("a"),), Path("b"))),
         ("validate a b --out c", ValidateCommand((Path("a"), Path("b")), Path("c"))),
         ("diff a b --json c", Diff(Path("a"), Path("b"), Path("c"))),
         ("adapt a b --out c", AdaptCommand(Path("a"), Path("b"), Path("c"))),

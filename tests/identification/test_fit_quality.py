@@ -25,14 +25,14 @@ def nominal(count: int) -> IdealPd:
 
 
 def test_motors_that_made_the_log_leave_nothing(log: MotorLog):
-    found = fit_quality(load_fleet("mixed").sample(MOTORS, 0).actuator(), nominal(1), log)
+    found = fit_quality(load_fleet("mixed").sample(MOTORS, 0).actuator(), log)
     assert np.median(found.motors) < 1e-9 and np.max(found.motors) < 2e-3  # dry friction amplifies rounding
     assert not found.misses_physics and found.widening == 1.0
     assert not any("warning" in line for line in found.lines())
 
 
 def test_a_pd_in_place_of_the_motors_lacks_physics_and_says_so(log: MotorLog):
-    found = fit_quality(nominal(MOTORS), nominal(1), log)
+    found = fit_quality(nominal(MOTORS), log)
     assert found.unexplained > MISSING and found.misses_physics and found.widening > 1.0
     assert np.all(np.isfinite(found.motors)) and np.median(found.baseline) <= np.median(found.motors)
     assert "physics that the model lacks" in found.lines()[-1]

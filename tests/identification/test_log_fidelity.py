@@ -16,12 +16,20 @@ from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
 from motorprior.exceptions import LogError
 from motorprior.identification.latent_fit import Posterior
-from motorprior.identification.log_fidelity import FREE_RUN, free_run_errors, free_runs, known_half, log_coverage
+from motorprior.identification.log_fidelity import (
+    FREE_RUN,
+    free_run_errors,
+    free_runs,
+    known_half,
+    log_coverage,
+    log_traces,
+    whole_runs,
+)
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.reference import LEVELS as PERCENTILES
 from motorprior.identification.reference import SPEEDS
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import VEL, Measured, TrainingData
+from motorprior.identification.windows import TARGET, VEL, Measured, TrainingData
 from motorprior.logs.motor_log import MotorLog
 
 Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
@@ -44,7 +52,7 @@ def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
     models["pd"] = IdealPd.uniform(3, 10.0, 0.5, 1.5)
     same = runs.residuals(network, Z, np.arange(3))
     np.testing.assert_array_equal(runs.errors(models["truth"]), same)
-    errors = free_run_errors(runs, models)
+    errors = free_run_errors([runs], models)
     assert np.all(errors["truth"] < 1e-4)
     assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
 
@@ -63,7 +71,7 @@ def test_the_armature_of_a_pd_joins_the_load(
 ):
     runs = WindowRuns(decoder_data(grey_network(), Z), PRESET)
     light, heavy = (
-        free_run_errors(runs, {"pd": IdealPd.uniform(3, 10.0, 0.5, 1.5, armature)})["pd"] for armature in (0.0, 0.05)
+        free_run_errors([runs], {"pd": IdealPd.uniform(3, 10.0, 0.5, 1.5, armature)})["pd"] for armature in (0.0, 0.05)
     )
     assert np.all(np.abs(light - heavy) > 1e-3)
 
@@ -99,10 +107,41 @@ def test_bands_hold_what_they_promise(
     speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in PERCENTILES for speed in SPEEDS}
     prior: Any = SimpleNamespace(network=network, metrics=speeds)
     central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
-    found = log_coverage(prior, central, runs)
+    found = log_coverage(prior, central, [runs])
     assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
-    sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), runs)
+    sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), [runs])
     assert sure[90] < 0.3
+
+
+def test_a_whole_segment_is_one_free_run_and_its_errors_are_pooled(log: MotorLog):
+    log = log.rows(slice(0, 1030))  # a segment of 1000 rows, and one that is shorter than the warm-up
+    (run,) = whole_runs(log, PRESET, "log")
+    assert run.windows == 1 and run.preset.window == 1000 - 1 - 60
+    pd = IdealPd.uniform(3, 10.0, 0.5, 1.5)
+    one, twice = (free_run_errors(runs, {"pd": pd})["pd"] for runs in ([run], [run, run]))
+    np.testing.assert_allclose(one, twice, rtol=1e-6)
+    assert np.all(one > 1e-3)
+
+
+def test_traces_are_those_of_the_longest_segment_and_the_bands_hold_them(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network(spread=0.3)
+    data = decoder_data(network, Z, segments=2)
+    runs = [
+        WindowRuns(replace(data, parts=(part,)), replace(PRESET, window=part.stop - part.start - 61))
+        for part in (slice(0, 300), slice(400, 800))
+    ]
+    speeds = {f"residual_p{level:02d}_{speed}": 1e-5 * (level - 50) for level in PERCENTILES for speed in SPEEDS}
+    prior: Any = SimpleNamespace(network=network, metrics=speeds)
+    sure = Posterior(Z, np.broadcast_to(1e-8 * np.eye(3), (3, 3, 3)), np.zeros(3), 1)
+    found = log_traces(prior, sure, runs)
+    assert found.joint_pos.shape == (400 - 61, 3) == found.model.shape
+    np.testing.assert_array_equal(found.position_target[:, 1], data.series[1, 461:800, TARGET])
+    np.testing.assert_allclose(found.model, found.joint_pos, atol=2e-3)
+    (low, high), (lower, higher) = found.bands[50], found.bands[90]
+    assert np.all(lower <= low) and np.all(low <= high) and np.all(high <= higher)
+    assert 0.8 < np.mean((lower <= found.joint_pos) & (found.joint_pos <= higher)) <= 1.0
 
 
 def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):

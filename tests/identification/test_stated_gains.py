@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -19,7 +21,8 @@ from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import KD, KP, TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 
-Networks, Data = Callable[..., LatentNetwork], Callable[..., TrainingData]
+Networks = Callable[..., LatentNetwork]
+Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60, window=64, gain_unit=PHYSICAL_GAINS)
 Z = np.array([[0.8, -1.2, 0.4], [-0.5, 0.7, 1.1], [0.1, 0.2, -1.0]])
 SOFT, STIFF = np.array([[9.0], [0.7]]), np.array([[16.0], [0.9]])
@@ -88,13 +91,14 @@ def test_training_in_jax_knows_the_gains_as_well(decoder_data: Data, told: Laten
     untold = windows.copy()
     untold[..., KP], untold[..., KD] = SOFT[:, 0]
     right, wrong = (
-        np.abs(rollout(import_parameters(told), rows, Z.astype(np.float32))[0]).max() for rows in (windows, untold)
+        np.abs(rollout(import_parameters(told), jnp.asarray(rows), jnp.asarray(Z, jnp.float32))[0]).max()
+        for rows in (windows, untold)
     )
     assert right < 3e-3 < 1e-2 < wrong
     assert np.abs(WindowRuns(data, preset).residuals(told, Z, np.arange(len(Z)))[:, :, 0]).max() < 0.03
 
 
-def log(**stated: object) -> MotorLog:
+def log(**stated: Any) -> MotorLog:
     time = 0.002 * np.arange(400)
     angle = np.sin(9.0 * time)[:, None]
     load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}

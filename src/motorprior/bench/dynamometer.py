@@ -26,12 +26,16 @@ class Trial:
         external_torque: (steps, n) [N·m] on the joint.
         load_inertia: (n,) [kg·m²], without the motor's own.
         dt: sample period of the trial [s].
+        joint_pos: (n,) where the joints begin [rad]; at their first target if not given.
+        joint_vel: (n,) their velocities there [rad/s]; at rest if not given.
     """
 
     position_target: np.ndarray
     external_torque: np.ndarray
     load_inertia: np.ndarray
     dt: float
+    joint_pos: np.ndarray | None = None
+    joint_vel: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -59,13 +63,14 @@ def _simulate(
     external: np.ndarray,
     dt: float,
     fine: int,
-    start_offset: float,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Simulate a trial into out (4, steps, n), with ``fine`` integration steps per sample."""
     steps, n = targets.shape
     h = dt / fine
-    q, dq, torque = targets[0] + start_offset, np.zeros(n), np.zeros(n)
+    q, dq, torque = joint_pos.copy(), joint_vel.copy(), np.zeros(n)
     reset_actuator(arrays, targets[0], q)
     for step in range(steps):
         out[0, step], out[1, step], out[2, step] = q, dq, 0.0
@@ -79,12 +84,13 @@ def _simulate(
 
 
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:
-    """Simulate ``trial`` from rest at its first target, plus ``start_offset`` [rad].
+    """Simulate ``trial`` from where it begins, plus ``start_offset`` [rad].
 
     The integration step is the trial's period, or shorter if the ``bench_step`` of the motors' kind requires it.
     """
     fine = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
     steps, n = trial.position_target.shape
+    first = trial.position_target[0] if trial.joint_pos is None else trial.joint_pos
     out = np.zeros((4, steps, n))
     _simulate(
         actuator.arrays(trial.dt / fine),
@@ -93,7 +99,8 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
         np.ascontiguousarray(trial.external_torque, dtype=np.float64),
         trial.dt,
         fine,
-        start_offset,
+        np.asarray(first, np.float64) + start_offset,
+        np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, np.float64),
         out,
     )
     return Response(*out)

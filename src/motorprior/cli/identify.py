@@ -13,9 +13,9 @@ from motorprior.pipeline.identify import Identify, run_identify
 
 @dataclass(frozen=True)
 class IdentifyCommand(Identify):
-    """Learn a motor prior from the log of a bench or of a hung robot."""
+    """Learn a motor prior from the log of a bench, or from logs of a hung robot."""
 
-    bench: tyro.conf.Positional[Path]
+    bench: tyro.conf.Positional[tuple[Path, ...]]
 
 
 def identify(config: IdentifyCommand) -> None:

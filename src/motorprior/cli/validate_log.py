@@ -1,4 +1,4 @@
-"""``motorprior validate-log``: a prior against a log that nothing was fitted to."""
+"""``motorprior validate-log``: a prior and baselines against a log that nothing was fitted to."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validate_log import ValidateLog, run_validate_log
+from motorprior.pipeline.validate_log import COVERAGE, SPANS, ValidateLog, run_validate_log
+from motorprior.results import Results
 
 
 @dataclass(frozen=True)
 class ValidateLogCommand(ValidateLog):
-    """Measure how far a prior's motors are from a held-out log: its first half tells of them, the second is judged."""
+    """Measure how far a prior's motors and baselines are from a held-out log, command in and motion out."""
 
     prior: tyro.conf.Positional[Path]
     log: tyro.conf.Positional[Path]
@@ -22,13 +23,17 @@ class ValidateLogCommand(ValidateLog):
 def validate_log(config: ValidateLogCommand) -> None:
     """See `run_validate_log`."""
     results = run_validate_log(config, TERMINAL)
-    errors = results.where(quantity="free_run_rmse")
-    rows = [
-        [model, *(f"{1e3 * errors.value(model=model, statistic=statistic):.1f}" for statistic in ("median", "mean"))]
-        for model in errors.distinct("model")
+    errors = results.where(quantity=tuple(SPANS), part=None)
+    columns = [(quantity, statistic) for quantity in SPANS for statistic in ("median", "mean")]
+    rows = [[model, *(_milli(errors, model, *column) for column in columns)] for model in errors.distinct("model")]
+    titles = [f"{SPANS[quantity]}, {statistic}" for quantity, statistic in columns]
+    table("Free runs, joint RMSE [mrad], over motors", ["model", *titles], rows)
+    shares = [
+        [span, *(f"{100 * results.where(quantity=f'{COVERAGE[quantity]}{level}').value():.0f}" for level in (50, 90))]
+        for quantity, span in SPANS.items()
     ]
-    table("Free runs of 1 s, joint RMSE [mrad], over motors", ["model", "median", "mean"], rows)
-    shares = (results.where(quantity=f"coverage{level}").value() for level in (50, 90))
-    table(
-        "Recorded angles inside the bands [%]", ["50 % band", "90 % band"], [[f"{100 * share:.0f}" for share in shares]]
-    )
+    table("Recorded angles inside the bands [%]", ["free runs", "50 % band", "90 % band"], shares)
+
+
+def _milli(errors: Results, model: str, quantity: str, statistic: str) -> str:
+    return f"{1e3 * errors.value(model=model, quantity=quantity, statistic=statistic):.1f}"

@@ -1,9 +1,10 @@
-"""Baselines fitted to the bench log: a PD with its gains alone, and a PD with armature and delay."""
+"""Baselines fitted to a log with known loads: a PD with its gains alone, and a PD with armature and delay."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
@@ -20,14 +21,24 @@ _SEGMENTS = 5
 
 
 def trials(log: MotorLog, count: int) -> list[tuple[Trial, np.ndarray]]:
-    """The first ``count`` segments of a bench log as trials, each with its recorded joint_pos (steps, n) [rad]."""
+    """The first ``count`` segments of a log as trials, each with its recorded joint_pos (steps, n) [rad].
+
+    Joints begin as they were recorded: a real one sags, and a stretch of a log may begin in motion. Where the encoders
+    are on the rotors, which are not the joints, they begin at rest at the first target.
+    """
     found = []
     for part in list(log.segments())[:count]:
         assert part.external_torque is not None and part.load_inertia is not None
         dt = float(np.median(np.diff(part.time)))
         trial = Trial(part.position_target, part.external_torque, part.load_inertia[0], dt)
+        if part.encoder == "joint":
+            trial = replace(trial, joint_pos=part.joint_pos[0], joint_vel=_first(part.joint_vel))
         found.append((trial, part.joint_pos))
     return found
+
+
+def _first(rows: np.ndarray | None) -> np.ndarray | None:
+    return None if rows is None else rows[0]
 
 
 GAINS = ("kp", "kd", "torque_limit")
@@ -35,6 +46,12 @@ GAINS = ("kp", "kd", "torque_limit")
 EVERYTHING = (*GAINS, "armature", "delay")
 """Constants that are fitted for the tuned PD."""
 _START = {"armature": 0.001, "delay": 0.008}
+_BROKEN = 1e3
+"""Error of a simulation that broke down [rad]."""
+_BEGINNINGS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18), (1.5, 15.0, 150.0)))
+"""kp [N·m/rad], kd/kp [s] and torque_limit [N·m] of which a PD's tuning begins at the best."""
+TUNING = len(_BEGINNINGS) + EVALUATIONS
+"""About how often `tuned_pd` reports."""
 
 
 def fit_pd(
@@ -54,7 +71,7 @@ def fit_pd(
     Returns:
         A PD of one motor; `repeated` copies it for several.
     """
-    cases, count = trials(log, _SEGMENTS), log.num_joints
+    error = _closed_loop_error(log, progress)
     first = np.log([_START.get(name, float(getattr(nominal, name)[0])) for name in free])
 
     def model(values: np.ndarray) -> IdealPd:
@@ -62,14 +79,35 @@ def fit_pd(
         return replace(nominal, **chosen)
 
     def cost(values: np.ndarray) -> float:
-        motors = repeated(model(values), count)
-        errors = [rmse(run(motors, trial).joint_pos, truth, axis=0) for trial, truth in cases]
-        if progress is not None:
-            progress(1)
-        return float(np.mean(errors))
+        return error(model(values))
 
     options = {"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": _simplex(first)}
     return model(minimize(cost, first, method="Nelder-Mead", options=options).x)
+
+
+def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> IdealPd:
+    """One PD with armature and delay for all motors of the log, tuned from the best of many gains; M copies of it.
+
+    Nothing needs to be known of the motors: the gains that are tried span small servos and large direct drives.
+    """
+    error = _closed_loop_error(log, progress)
+    starts = [IdealPd.uniform(1, kp, kp * share, limit) for kp, share, limit in _BEGINNINGS]
+    return repeated(fit_pd(log, min(starts, key=error), EVERYTHING, progress), log.num_joints)
+
+
+def _closed_loop_error(log: MotorLog, progress: Callable[[int], None] | None) -> Callable[[IdealPd], float]:
+    """Mean over motors of the joint RMSE [rad] of the log's commands and loads on the dynamometer."""
+    cases = trials(log, _SEGMENTS)
+
+    def error(model: IdealPd) -> float:
+        motors = repeated(model, log.num_joints)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = np.mean([rmse(run(motors, trial).joint_pos, truth, axis=0) for trial, truth in cases])
+        if progress is not None:
+            progress(1)
+        return float(found) if np.isfinite(found) else _BROKEN
+
+    return error
 
 
 def _simplex(first: np.ndarray) -> np.ndarray:

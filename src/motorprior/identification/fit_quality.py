@@ -1,8 +1,8 @@
 """How well a prior's motors replay the logs they were fitted to, beside a PD that was fitted as carefully as it can be.
 
-Segments are replayed from rest with their commands and loads, nothing corrected on the way: the error is that of a
-simulation. Where the motors leave more than MISSING of the PD's error, physics that they lack makes most of it: then
-constants are not to be read as physics, and draws are widened.
+Segments are replayed from where they begin with their commands and loads, nothing corrected on the way: the error is
+that of a simulation. Where the motors leave more than MISSING of the PD's error, physics that they lack makes most of
+it: then constants are not to be read as physics, and draws are widened.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.identification.baselines import EVERYTHING, fit_pd, repeated
+from motorprior.identification.baselines import tuned_pd
 from motorprior.identification.reference import SPEEDS, replays
 from motorprior.logs.motor_log import MotorLog
 
@@ -75,18 +74,15 @@ class FitQuality:
         )
 
 
-def fit_quality(
-    motors: Actuator, start: IdealPd, log: MotorLog, report: Callable[[int], None] = lambda count: None
-) -> FitQuality:
+def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None) -> FitQuality:
     """Replay a log with its motors, and with a PD tuned to it.
 
     Args:
         motors: one per joint of the log.
-        start: gains at which the tuning begins.
         log: with known loads.
         report: called after every evaluation of the tuning.
     """
-    pd = repeated(fit_pd(log, start, EVERYTHING, report), log.num_joints)
+    pd = tuned_pd(log, report)
     segments, pools = zip(*replays(motors, log), strict=True)
     error, pool = np.concatenate(segments), np.concatenate(pools)
     baseline = np.concatenate([missed for missed, _ in replays(pd, log)])

@@ -44,7 +44,7 @@ def reference_metrics(
         whose log has none.
         For a prior trained in closed loop also ``residual_p05_SPEED`` … ``residual_p95_SPEED``: percentiles of
         recorded - simulated joint_pos [rad], both read by the same encoder, when the log's commands and loads are
-        replayed from rest, for every pool of SPEEDS of the simulated joint.
+        replayed from where they begin, for every pool of SPEEDS of the simulated joint.
     """
     metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":
@@ -86,7 +86,7 @@ def loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[s
 
 
 def replays(motors: Actuator, log: MotorLog) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The log's segments, replayed from rest with their commands and loads; one motor per joint of the log.
+    """The log's segments, replayed from where they begin with their commands and loads; one motor per joint of the log.
 
     Returns:
         Of each segment recorded - simulated angles [rad], both read by the same encoder, and the index into SPEEDS of

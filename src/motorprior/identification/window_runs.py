@@ -122,7 +122,7 @@ def _free_runs(
 
 
 @dataclass(frozen=True)
-class _Segment:
+class Segment:
     """One segment: (steps, channels, M) rows, and its number of whole windows."""
 
     rows: np.ndarray
@@ -150,19 +150,19 @@ class WindowRuns:
 
     def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
-        self._preset, self._measured, self._segments, self.gain_unit = preset, data.measured, [], data.gain_unit
+        self.preset, self._measured, self.segments, self.gain_unit = preset, data.measured, [], data.gain_unit
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
-                self._segments.append(_Segment(rows, windows))
+                self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
         self._threads = ThreadPoolExecutor(os.cpu_count() or 1)
 
     @property
     def windows(self) -> int:
         """Of each motor."""
-        return sum(segment.windows for segment in self._segments)
+        return sum(segment.windows for segment in self.segments)
 
     @property
     def at_rotor(self) -> bool:
@@ -172,18 +172,18 @@ class WindowRuns:
     @property
     def gains(self) -> np.ndarray:
         """(2, M) stated kp and kd of every motor in the first segment; 1 if none count."""
-        return self._segments[0].gains
+        return self.segments[0].gains
 
     @property
     def largest_error(self) -> np.ndarray:
         """(M,) position error [rad] that each motor exceeds in one sample of a thousand."""
-        errors = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) for segment in self._segments]
+        errors = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) for segment in self.segments]
         return np.quantile(np.concatenate(errors), 0.999, axis=0)
 
     @property
     def fastest(self) -> float:
         """Speed [rad/s] that the joints exceed in one sample of a hundred."""
-        return float(np.median([np.quantile(np.abs(segment.rows[:, VEL]), 0.99) for segment in self._segments]))
+        return float(np.median([np.quantile(np.abs(segment.rows[:, VEL]), 0.99) for segment in self.segments]))
 
     @property
     def channels(self) -> int:
@@ -192,14 +192,14 @@ class WindowRuns:
 
     def groups(self) -> np.ndarray:
         """(N,) number of the segment that each window is in."""
-        return np.repeat(np.arange(len(self._segments)), [segment.windows for segment in self._segments])
+        return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
 
     def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, N, C, W) scaled errors of motor ``motor[l]`` simulated with latents z[l], for L pairs; float32."""
-        lanes, preset = len(motor), self._preset
+        lanes, preset = len(motor), self.preset
         out = np.empty((lanes, self.windows, self.channels, preset.window), np.float32)
         tasks, done = [], 0
-        for segment in self._segments:
+        for segment in self.segments:
             inside = slice(done, done + segment.windows)
             for first in range(0, lanes, LANES_PER_TASK):
                 some = slice(first, min(first + LANES_PER_TASK, lanes))
@@ -210,8 +210,8 @@ class WindowRuns:
 
     def recorded(self, channel: int) -> np.ndarray:
         """(M, N, W) what the log has of a channel of `windows` at the end of every step of the windows."""
-        preset, found = self._preset, []
-        for segment in self._segments:
+        preset, found = self.preset, []
+        for segment in self.segments:
             first = preset.history + 1
             rows = segment.rows[first : first + segment.windows * preset.window, channel]
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
@@ -224,9 +224,9 @@ class WindowRuns:
         """
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:
             return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
-        out = np.empty((self.num_motors, self.windows, self.channels, self._preset.window), np.float32)
-        done, dt = 0, self._preset.period
-        for segment in self._segments:
+        out = np.empty((self.num_motors, self.windows, self.channels, self.preset.window), np.float32)
+        done, dt = 0, self.preset.period
+        for segment in self.segments:
             filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
             rows = segment.rows.copy()
             rows[:, INERTIA] += motors.armature
@@ -235,11 +235,9 @@ class WindowRuns:
             done += segment.windows
         return out
 
-    def _run(
-        self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: _Segment, out: np.ndarray
-    ) -> None:
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
         gains = segment.gains[:, motor] if network.gain_unit else None
-        motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds), gains), self._preset.period
+        motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds), gains), self.preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)
         at_rotor = self._measured.at_rotor and network.motor is not None
         if at_rotor:
@@ -260,5 +258,5 @@ class WindowRuns:
         at_rotor: bool,
         filled: np.ndarray,
     ) -> None:
-        preset, scales = self._preset, np.array(SCALES)
+        preset, scales = self.preset, np.array(SCALES)
         _free_runs(observer, free, motor, rows, preset.period, preset.history, preset.window, scales, at_rotor, filled)

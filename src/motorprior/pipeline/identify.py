@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
@@ -33,11 +32,11 @@ PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
 
 @dataclass(frozen=True)
 class Identify:
-    """Learn a motor prior from the log of a bench or of a hung robot."""
+    """Learn a motor prior from the log of a bench, or from logs of a hung robot."""
 
-    bench: Path
-    """Folder that `motorprior bench` wrote, or a motor log (.parquet) whose loads are known, as that of a robot
-    that hung."""
+    bench: Path | tuple[Path, ...]
+    """Folder that `motorprior bench` wrote, or motor logs (.parquet) whose loads are known, as those of a robot that
+    hung: of the same motors, or each of other ones."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
@@ -102,7 +101,8 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     recipe = _recipe(config.preset, config.steps)
     log, inputs, origin = _training_log(config.bench)
     recipe = _for_stated_gains(recipe, log)
-    wanted = description("identify", asdict(config), inputs, recipe=asdict(recipe))
+    settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # the inputs speak for it
+    wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
     job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
     _fitted_in(config.out, wanted, job, progress)
@@ -215,14 +215,12 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
 
 
 def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
-    """Of the fitted motors, which the user is told; the PD's tuning begins at the central motor's gains."""
-    from motorprior.identification.baselines import EVALUATIONS
+    """Of the fitted motors, which the user is told."""
+    from motorprior.identification.baselines import TUNING
     from motorprior.identification.fit_quality import fit_quality
 
-    known = motors.network.constants(np.zeros((1, motors.z.shape[1])))
-    gains = (float(values[0]) for values in (known["kp"], known["kp"] * known["kd_over_kp"], known["torque_limit"]))
-    with progress.start("tune a PD to compare with", EVALUATIONS) as task:
-        quality = fit_quality(motors, IdealPd.uniform(1, *gains), log, task.advance)
+    with progress.start("tune a PD to compare with", TUNING) as task:
+        quality = fit_quality(motors, log, task.advance)
     for line in quality.lines():
         progress.note(line)
     return quality
@@ -233,15 +231,23 @@ def _as_json(recipe: Preset) -> dict[str, Any]:
     return asdict(recipe) | {"taps": list(recipe.taps), "terms": list(recipe.terms)}
 
 
-def _training_log(path: Path) -> tuple[MotorLog, list[Path], _Origin]:
-    """The log of a bench's folder, or a log of its own; the files that the prior depends on, the log first.
+def _training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], _Origin]:
+    """The log of a bench's folder, or all logs as one; the files that the prior depends on, the log first.
 
     Raises:
+        ConfigError: nothing is given, or a folder among several.
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
-    if path.suffix == ".parquet":
-        log = read_parquet(path)
-        return log, [path], _Origin(log.robot, log.motor, {"log": log.source})
+    paths = [given] if isinstance(given, Path) else list(given)
+    if not paths:
+        raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
+    if all(path.suffix == ".parquet" for path in paths):
+        log = joined([read_parquet(path) for path in paths])
+        return log, paths, _Origin(log.robot, log.motor, {"log": log.source})
+    if len(paths) > 1:
+        folder = next(path for path in paths if path.suffix != ".parquet")
+        raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
+    path = paths[0]
     log, facts = read_bench(path)
     origin = _Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
     return log, [path / LOG, path / FACTS], origin

@@ -1,19 +1,23 @@
-"""Fidelity of a prior where there is no truth: on a log that nothing was fitted to."""
+"""Fidelity of a prior where there is no truth: on a log that nothing was fitted to, beside baselines."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import atomic_path
+from motorprior.exceptions import LogError
+from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
+from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -22,17 +26,36 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
+if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.latent_fit import Posterior
+    from motorprior.identification.log_fidelity import LogModel, LogTraces
+    from motorprior.identification.window_runs import WindowRuns
+
+SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
+"""Errors that are measured, and how long their free runs are."""
+COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
+BASELINES, PICTURES = "baselines", "pictures"
+_DPI = 110
+"""A picture per motor: small files."""
+
 
 @dataclass(frozen=True)
 class ValidateLog:
-    """Measure how far a prior's motors are from a held-out log: its first half tells of them, the second is judged."""
+    """Measure how far a prior's motors and baselines are from a held-out log, command in and motion out."""
 
     prior: Path
     """Prior that `motorprior identify` wrote from other logs."""
     log: Path
     """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period, of any motors."""
     out: Path
-    """Folder for figures.json."""
+    """Folder for figures.json and a picture per motor."""
+    fitted_on: tuple[Path, ...] = ()
+    """Other logs of the same motors: the baselines are fitted to them and the prior is adapted to them, and all of the
+    log is judged. If none is given, the log's first half takes their place and its second half is judged."""
+    adam_steps: int | None = None
+    """Adam steps of the pooled network; the preset's own number if not given."""
+    seed: int = 0
+    """Seed of the baselines' searches and weights."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
@@ -41,46 +64,103 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     """Measure, or read what this very measurement found.
 
     Returns:
-        ``free_run_rmse`` [rad] of free runs of a second, median and mean over motors, of the prior adapted to the first
-        half (by its preset's name), its central motor (``prior_mean``) and one PD tuned on the first half; and
-        ``coverage50`` and ``coverage90`` of the adapted prior's draws.
+        ``free_run_rmse`` [rad] of free runs of a second and ``whole_run_rmse`` [rad] of free runs of whole segments:
+        median and mean over motors, and of each motor (``part``). Models: the prior adapted (by its preset's name), its
+        central motor (``prior_mean``), and the baselines of `log_baselines`. ``coverage50``, ``coverage90`` and
+        ``whole_run_coverage50``, ``whole_run_coverage90`` of the adapted prior's draws.
 
     Raises:
         LogError, ArtifactError: a log or a prior that cannot be used.
     """
     robot = load_robot(config.robot)
     prior, log = load_prior(config.prior, robot), read_parquet(config.log)
-    wanted = description("validate-log", asdict(config), [config.prior, config.log, *robot.files])
+    known, judged = _known_and_judged(config, log)
+    inputs = [config.prior, config.log, *config.fitted_on, *robot.files]
+    wanted = description("validate-log", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            write_results(config.out, _measure(config, prior, log, progress))
+            write_results(config.out, _measure(config, prior, known, judged, progress))
     return read_results(config.out)
 
 
-def _measure(config: ValidateLog, prior: MotorPrior, log: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.log_fidelity import free_run_errors, free_runs, known_half, log_coverage
+def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
+    from motorprior.identification.log_fidelity import known_half
 
-    known, judged = known_half(log)
-    runs = free_runs(judged, recipe_of(prior, config.prior), str(config.log))
-    with progress.start(f"adapt to {log.num_joints} motors, tune a PD, free runs", 3) as task:
-        found = adapt_to(prior, config.prior, known, str(config.log))
+    if not config.fitted_on:
+        return known_half(log)
+    known = joined([read_parquet(path) for path in config.fitted_on])
+    if known.joint_names != log.joint_names:
+        raise LogError(
+            f"joints {', '.join(known.joint_names)}; {config.log} has {', '.join(log.joint_names)}",
+            where=config.fitted_on[0], remedy="give logs of the same joints in the same order",
+        )  # fmt: skip
+    return known, log
+
+
+def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: MotorLog, progress: Progress) -> Results:
+    from motorprior.identification.log_fidelity import free_runs, log_traces, whole_runs
+
+    where, preset = str(config.log), recipe_of(prior, config.prior)
+    spans = {
+        "free_run_rmse": [free_runs(judged, preset, where)], "whole_run_rmse": whole_runs(judged, preset, where),
+    }  # fmt: skip
+    with progress.start(f"adapt to {known.num_joints} motors", 1) as task:
+        found = adapt_to(prior, config.prior, known, where)
         task.advance()
-        models: dict[str, Actuator] = {prior.preset: LatentActuator(prior.network, found.mean)}
-        models["prior_mean"] = LatentActuator(prior.network, prior.expected(judged.joint_names))
-        models["tuned_pd"] = _tuned_pd(known)
-        task.advance()
-        errors = free_run_errors(runs, models)
-        task.advance()
-    rows = [
-        Result("free_run_rmse", "rad", float(of(values)), model, statistic=statistic)
-        for model, values in errors.items()
-        for statistic, of in (("median", np.median), ("mean", np.mean))
-    ]
-    covered = log_coverage(prior, found, runs)
-    return Results.of(rows + [Result(f"coverage{level}", "1", share) for level, share in covered.items()])
+    models: dict[str, LogModel] = {
+        prior.preset: LatentActuator(prior.network, found.mean),
+        "prior_mean": LatentActuator(prior.network, prior.expected(judged.joint_names)),
+    }
+    fits = BaselineFits(config.out / BASELINES, config.adam_steps, config.seed)
+    models |= fitted_baselines(known, preset, fits, progress)
+    with progress.start("free runs", len(spans)) as task:
+        results = measured(spans, models, prior, found, judged.joint_names, task.advance)
+    draw_motors(config.out / PICTURES, judged.joint_names, log_traces(prior, found, spans["whole_run_rmse"]))
+    return results
 
 
-def _tuned_pd(log: MotorLog) -> IdealPd:
-    from motorprior.identification.baselines import EVERYTHING, fit_pd, repeated
+def measured(
+    spans: dict[str, list[WindowRuns]],
+    models: dict[str, LogModel],
+    prior: MotorPrior,
+    found: Posterior,
+    joint_names: tuple[str, ...],
+    report: Callable[[], None] = lambda: None,
+) -> Results:
+    """Errors of all models and coverage of the adapted prior, over free runs of each of SPANS."""
+    from motorprior.identification.log_fidelity import free_run_errors, log_coverage
 
-    return repeated(fit_pd(log, IdealPd.uniform(1, 10.0, 0.5, 1.5), EVERYTHING), log.num_joints)
+    rows = []
+    for quantity, runs in spans.items():
+        for model, values in free_run_errors(runs, models).items():
+            rows += [
+                Result(quantity, "rad", _finite(float(of(values))), model, statistic=statistic)
+                for statistic, of in (("median", np.median), ("mean", np.mean))
+            ]
+            rows += [
+                Result(quantity, "rad", _finite(value), model, part=joint)
+                for joint, value in zip(joint_names, values, strict=True)
+            ]
+        covered = log_coverage(prior, found, runs)
+        rows += [Result(f"{COVERAGE[quantity]}{level}", "1", share) for level, share in covered.items()]
+        report()
+    return Results.of(rows)
+
+
+def draw_motors(folder: Path, joint_names: tuple[str, ...], traces: LogTraces) -> None:
+    """Write JOINT.png of every motor: what was recorded against the bands of the draws."""
+    from motorprior.report.plots_log import log_against_bands
+    from motorprior.report.plots_style import png_bytes
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for motor, joint in enumerate(joint_names):
+        bands = {level: (low[:, motor], high[:, motor]) for level, (low, high) in traces.bands.items()}
+        target, pos, model = traces.position_target, traces.joint_pos, traces.model
+        shown = log_against_bands(traces.time, target[:, motor], pos[:, motor], model[:, motor], bands, joint)
+        with atomic_path(folder / f"{joint}.png") as temporary:
+            temporary.write_bytes(png_bytes(shown, dpi=_DPI))
+
+
+def _finite(value: float) -> float:
+    """The error, or a whole turn of it where a simulation broke down."""
+    return float(value) if np.isfinite(value) else 2.0 * np.pi

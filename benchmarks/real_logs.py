@@ -1,0 +1,278 @@
+"""How far models are from real motors: fitted to some logs, judged on others, command in and motion out.
+
+    python benchmarks/real_logs.py --data DIR --out runs/real
+
+Models are judged by one free run over each whole held-out log, mean removed nowhere. Those of `pipeline.log_baselines`
+have constants per joint, fitted to the same stretches of the known logs as the prior; ``prior`` is told nothing of the
+log but its joints and stated gains: its motor of the same joint, or its central motor; ``adapted`` knows the log's first 10 s and is judged on the rest. figures.json has means over
+joints and logs [rad] as ROBOT/TEST/MODEL, and the share of the recorded angles inside the adapted prior's 90 % bands as
+ROBOT/coverage90. tables.md has more: what every model does on the rest alone. Stages that are finished are kept.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import tyro
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs
+from motorprior.identification.presets import PRESETS, Preset
+from motorprior.logs.joining import joined
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_parquet, write_log
+from motorprior.logs.registry import read_log
+from motorprior.logs.resampling import resample
+from motorprior.pipeline.adapt import adapt_to, first_seconds
+from motorprior.pipeline.identify import PRIOR, fit_prior
+from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines, fitted_responses, with_some_load
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.recipe import recipe_of
+from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+MODELS = (
+    "pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "physical", "prior", "adapted",
+    "tuned_pd",
+)  # fmt: skip
+TABLE_ONLY = ("tuned_pd",)
+TOLD = 10.0
+"""Seconds of a held-out log that ``adapted`` knows."""
+RECIPE = PRESETS["rollout"]
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
+PROGRESS = Lines(sys.stderr)
+Figures: TypeAlias = dict[str, dict[str, float]]
+"""``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage``: level [%] -> share."""
+Test: TypeAlias = tuple[str, list[Figures]]
+"""Name of a test, and what each fold found."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Identify real motors and measure how far models are from logs that were left out."""
+
+    data: Path
+    """Folder with go2/, so101/, xl330/ and pupper_v2/ (raw logs) and robots/ (their models); what is absent is
+    skipped."""
+    out: Path
+    """Run folder."""
+    robots: tuple[str, ...] = ("go2", "so101", "xl330", "pupper")
+    """Which of them."""
+    seconds: float = 24.0
+    """All models are fitted to so much of the known logs, an equal stretch of each [s]."""
+    logs: int | None = None
+    """Use the first logs of each robot only; all if not given."""
+    folds: int | None = None
+    """Leave out the first groups of logs only; each in its turn if not given."""
+    adam_steps: int | None = None
+    """Adam steps of every network; the preset's own number if not given."""
+    seed: int = 0
+    """Seed of trainings and searches."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Some logs to fit to, others to judge; motor logs with loads."""
+
+    name: str
+    known: tuple[Path, ...]
+    judged: tuple[Path, ...]
+
+
+def stretches(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
+    """An equal stretch of every log, each from another part of it, ``seconds`` altogether.
+
+    Logs of the same motion are so covered from beginning to end; one that is shorter is used whole.
+    """
+    parts = []
+    for index, log in enumerate(logs):
+        rows = min(log.num_rows, round(seconds / len(logs) / RECIPE.period))
+        first = round((log.num_rows - rows) * index / max(1, len(logs) - 1))
+        parts.append(log.rows(slice(first, first + rows)))
+    return joined(parts)
+
+
+def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[Fold]:
+    """A fold for every group."""
+    return [Fold(group[0].stem, tuple(path for path in paths if path not in group), tuple(group)) for group in groups]
+
+
+def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
+    """Figures of one fold, measured unless they are there."""
+    folder = settings.out / robot / fold.name
+    wanted = description("validate", _counted(settings), [*fold.known, *fold.judged])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            write_json(folder / FIGURES, _figures(settings, robot, fold, folder))
+    return read_json(folder / FIGURES)
+
+
+def _counted(settings: Settings) -> dict[str, object]:
+    """The settings that a fold depends on."""
+    return {name: value for name, value in asdict(settings).items() if name in ("seconds", "adam_steps", "seed")}
+
+
+def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
+    PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.judged)} left out")
+    known = stretches([read_parquet(path) for path in fold.known], settings.seconds)
+    steps, seed = settings.adam_steps, settings.seed
+    prior = fit_prior(known, "rollout", seed, steps=steps, out=folder / "prior", progress=PROGRESS)
+    preset = recipe_of(prior, folder / "prior" / PRIOR)
+    models = fitted_baselines(known, preset, BaselineFits(folder, steps, seed), PROGRESS)
+    models["prior"] = LatentActuator(prior.network, prior.expected(known.joint_names))
+    found: list[Figures] = []
+    for path in fold.judged:
+        log = read_parquet(path)
+        told = first_seconds(log, min(TOLD, log.duration / 2))
+        rest = log.rows(slice(told.num_rows, None))
+        posterior = adapt_to(prior, folder / "prior" / PRIOR, told, str(path))
+        adapted = {"adapted": LatentActuator(prior.network, posterior.mean)}
+        covered = log_coverage(prior, posterior, whole_runs(rest, preset, str(path)))
+        found.append({
+            "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
+            "coverage": {str(level): share for level, share in covered.items()},
+        })  # fmt: skip
+    return _means(found)
+
+
+def _errors(log: MotorLog, preset: Preset, models: Mapping[str, LogModel]) -> dict[str, float]:
+    """Mean over joints [rad]; of a simulation that broke down, a whole turn."""
+    errors = free_run_errors(whole_runs(with_some_load(log), preset, log.source), models)
+    turn = 2.0 * np.pi
+    return {name: float(np.mean(np.nan_to_num(values, nan=turn, posinf=turn))) for name, values in errors.items()}
+
+
+def _means(found: Sequence[Figures]) -> Figures:
+    return {
+        span: {name: float(np.mean([each[span][name] for each in found])) for name in values}
+        for span, values in found[0].items()
+    }
+
+
+def named(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
+    """Means over all folds of a robot, by their keys in figures.json."""
+    means = _means(found)
+    errors = means["whole"] | {name: value for name, value in means.get("rest", {}).items() if name == "adapted"}
+    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model not in TABLE_ONLY}
+    return keys | {f"{robot}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
+
+
+def go2(settings: Settings) -> Iterator[Test]:
+    """Twelve motors of a hung quadruped, six logs of the same chirp: each is left out in turn."""
+    description_file = robot_file(settings, "go2")
+    paths = imported(settings, "go2", "go2_identification", description_file, "*.csv.gz")
+    folds = leave_out(paths, [[path] for path in paths])
+    yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
+
+
+def so101(settings: Settings) -> Iterator[Test]:
+    """Six servos of an arm, forty motions: a quarter of them is left out in turn."""
+    paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
+    folds = leave_out(paths, [paths[quarter::4] for quarter in range(4)])
+    yield "leave_motions_out", [measure(settings, "so101", fold) for fold in folds[: settings.folds]]
+
+
+def xl330(settings: Settings) -> Iterator[Test]:
+    """One servo with a pendulum, four gains: each is left out in turn."""
+    raw = sorted((settings.data / "xl330").glob("*.json.gz"))[: settings.logs]
+    gains: dict[float, list[Path]] = {}
+    for path in raw:
+        target = settings.out / "xl330" / "logs" / f"{path.name.split('.')[0]}.parquet"
+        write_log(target, resample(read_log(path, load_robot(DEFAULT_ROBOT)), RECIPE.period))
+        gains.setdefault(json.loads(gzip.decompress(path.read_bytes()))["kp"], []).append(target)
+    folds = leave_out([path for group in gains.values() for path in group], list(gains.values()))
+    yield "unseen_gain", [measure(settings, "xl330", fold) for fold in folds[: settings.folds]]
+
+
+def pupper(settings: Settings) -> Iterator[Test]:
+    """Eight motors of a standing quadruped, loads unknown: responses only, each log alone and each left out in turn."""
+    robot = load_robot("pupper_v2")
+    raw = [path for path in sorted((settings.data / "pupper_v2").glob("*.csv.gz")) if "_sim_" not in path.name]
+    logs = {path.name.split(".")[0]: resample(read_log(path, robot), RECIPE.period) for path in raw[: settings.logs]}
+    for name, log in logs.items():
+        yield name, [_responses(settings, f"{name}_itself", [log], log)]
+    names = list(logs)[: settings.folds]
+    yield "leave_one_log_out", [_responses(settings, name, _others(logs, name), logs[name]) for name in names]
+
+
+def _others(logs: Mapping[str, MotorLog], name: str) -> list[MotorLog]:
+    return [log for other, log in logs.items() if other != name]
+
+
+def _responses(settings: Settings, name: str, known: Sequence[MotorLog], judged: MotorLog) -> Figures:
+    fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
+    models = fitted_responses(stretches(known, settings.seconds), RECIPE, fits, PROGRESS)
+    return {"whole": _errors(judged, RECIPE, models)}
+
+
+ROBOTS: dict[str, tuple[str, Callable[[Settings], Iterator[Test]]]] = {
+    "go2": ("go2", go2), "so101": ("so101", so101), "xl330": ("xl330", xl330), "pupper": ("pupper_v2", pupper),
+}  # fmt: skip
+"""Folder of each robot's logs, and what is measured on them."""
+
+
+def robot_file(settings: Settings, name: str) -> Path:
+    """The example's description beside the data's model, in the run folder."""
+    folder = settings.out / name / "robot"
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copy(settings.data / "robots" / f"{name}.xml", folder)
+    return Path(shutil.copy(EXAMPLES / f"{name}.toml", folder))
+
+
+def imported(settings: Settings, name: str, columns: str, robot: Path, pattern: str) -> list[Path]:
+    """Motor logs with loads, imported unless they are there."""
+    raw = tuple(sorted((settings.data / name).glob(pattern))[: settings.logs])
+    folder = settings.out / name / "logs"
+    config = LogsImport(raw, folder, columns, RECIPE.period, hung=True, robot=str(robot))
+    wanted = description("import", asdict(config), [*raw, *load_robot(str(robot)).files])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            import_logs(config)
+    return [folder / f"{path.name.split('.')[0]}.parquet" for path in raw]
+
+
+def table(robot: str, test: str, found: Sequence[Figures]) -> str:
+    """Markdown: one row per model, means over joints and logs [mrad]."""
+    means = _means(found)
+    lines = [f"| {robot}, {test} [mrad] | whole logs | after their first {TOLD:g} s |", "|---|---|---|"]
+    for model in MODELS:
+        cells = [means.get(span, {}).get(model) for span in ("whole", "rest")]
+        if any(cell is not None for cell in cells):
+            lines.append(f"| {model} | {' | '.join('' if cell is None else f'{1e3 * cell:.2f}' for cell in cells)} |")
+    shares = [f"{100 * share:.0f} % in the {level} % bands" for level, share in means.get("coverage", {}).items()]
+    return "\n".join(lines) + (f"\n\nOf the adapted prior: {', '.join(shares)}." if shares else "")
+
+
+def main() -> None:
+    """Measure, write figures.json and tables.md, print the tables."""
+    settings = tyro.cli(Settings, description=__doc__)
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    figures: dict[str, float] = {}
+    texts: list[str] = []
+    for name in settings.robots:
+        folder, robot = ROBOTS[name]
+        if not (settings.data / folder).is_dir():
+            print(f"{name}: skipped, no folder {settings.data / folder}")
+            continue
+        for test, found in robot(settings):
+            figures |= named(name, test, found)
+            texts.append(table(name, test, found))
+            write_json(settings.out / FIGURES, figures)
+            write_text(settings.out / "tables.md", "\n\n".join(texts) + "\n")
+    print("\n\n".join(texts))
+
+
+if __name__ == "__main__":
+    main()

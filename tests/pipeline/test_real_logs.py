@@ -1,0 +1,80 @@
+"""The benchmark on real logs: its first robot on a few seconds of two logs, its keys, and what is skipped."""
+
+import gzip
+import shutil
+import sys
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import real_logs
+from motorprior.artifacts import read_json
+from motorprior.identification import response_fit, term_selection
+from motorprior.logs.motor_log import MotorLog
+
+ROWS = 600
+"""Of each log, header included: three seconds."""
+
+
+@pytest.fixture
+def data(shared_data: Path, tmp_path: Path) -> Path:
+    """Two logs of the hung quadruped, cut, and its model; no other robot's."""
+    logs, model = sorted((shared_data / "go2").glob("*.csv.gz"))[:2], shared_data / "robots" / "go2.xml"
+    if len(logs) < 2 or not model.is_file():
+        pytest.skip("MOTORPRIOR_SHARED names a folder without go2/*.csv.gz and robots/go2.xml")
+    for folder in ("go2", "robots"):
+        (tmp_path / "data" / folder).mkdir(parents=True)
+    shutil.copy(model, tmp_path / "data" / "robots")
+    for path in logs:
+        with gzip.open(path, "rt") as whole, gzip.open(tmp_path / "data" / "go2" / path.name, "wt") as cut:
+            cut.writelines(islice(whole, ROWS))
+    return tmp_path / "data"
+
+
+def test_logs_that_were_left_out_judge_every_model(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(term_selection, "ORDER", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    out, quick = tmp_path / "out", ("--seconds", "2.4", "--adam-steps", "4", "--folds", "1")
+    line = ["real_logs.py", "--data", str(data), "--out", str(out), *quick, "--robots", "go2", "xl330"]
+    monkeypatch.setattr(sys, "argv", line)
+    real_logs.main()
+    shown = capsys.readouterr().out
+    assert "xl330: skipped, no folder" in shown and "| servo_limits |" in shown
+    found = read_json(out / "figures.json")
+    models = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "prior", "adapted")
+    coverage = {f"go2/coverage{level}" for level in (50, 90)}
+    assert set(found) == {f"go2/leave_one_log_out/{model}" for model in models} | coverage
+    learned = found.pop("go2/leave_one_log_out/pooled_network")  # hardly
+    assert learned > 0.0 and all(0.0 < value < 1.0 for value in found.values())
+    assert found["go2/leave_one_log_out/servo_limits"] < found["go2/leave_one_log_out/pure_delay"]
+    before = (out / "go2" / "traj_0" / "figures.json").stat().st_mtime_ns
+    real_logs.main()
+    assert (out / "go2" / "traj_0" / "figures.json").stat().st_mtime_ns == before, "once"
+    assert read_json(out / "figures.json") == found | {"go2/leave_one_log_out/pooled_network": learned}
+
+
+def a_log(rows: int, start: float) -> MotorLog:
+    pos = start + np.arange(float(rows))[:, None]
+    return MotorLog(
+        time=0.002 * np.arange(rows), position_target=pos, joint_pos=pos, joint_names=("knee",), robot="r", motor="m",
+        source=f"{start}",
+    )  # fmt: skip
+
+
+def test_stretches_are_as_long_as_each_other_and_cover_a_motion_together():
+    found = real_logs.stretches([a_log(3000, 0.0), a_log(3000, 1e4), a_log(3000, 2e4)], 6.0)
+    assert [part.stop - part.start for part in found.segment_slices()] == [1000, 1000, 1000]
+    assert [found.joint_pos[part.start, 0] for part in found.segment_slices()] == [0.0, 1e4 + 1000, 2e4 + 2000]
+    assert real_logs.stretches([a_log(500, 0.0)], 6.0).num_rows == 500
+
+
+def test_every_log_is_judged_once_and_never_fitted_to_then():
+    paths = [Path(f"{name}.parquet") for name in "abcd"]
+    folds = real_logs.leave_out(paths, [paths[:1], paths[1:3], paths[3:]])
+    assert [path for fold in folds for path in fold.judged] == paths
+    assert all(set(fold.known) | set(fold.judged) == set(paths) for fold in folds)
+    assert not any(set(fold.known) & set(fold.judged) for fold in folds)
