@@ -12,6 +12,8 @@ WILD_ANGLE = 100.0
 """[rad]; no joint turns so far: a damaged number, and no unit or unwrapping makes sense of it."""
 EXCITED_STD = 1e-3
 STUCK_RATIO = 0.1
+WILD_RATIO = 3.0
+"""No servo moves so many times its command: other units."""
 ANGLES = ("position_target", "joint_pos")
 _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
@@ -57,8 +59,8 @@ def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
 
 
 def constant_channels(log: MotorLog) -> list[Finding]:
-    """Measured channels that never change."""
-    found = []
+    """Measured channels that never change; of a joint that was not to move, that is only good to know."""
+    found, excited = [], excited_joints(log)
     for channel in _CHANGING:
         values = getattr(log, channel)
         if values is None:
@@ -67,7 +69,8 @@ def constant_channels(log: MotorLog) -> list[Finding]:
             joint, value = log.joint_names[column], float(values[0, column])
             message = f"{channel}/{joint} is {value:.6g} {JOINT_SERIES[channel]} in every row"
             remedy = "check the sensor, or leave the joint out"
-            found.append(Finding("warning", "constant", value, None, message, remedy, joint))
+            severity = "warning" if column in excited else "info"
+            found.append(Finding(severity, "constant", value, None, message, remedy, joint, row=0))
     return found
 
 
@@ -77,20 +80,27 @@ def excited_joints(log: MotorLog) -> np.ndarray:
 
 
 def excitation(log: MotorLog) -> list[Finding]:
-    """Joints that were not commanded to move, and joints that were and did not."""
+    """Joints that were not commanded to move, joints that were and did not, and those that move far more."""
     command, motion = np.std(log.position_target, axis=0), np.std(log.joint_pos, axis=0)
     excited = excited_joints(log)
     found = []
     for column, joint in enumerate(log.joint_names):
         if column not in excited:
             message = f"{joint} is not excited: its command varies by {1e3 * command[column]:.3f} mrad"
-            found.append(Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint))
+            found.append(
+                Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint, row=0)
+            )
         elif motion[column] < STUCK_RATIO * command[column]:
             ratio = float(motion[column] / command[column])
             message = f"{joint} moves {100 * ratio:.1f} % of its command, less than {100 * STUCK_RATIO:g} %"
             remedy = "check power, homing and the joint order"
-            found.append(Finding("warning", "excitation", ratio, STUCK_RATIO, message, remedy, joint))
+            found.append(Finding("warning", "excitation", ratio, STUCK_RATIO, message, remedy, joint, row=0))
+        elif motion[column] > WILD_RATIO * command[column]:
+            ratio = float(motion[column] / command[column])
+            message = f"{joint} moves {ratio:.3g} times its command, more than {WILD_RATIO:g}"
+            remedy = "check that command and angle have the same unit"
+            found.append(Finding("warning", "excitation", ratio, WILD_RATIO, message, remedy, joint, row=0))
     if not excited.size:
         remedy = "record commands that move the joints"
-        found.append(Finding("error", "excitation", 0.0, 1.0, "no joint is excited", remedy))
+        found.append(Finding("error", "excitation", 0.0, 1.0, "no joint is excited", remedy, row=0))
     return found
