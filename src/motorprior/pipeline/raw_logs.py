@@ -12,7 +12,7 @@ from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import resample
-from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
+from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -23,14 +23,15 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Recordings of `motorprior record` or `deploy` (.csv), raw logs of jietan/puppersim (.csv, .csv.gz,
-    original .txt pickles), or, with ``columns``, any table (.csv, .csv.gz, .parquet)."""
+    """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), raw logs of
+    jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
+    datasets, or, with ``columns``, any table (.csv, .csv.gz, .parquet) and tensors (.pt)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
-    """What the columns of a table mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    """What columns of a table, or tensors, mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     period: float | None = None
-    """Sample period of the result [s], for recordings of a robot and for tables; as recorded if not given."""
+    """Sample period of the result [s]; as recorded if not given."""
     hung: bool = False
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
@@ -64,7 +65,7 @@ def import_logs(config: LogsImport) -> None:
     robot = load_robot(config.robot)
     targets: dict[Path, Path] = {}
     for path in config.paths:
-        target = config.out / (path.name.split(".")[0] + ".parquet")
+        target = config.out / (path.resolve().name.split(".")[0] + ".parquet")
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
@@ -76,36 +77,33 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     """One log as it was asked for.
 
     Raises:
-        ConfigError: a period or a load for something else than a recording of a robot.
+        ConfigError: loads are asked for that the log has.
         LogError: it cannot be read.
     """
-    if config.columns is not None:
-        return _table(path, robot, config, config.columns)
+    if config.columns is None and ROBOT_RUN.takes(path):
+        return _robot_run(path, robot, config)
+    log = read_log(path, robot, config.columns)
+    if config.period is None and not config.hung:
+        return log
+    period = config.period or robot.physics_dt
+    if not config.hung:
+        return resample(log, period)
+    if log.load_inertia is not None:
+        raise ConfigError("hung: it says its load itself", where=path, remedy="leave hung out", argument="hung")
+    from motorprior.simulation.hung_load import with_loads
+
+    return with_loads(_smooth_on_grid(log, period), robot)
+
+
+def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     if config.period is None and not config.hung:
         return read_log(path, robot)
-    if not is_robot_run(path):
-        raise ConfigError(
-            "a period or a load is for recordings of `motorprior record` and `deploy`", where=path,
-            remedy="leave them out",
-        )  # fmt: skip
     period = config.period or robot.physics_dt
     if not config.hung:
         return read_robot_run(path, robot, period=period)
     from motorprior.simulation.hung_load import with_loads
 
     return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
-
-
-def _table(path: Path, robot: Robot, config: LogsImport, columns: str) -> MotorLog:
-    log = read_log(path, robot, columns)
-    if config.period is None and not config.hung:
-        return log
-    period = config.period or robot.physics_dt
-    if not config.hung:
-        return resample(log, period)
-    from motorprior.simulation.hung_load import with_loads
-
-    return with_loads(_smooth_on_grid(log, period), robot)
 
 
 def _smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
