@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -60,6 +61,11 @@ def beyond_one_turn(log: MotorLog) -> MotorLog:
 @case("units", "error", row=500)
 def a_damaged_number(log: MotorLog) -> MotorLog:
     return edited(log, "joint_pos", column(slice(500, 501), 1e6))
+
+
+@case("units", "error", row=400)
+def a_damaged_velocity(log: MotorLog) -> MotorLog:
+    return edited(log, "joint_vel", column(slice(400, 401), -1e9))
 
 
 @case("limits", row=300)
@@ -242,8 +248,17 @@ def test_a_weight_that_is_held_is_no_unsigned_torque(rich_log: MotorLog):
     assert not check_log(log).of("unsigned_torque")
 
 
-def test_the_real_logs_have_no_errors(shared_data):
-    for folder, columns in (("go2", "go2_identification"), ("so101", "so101_sage")):
-        for path in sorted((shared_data / folder).glob("*.csv.gz")):
-            report = check_log(read_log(path, columns=columns))
-            assert report.usable, (path.name, report.errors)
+@pytest.mark.parametrize(
+    ("folder", "columns"), [("go2", "go2_identification"), ("so101", "so101_sage"), ("xl330", None)]
+)
+def test_the_real_logs_have_no_errors(shared_data: Path, folder: str, columns: str | None):
+    paths = sorted(path for path in (shared_data / folder).glob("*.gz"))
+    reports = [check_log(read_log(path, columns=columns)) for path in paths]
+    assert reports
+    for report in reports:
+        assert report.usable, (report.source, report.errors)
+        assert not [found for found in report.of("tracking") if found.value < -0.5]
+        assert not any(report.of(check) for check in ("dead", "unsigned_torque", "torque_sign"))
+    lags = [found.value for report in reports for found in report.of("tracking")]
+    if folder == "go2":
+        assert 0.055 < min(lags) <= max(lags) < 0.075

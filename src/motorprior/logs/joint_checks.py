@@ -10,6 +10,8 @@ from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 MAX_ANGLE = 2.0 * np.pi
 WILD_ANGLE = 100.0
 """[rad]; no joint turns so far: a damaged number, and no unit or unwrapping makes sense of it."""
+WILD = {"joint_vel": 1e4, "joint_torque": 1e5, "external_torque": 1e5, "load_inertia": 1e5}
+"""Sizes [SI] that these channels of no motor have."""
 EXCITED_STD = 1e-3
 STUCK_RATIO = 0.1
 WILD_RATIO = 3.0
@@ -19,7 +21,7 @@ _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
 
 def units(log: MotorLog) -> list[Finding]:
-    """Angles beyond one turn: degrees, or an encoder that wrapped. Beyond 100 rad the log cannot be used."""
+    """Angles beyond one turn: degrees, or an encoder that wrapped. Errors: beyond 100 rad, other channels beyond WILD."""
     found = []
     for channel in ANGLES:
         size = np.abs(getattr(log, channel))
@@ -27,6 +29,14 @@ def units(log: MotorLog) -> list[Finding]:
             row = int(np.argmax(size[:, column]))
             if size[row, column] > MAX_ANGLE:
                 found.append(_unit_finding(channel, joint, row, float(size[row, column])))
+    for channel, most in WILD.items():
+        values = getattr(log, channel)
+        if values is not None and np.abs(values).max() > most:
+            row, column = np.unravel_index(np.argmax(np.abs(values) > most), values.shape)
+            value, joint = float(values[row, column]), log.joint_names[column]
+            message = f"{channel}/{joint} is {value:.4g} {JOINT_SERIES[channel]} in row {row}, beyond {most:g}"
+            remedy = "remove the row, or convert to SI units"
+            found.append(Finding("error", "units", value, most, message, remedy, joint, int(row)))
     return found
 
 

@@ -59,7 +59,7 @@ def _means(part: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     count = (part.num_rows - 1) // length
     ends = length * np.arange(count + 1)
     change = np.diff(part.joint_vel[ends], axis=0) / np.diff(part.time[ends])[:, None]
-    mean = lambda values: values[: count * length].reshape(count, length, -1).mean(axis=1)  # noqa: E731
+    mean = lambda values: values[: count * length].reshape(count, length, part.num_joints).mean(axis=1)  # noqa: E731
     return mean(part.joint_torque), mean(part.load_inertia) * change - mean(part.external_torque)
 
 

@@ -14,10 +14,11 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import PARQUET
 from motorprior.logs.puppersim import PUPPERSIM
 from motorprior.logs.robot_run import ROBOT_RUN
+from motorprior.logs.ros_bag import ROS_BAG
 from motorprior.logs.sage import SAGE
 from motorprior.robots.robot import Robot
 
-READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LEROBOT)
+READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LEROBOT, ROS_BAG)
 """In the order in which they are asked."""
 
 

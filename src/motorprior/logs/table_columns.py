@@ -70,7 +70,7 @@ def _batches(path: Path, names: list[str]) -> Iterator[Any]:
     import pyarrow.parquet as pq
 
     if path.suffix == ".parquet":
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, pre_buffer=False) as file:  # or it holds the whole file in memory
             yield from file.iter_batches(columns=_present(file.schema_arrow.names, names, path))
     else:
         yield from csv_batches(path, names, pa.float64())

@@ -36,8 +36,9 @@ class LogsImport:
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
     given."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, logs that do
+    not name their joints are of the shipped one, and a table's joints are called as its map calls them."""
 
 
 def require_paths(paths: tuple[Path, ...]) -> None:
@@ -62,7 +63,7 @@ def import_logs(config: LogsImport) -> None:
         raise ConfigError(
             f"period {config.period:g} s is out of range", remedy="give for example 0.002", argument="period"
         )
-    robot = load_robot(config.robot)
+    robot = load_robot(config.robot or DEFAULT_ROBOT)
     targets: dict[Path, Path] = {}
     for path in config.paths:
         target = config.out / (path.resolve().name.split(".")[0] + ".parquet")
@@ -82,7 +83,8 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     """
     if config.columns is None and ROBOT_RUN.takes(path):
         return _robot_run(path, robot, config)
-    log = read_log(path, robot, config.columns)
+    unnamed = config.robot is None and config.columns is not None and not config.hung
+    log = read_log(path, None if unnamed else robot, config.columns)
     if config.period is None and not config.hung:
         return log
     period = config.period or robot.physics_dt
