@@ -21,7 +21,7 @@ _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
 
 def units(log: MotorLog) -> list[Finding]:
-    """Angles beyond one turn: degrees, or an encoder that wrapped. Errors: beyond 100 rad, other channels beyond WILD."""
+    """Angles beyond one turn: degrees, or an encoder that wrapped. Errors: beyond 100 rad, and what is WILD."""
     found = []
     for channel in ANGLES:
         size = np.abs(getattr(log, channel))
