@@ -1,6 +1,6 @@
 """How late an angle follows its command, and whether it follows or opposes it: both read off their correlation.
 
-r(k) = corr(joint_pos(t), position_target(t - k·period)), k = -1 … longest.
+r(k) = corr(joint_pos(t), position_target(t - k·period)), k = -1 … longest, over the same t for every k.
 
 The lag is that of the first peak of r: a sine repeats, so that later peaks are as high and mean nothing. An earlier
 peak counts where it is nearly as high as the highest and r falls clearly between the two; ripple on one broad hill is
@@ -63,7 +63,9 @@ class Following:
 def following(command: np.ndarray, angle: np.ndarray, period: float) -> Following:
     """Compare two series (T,) [rad] on one grid of ``period`` [s]."""
     longest = min(int(SEARCHED_LAG / period), len(command) // 2)
-    r = np.array([_correlation(command, angle, shift) for shift in range(-1, longest + 1)])
+    later, rows = angle[longest:-1], len(angle) - longest - 1  # the same rows for every shift
+    begins = range(longest + 1, -1, -1)
+    r = np.array([_correlation(command[begin : begin + rows], later) for begin in begins])
     lag, opposed = _first_peak(r), _first_peak(-r)
     return Following(lag * period, float(r[lag + 1]), opposed * period, float(r[opposed + 1]))
 
@@ -78,9 +80,7 @@ def _first_peak(r: np.ndarray) -> int:
     return best - 1
 
 
-def _correlation(command: np.ndarray, angle: np.ndarray, shift: int) -> float:
-    rows = len(command) - abs(shift)
-    a, b = (command[:rows], angle[shift:]) if shift >= 0 else (command[-shift:], angle[:rows])
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     a, b = a - a.mean(), b - b.mean()
     scale = float(np.sqrt(np.dot(a, a) * np.dot(b, b)))
     return float(np.dot(a, b)) / scale if scale > 0.0 else 0.0
