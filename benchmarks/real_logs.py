@@ -4,9 +4,10 @@
 
 Models are judged by one free run over each whole held-out log, mean removed nowhere. Those of `pipeline.log_baselines`
 have constants per joint, fitted to the same stretches of the known logs as the prior; ``prior`` is told nothing of the
-log but its joints and stated gains: its motor of the same joint, or its central motor; ``adapted`` knows the log's first 10 s and is judged on the rest. figures.json has means over
-joints and logs [rad] as ROBOT/TEST/MODEL, and the share of the recorded angles inside the adapted prior's 90 % bands as
-ROBOT/coverage90. tables.md has more: what every model does on the rest alone. Stages that are finished are kept.
+log but its joints and stated gains: its motor of the same joint, or its central motor; ``adapted`` knows the log's
+first 10 s and is judged on the rest. figures.json has means over joints and logs [rad] as ROBOT/TEST/MODEL, and the
+share of the recorded angles inside the adapted prior's 90 % bands as ROBOT/coverage90. tables.md has more: what every
+model does on the rest alone. Stages that are finished are kept.
 """
 
 from __future__ import annotations

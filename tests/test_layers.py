@@ -49,7 +49,7 @@ HOMES = {
     "pybullet": "simulation/",
     "ray": "search/executor",
     **dict.fromkeys(["serial", "msgpack"], "hardware/"),
-    "pyarrow": "logs/",
+    **dict.fromkeys(["pyarrow", "mcap", "mcap_ros2"], "logs/"),
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
 }

@@ -35,6 +35,29 @@ def make_log() -> Callable[..., MotorLog]:
 
 
 @pytest.fixture
+def rich_log() -> MotorLog:
+    """A bench log that nothing is wrong with: 12 s of 2 joints that follow sums of sines 50 ms late, on known loads."""
+    time = 0.01 * np.arange(1200)
+    ways = (0.3, 0.4), (0.15, 1.1), (0.06, 2.7)  # rad, Hz
+
+    def motion(late: float, order: int) -> np.ndarray:
+        """Derivative of that order."""
+        phase = lambda rate: 2 * np.pi * rate * (time[:, None] - late) + np.array([0.0, 1.0])  # noqa: E731
+        turned = np.pi / 2 * order
+        return sum(
+            (size * (2 * np.pi * rate) ** order * np.sin(phase(rate) + turned) for size, rate in ways),
+            start=np.zeros((len(time), 2)),
+        )
+
+    inertia, external = np.full((len(time), 2), 0.004), -0.3 * np.sin(motion(0.05, 0))
+    return MotorLog(
+        time=time, position_target=motion(0.0, 0), joint_pos=motion(0.05, 0), joint_vel=motion(0.05, 1),
+        joint_torque=inertia * motion(0.05, 2) - external, load_inertia=inertia, external_torque=external,
+        joint_names=("left", "right"), robot="bench", motor="M2006", source="made in a test",
+    )  # fmt: skip
+
+
+@pytest.fixture
 def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
     """Every optional channel, two segments, values that decimal text would not keep."""
     rng = np.random.default_rng(3)

@@ -18,12 +18,15 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class LogsCheck:
-    """Log doctor: repeats, gaps, clock, units, range, tracking."""
+    """Log doctor: clock, repeats, units, range, sensors, delay and signs, saturation, coverage, load."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Motor logs (.parquet), recordings of a robot (.csv) or raw logs (.csv, .csv.gz, .txt)."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own."""
+    """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""
+    columns: str | None = None
+    """What the columns of a table mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own; logs that do not name their joints are the shipped
+    one's if none is given."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,17 @@ def run_logs_check(config: LogsCheck) -> None:
         LogError: after all logs are checked, if one of them is not usable.
     """
     require_paths(config.paths)
-    robot, unusable = load_robot(config.robot), []
+    robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
+    given = robot if config.robot or config.columns is None else None
     for path in config.paths:
-        log = read_log(path, robot)
+        log = read_log(path, given, config.columns)
         report = check_log(log, robot.limits if log.joint_names == robot.joint_names else None)
-        rows = [[found.severity, found.check, found.message, found.remedy] for found in report.findings]
+        rows = [
+            [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
+            for found in report.findings
+        ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
-        table(title, ["severity", "check", "finding", "remedy"], rows)
+        table(title, ["severity", "check", "row", "finding", "remedy"], rows)
         if not report.usable:
             unusable.append(str(path))
     if unusable:

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs import clock_checks, joint_checks, load_checks, response_checks
+from motorprior.logs import (
+    clock_checks,
+    coverage_checks,
+    joint_checks,
+    load_checks,
+    response_checks,
+    sensor_checks,
+    stuck_checks,
+)
+from motorprior.logs.excited_stretch import excited_stretch
 from motorprior.logs.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.resampling import drop_repeats
@@ -18,7 +27,7 @@ _ORDER = {"error": 0, "warning": 1, "info": 2}
 
 
 def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogReport:
-    """Check clock, gaps, repeats, units, range, excitation, tracking, velocities and load of a log.
+    """Check clock, units, range, sensors, what was covered, how the joints respond, and the load of a log.
 
     Args:
         log: the log to look at; it must pass `checked`.
@@ -34,6 +43,7 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
     log = checked(log, where=log.source)
     findings = [
         *clock_checks.rate(log),
+        *clock_checks.jitter(log),
         *clock_checks.gaps(log),
         *clock_checks.repeats(log),
         *joint_checks.units(log),
@@ -41,15 +51,31 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
     if joint_limits is not None:
         findings += joint_checks.limits(log, _checked_limits(log, joint_limits))
     if not any(finding.severity == "error" for finding in findings):  # statistics of damaged numbers say nothing
-        findings += [
-            *joint_checks.constant_channels(log),
-            *joint_checks.excitation(log),
-            *response_checks.tracking(log),
-            *response_checks.velocity(log),
-            *load_checks.torque_and_load(log),
-        ]
+        findings += _statistics(log)
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return LogReport(log.source, log.num_rows, log.num_joints, log.duration, tuple(findings))
+
+
+def _statistics(log: MotorLog) -> list[Finding]:
+    found = [
+        *joint_checks.constant_channels(log),
+        *joint_checks.excitation(log),
+        *stuck_checks.dead(log),
+        *stuck_checks.saturation(log),
+        *sensor_checks.quantisation(log),
+        *sensor_checks.torque_without_sign(log),
+        *response_checks.velocity(log),
+        *load_checks.torque_and_load(log),
+        *load_checks.load_given(log),
+    ]
+    stretch = excited_stretch(log)
+    if stretch is not None:
+        found += [
+            *response_checks.tracking(stretch),
+            *sensor_checks.torque_sign(stretch),
+            *coverage_checks.coverage(stretch),
+        ]
+    return found
 
 
 def require_plausible_angles(log: MotorLog, where: str | Path) -> None:

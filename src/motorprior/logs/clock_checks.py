@@ -1,4 +1,4 @@
-"""Checks of the rows of a log: their rate, gaps between them, and rows that say nothing new."""
+"""Checks of the rows of a log: their rate, its jitter, gaps, and rows that say nothing new."""
 
 from __future__ import annotations
 
@@ -7,31 +7,39 @@ import numpy as np
 from motorprior.logs.findings import Finding
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.resampling import repeated_rows
+from motorprior.logs.sensor_checks import encoder_step
 
 GAP_FACTOR = 5.0
 MAX_JITTER = 0.5
 MAX_REPEATED = 0.05
+REACH = 5
+FAST_STEPS = 2.0
+"""A motion of fewer encoder steps per row repeats angles by itself."""
 
 
 def rate(log: MotorLog) -> list[Finding]:
-    """Median rate [Hz], and jitter = (95th - 5th percentile of the time steps) / median."""
+    """Rate of the rows [Hz]: 1 / median time step."""
     _, steps = time_steps(log)
     median = float(np.median(steps))
+    message = f"median step {1e3 * median:.3g} ms ({1.0 / median:.4g} Hz), jitter {_jitter(steps):.2f} of the step"
+    return [Finding("info", "rate", 1.0 / median, None, message, row=0)]
+
+
+def jitter(log: MotorLog) -> list[Finding]:
+    """(95th - 5th percentile of the time steps) / median, where it is more than a half."""
+    rows, steps = time_steps(log)
+    median, spread = float(np.median(steps)), _jitter(steps)
+    if spread <= MAX_JITTER:
+        return []
+    row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
+    message = f"time steps spread by {spread:.2f} of their median {1e3 * median:.3g} ms, more than {MAX_JITTER}"
+    remedy = "resample on a uniform grid before differentiating"
+    return [Finding("warning", "jitter", spread, MAX_JITTER, message, remedy, row=row)]
+
+
+def _jitter(steps: np.ndarray) -> float:
     low, high = np.percentile(steps, [5, 95])
-    jitter = float((high - low) / median)
-    described = f"median step {1e3 * median:.3g} ms ({1.0 / median:.4g} Hz), jitter {jitter:.2f} of the step"
-    if jitter <= MAX_JITTER:
-        return [Finding("info", "rate", 1.0 / median, None, described)]
-    return [
-        Finding(
-            "warning",
-            "rate",
-            jitter,
-            MAX_JITTER,
-            f"{described}, more than {MAX_JITTER}",
-            "resample on a uniform grid before differentiating",
-        )
-    ]
+    return float((high - low) / np.median(steps))
 
 
 def gaps(log: MotorLog) -> list[Finding]:
@@ -41,36 +49,61 @@ def gaps(log: MotorLog) -> list[Finding]:
     late = steps > bound
     if not late.any():
         return []
-    worst = int(np.argmax(steps))
-    return [
-        Finding(
-            "warning",
-            "gaps",
-            float(steps[worst]),
-            bound,
-            f"{int(late.sum())} gaps longer than {1e3 * bound:.3g} ms (5 median steps), the longest "
-            f"{1e3 * steps[worst]:.3g} ms before row {rows[worst]}",
-            "split the log into segments at long gaps",
-            row=int(rows[worst]),
-        )
-    ]
+    worst, first = int(np.argmax(steps)), int(rows[np.argmax(late)])
+    message = (
+        f"{int(late.sum())} gaps longer than {1e3 * bound:.3g} ms (5 median steps), the first before row {first}, "
+        f"the longest {1e3 * steps[worst]:.3g} ms before row {rows[worst]}"
+    )
+    remedy = "split the log into segments at long gaps"
+    return [Finding("warning", "gaps", float(steps[worst]), bound, message, remedy, row=first)]
 
 
 def repeats(log: MotorLog) -> list[Finding]:
-    """Share of row-to-row steps in which no measured angle changes."""
-    rows, _ = time_steps(log)
+    """Share of row-to-row steps in which no measured angle changes, and the rate of those in which one does.
+
+    A warning where that happens in the fastest quarter of the motion, too: at rest, and slower than an encoder step per
+    row, angles repeat by themselves.
+    """
+    rows, steps = time_steps(log)
     repeated = repeated_rows(log)
     if not repeated.any():
         return []
-    share = float(repeated[rows].mean())
+    share, first = float(repeated[rows].mean()), int(np.argmax(repeated))
+    fast_rows = fastest_rows(log)
+    fast = float(repeated[fast_rows].mean()) if fast_rows.any() else 0.0
+    described = f"{100 * share:.1f} % of the rows repeat the last angles, {100 * fast:.1f} % while moving fast"
+    if fast <= MAX_REPEATED:
+        return [Finding("info", "repeats", share, MAX_REPEATED, described, row=first)]
+    message, remedy = f"{described} (bound {100 * MAX_REPEATED:g} %)", "drop repeats before differentiating"
     return [
-        Finding(
-            "warning" if share > MAX_REPEATED else "info",
-            "repeats",
-            share,
-            MAX_REPEATED,
-            f"{100 * share:.1f} % of the rows repeat the last angles (bound {100 * MAX_REPEATED:g} %)",
-            "drop repeats before differentiating",
-            row=int(np.argmax(repeated)),
-        )
+        Finding("warning", "repeats", share, MAX_REPEATED, message, remedy, row=first),
+        *_true_rate(log, repeated, 1.0 / float(np.median(steps)), first),
     ]
+
+
+def fastest_rows(log: MotorLog) -> np.ndarray:
+    """Mask (T,) of the quarter of rows around which some angle moves fastest, none at rest or by single encoder steps.
+
+    A row's way is the smaller of those in the five rows before it and the five after it.
+    """
+    moved = np.zeros(log.num_rows)
+    for column in range(log.num_joints):
+        least = FAST_STEPS * REACH * encoder_step(log.joint_pos[:, column])
+        for part in log.segment_slices():
+            way = np.abs(log.joint_pos[part, column][REACH:] - log.joint_pos[part, column][:-REACH])
+            both = np.minimum(way[REACH:], way[:-REACH])
+            middle = moved[part][REACH : REACH + len(both)]
+            np.maximum(middle, np.where(both >= least, both, 0.0), out=middle)
+    return moved >= np.percentile(moved[moved > 0.0], 75) if moved.any() else np.zeros(log.num_rows, dtype=bool)
+
+
+def _true_rate(log: MotorLog, repeated: np.ndarray, polled: float, first: int) -> list[Finding]:
+    """Rate of the rows that hold new angles [Hz], beside that of all rows."""
+    fresh = log.rows(~repeated)
+    _, steps = time_steps(fresh)
+    if not steps.size:
+        return []
+    true = 1.0 / float(np.median(steps))
+    message = f"new angles come at {true:.4g} Hz, rows at {polled:.4g} Hz"
+    remedy = "take the rate of new angles as that of the log"
+    return [Finding("info", "true_rate", true, polled, message, remedy, row=first)]

@@ -10,14 +10,18 @@ from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 MAX_ANGLE = 2.0 * np.pi
 WILD_ANGLE = 100.0
 """[rad]; no joint turns so far: a damaged number, and no unit or unwrapping makes sense of it."""
+WILD = {"joint_vel": 1e4, "joint_torque": 1e5, "external_torque": 1e5, "load_inertia": 1e5}
+"""Sizes [SI] that these channels of no motor have."""
 EXCITED_STD = 1e-3
 STUCK_RATIO = 0.1
+WILD_RATIO = 3.0
+"""No servo moves so many times its command: other units."""
 ANGLES = ("position_target", "joint_pos")
 _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
 
 def units(log: MotorLog) -> list[Finding]:
-    """Angles beyond one turn: degrees, or an encoder that wrapped. Beyond 100 rad the log cannot be used."""
+    """Angles beyond one turn: degrees, or an encoder that wrapped. Errors: beyond 100 rad, and what is WILD."""
     found = []
     for channel in ANGLES:
         size = np.abs(getattr(log, channel))
@@ -25,6 +29,14 @@ def units(log: MotorLog) -> list[Finding]:
             row = int(np.argmax(size[:, column]))
             if size[row, column] > MAX_ANGLE:
                 found.append(_unit_finding(channel, joint, row, float(size[row, column])))
+    for channel, most in WILD.items():
+        values = getattr(log, channel)
+        if values is not None and np.abs(values).max() > most:
+            row, column = np.unravel_index(np.argmax(np.abs(values) > most), values.shape)
+            value, joint = float(values[row, column]), log.joint_names[column]
+            message = f"{channel}/{joint} is {value:.4g} {JOINT_SERIES[channel]} in row {row}, beyond {most:g}"
+            remedy = "remove the row, or convert to SI units"
+            found.append(Finding("error", "units", value, most, message, remedy, joint, int(row)))
     return found
 
 
@@ -57,8 +69,8 @@ def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
 
 
 def constant_channels(log: MotorLog) -> list[Finding]:
-    """Measured channels that never change."""
-    found = []
+    """Measured channels that never change; of a joint that was not to move, that is only good to know."""
+    found, excited = [], excited_joints(log)
     for channel in _CHANGING:
         values = getattr(log, channel)
         if values is None:
@@ -67,7 +79,8 @@ def constant_channels(log: MotorLog) -> list[Finding]:
             joint, value = log.joint_names[column], float(values[0, column])
             message = f"{channel}/{joint} is {value:.6g} {JOINT_SERIES[channel]} in every row"
             remedy = "check the sensor, or leave the joint out"
-            found.append(Finding("warning", "constant", value, None, message, remedy, joint))
+            severity = "warning" if column in excited else "info"
+            found.append(Finding(severity, "constant", value, None, message, remedy, joint, row=0))
     return found
 
 
@@ -77,20 +90,27 @@ def excited_joints(log: MotorLog) -> np.ndarray:
 
 
 def excitation(log: MotorLog) -> list[Finding]:
-    """Joints that were not commanded to move, and joints that were and did not."""
+    """Joints that were not commanded to move, joints that were and did not, and those that move far more."""
     command, motion = np.std(log.position_target, axis=0), np.std(log.joint_pos, axis=0)
     excited = excited_joints(log)
     found = []
     for column, joint in enumerate(log.joint_names):
         if column not in excited:
             message = f"{joint} is not excited: its command varies by {1e3 * command[column]:.3f} mrad"
-            found.append(Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint))
+            found.append(
+                Finding("info", "excitation", float(command[column]), EXCITED_STD, message, joint=joint, row=0)
+            )
         elif motion[column] < STUCK_RATIO * command[column]:
             ratio = float(motion[column] / command[column])
             message = f"{joint} moves {100 * ratio:.1f} % of its command, less than {100 * STUCK_RATIO:g} %"
             remedy = "check power, homing and the joint order"
-            found.append(Finding("warning", "excitation", ratio, STUCK_RATIO, message, remedy, joint))
+            found.append(Finding("warning", "excitation", ratio, STUCK_RATIO, message, remedy, joint, row=0))
+        elif motion[column] > WILD_RATIO * command[column]:
+            ratio = float(motion[column] / command[column])
+            message = f"{joint} moves {ratio:.3g} times its command, more than {WILD_RATIO:g}"
+            remedy = "check that command and angle have the same unit"
+            found.append(Finding("warning", "excitation", ratio, WILD_RATIO, message, remedy, joint, row=0))
     if not excited.size:
         remedy = "record commands that move the joints"
-        found.append(Finding("error", "excitation", 0.0, 1.0, "no joint is excited", remedy))
+        found.append(Finding("error", "excitation", 0.0, 1.0, "no joint is excited", remedy, row=0))
     return found

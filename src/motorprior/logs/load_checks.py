@@ -1,4 +1,4 @@
-"""Whether the torque of a log is the one that moved its known load."""
+"""Whether a log says its load, and whether its torque is the one that moved it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,19 @@ SLOPE = (0.7, 1.4)
 """Torque of the load over joint_torque that passes [-]."""
 MIN_CORRELATION = 0.7
 _MIN_WINDOWS = 20
+
+
+def load_given(log: MotorLog) -> list[Finding]:
+    """Whether the log says what its motors moved, and how much it varies: largest over smallest inertia."""
+    if log.load_inertia is None:
+        message = "the log does not say what its motors moved"
+        remedy = "import it with the model of the robot, or record on a known load"
+        return [Finding("info", "load_given", 0.0, None, message, remedy, row=0)]
+    least, most = float(log.load_inertia.min()), float(log.load_inertia.max())
+    message = f"load inertia {least:.3g} to {most:.3g} kg·m²"
+    if log.external_torque is not None:
+        message += f", external torque {log.external_torque.min():.3g} to {log.external_torque.max():.3g} N·m"
+    return [Finding("info", "load_given", most / least, None, message, row=0)]
 
 
 def torque_and_load(log: MotorLog) -> list[Finding]:
@@ -46,7 +59,7 @@ def _means(part: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     count = (part.num_rows - 1) // length
     ends = length * np.arange(count + 1)
     change = np.diff(part.joint_vel[ends], axis=0) / np.diff(part.time[ends])[:, None]
-    mean = lambda values: values[: count * length].reshape(count, length, -1).mean(axis=1)  # noqa: E731
+    mean = lambda values: values[: count * length].reshape(count, length, part.num_joints).mean(axis=1)  # noqa: E731
     return mean(part.joint_torque), mean(part.load_inertia) * change - mean(part.external_torque)
 
 
@@ -61,9 +74,9 @@ def _finding(joint: str, measured: np.ndarray, needed: np.ndarray) -> Finding | 
     if correlation < MIN_CORRELATION:
         remedy = "check the load, the sign of the torque, and the clocks of both"
         message = f"joint_torque/{joint} is not the torque that moved its load: correlation {correlation:.2f}"
-        return Finding("warning", "load", correlation, MIN_CORRELATION, message, remedy, joint)
+        return Finding("warning", "load", correlation, MIN_CORRELATION, message, remedy, joint, row=0)
     if not SLOPE[0] <= slope <= SLOPE[1]:
         remedy = "check the unit of the torque, the torque constant and the load_inertia"
         message = f"the load of {joint} needed {slope:.2f} times its joint_torque"
-        return Finding("warning", "load", slope, SLOPE[int(slope > 1.0)], message, remedy, joint)
+        return Finding("warning", "load", slope, SLOPE[int(slope > 1.0)], message, remedy, joint, row=0)
     return None

@@ -10,6 +10,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
+FOLDER = "/"
+"""The ending of a folder's name."""
+
 
 @dataclass(frozen=True)
 class LogReader:
@@ -17,7 +20,7 @@ class LogReader:
 
     Attributes:
         name: of the format, for messages.
-        endings: of the names of its files, each with its dot.
+        endings: of the names of its files, each with its dot, or FOLDER.
         recognises: (path) whether a file with such an ending is one; a LogError if it cannot be read.
         read: (path, robot) its log; a LogError if it is damaged. The robot is None where none was given.
     """
@@ -26,6 +29,15 @@ class LogReader:
     endings: tuple[str, ...]
     recognises: Callable[[Path], bool]
     read: Callable[[Path, Robot | None], MotorLog]
+
+    def takes(self, path: Path) -> bool:
+        """Whether a path is in this format.
+
+        Raises:
+            LogError: it cannot be read.
+        """
+        name = path.name + FOLDER if path.is_dir() else path.name
+        return name.endswith(self.endings) and self.recognises(path)
 
 
 def require_given(robot: Robot | None, path: Path) -> Robot:

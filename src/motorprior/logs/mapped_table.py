@@ -1,12 +1,11 @@
-"""Tables whose columns a `ColumnMap` names, CSV (plain or gzip) or Parquet, become `MotorLog`s.
+"""Columns that a `ColumnMap` names become a `MotorLog`: of tables, of files of tensors, of any other source of columns.
 
-Only the columns that the map names are read, batch by batch.
+Only the columns that the map names are read, batch by batch; besides the log itself there is room for one channel.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,38 +14,47 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
 from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, table_columns
+from motorprior.logs.tensor_file import tensor_columns
 from motorprior.robots.robot import Robot
 
-ENDINGS = (".csv", ".csv.gz", ".parquet")
+Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]
+"""Batches of the named columns of a file or folder, each (rows,) float64."""
 MAX_ROWS = 50_000_000
-_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
-_REMEDY = "correct the column map, or the file"
 
 
-def read_mapped_log(path: str | Path, columns: ColumnMap, robot: Robot | None = None) -> MotorLog:
+def read_mapped_log(
+    path: str | Path, columns: ColumnMap, robot: Robot | None = None, source: Columns | None = None
+) -> MotorLog:
     """Read a table.
 
     Args:
-        path: .csv, .csv.gz or .parquet; its first line or its schema names the columns.
+        path: .csv, .csv.gz, .parquet or .pt; its first line, its schema or its keys name the columns.
         columns: what they mean.
         robot: whose joints these are, in whose order the log will have them; the map's own names and order without.
+        source: reads the columns of a path that is none of these.
 
     Raises:
         LogError: missing or damaged file, a column that it lacks, a cell that is not a finite number, joints that are
             not the robot's; names the file, the column and the value.
     """
     path = Path(path)
+    source = source or (tensor_columns if path.suffix == ".pt" else table_columns)
     joints = _in_order(columns, robot, path)
     wanted = {name: [text.replace(JOINT, joint.column) for joint in joints] for name, text in columns.series.items()}
     singles = [columns.time, *([columns.segment] if columns.segment else [])]
-    found = _read(path, [*singles, *(name for names in wanted.values() for name in names)])
-    values: dict[str, Any] = {"time": columns.scales["time"] * found[columns.time]}
-    for channel, names in wanted.items():
-        values[channel] = _channel(channel, np.stack([found[name] for name in names], axis=1), joints, columns)
-    for channel, gains in columns.gains(joints).items():
-        values[channel] = np.broadcast_to(gains, (len(values["time"]), len(joints)))
-    if columns.segment:
-        values["segment"] = _whole(found[columns.segment], columns.segment, path)
+    parts: dict[str, list[np.ndarray]] = {}
+    rows = 0
+    for batch in source(path, [*singles, *(name for names in wanted.values() for name in names)]):
+        for channel, values in _channels(batch, wanted, joints, columns, rows, path).items():
+            parts.setdefault(channel, []).append(values)
+        rows += len(batch[columns.time])
+        if rows > MAX_ROWS:
+            raise LogError(f"more than {MAX_ROWS} rows", where=path, remedy="split the recording")
+    if not rows:
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+    values = {channel: np.concatenate(parts.pop(channel)) for channel in list(parts)}
+    values |= {name: np.broadcast_to(gains, (rows, len(joints))) for name, gains in columns.gains(joints).items()}
     return checked(
         MotorLog(
             joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
@@ -55,6 +63,11 @@ def read_mapped_log(path: str | Path, columns: ColumnMap, robot: Robot | None = 
         ),
         where=path,
     )  # fmt: skip
+
+
+def if_it_has(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:
+    """The robot, if all these joints are its own: a log that names its joints may be of another one."""
+    return robot if robot is not None and set(joint_names) <= set(robot.joint_names) else None
 
 
 def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[MappedJoint, ...]:
@@ -69,6 +82,19 @@ def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[Mapp
     return tuple(by_name[name] for name in robot.joint_names if name in by_name)
 
 
+def _channels(
+    batch: dict[str, np.ndarray], wanted: dict[str, list[str]], joints: tuple[MappedJoint, ...], columns: ColumnMap,
+    before: int, path: Path,
+) -> dict[str, Any]:  # fmt: skip
+    """The channels of a batch in SI units; its first row is row ``before`` of the log."""
+    values: dict[str, Any] = {"time": columns.scales["time"] * batch[columns.time]}
+    for channel, names in wanted.items():
+        values[channel] = _channel(channel, np.stack([batch[name] for name in names], axis=1), joints, columns)
+    if columns.segment:
+        values["segment"] = _whole(batch[columns.segment], columns.segment, before, path)
+    return values
+
+
 def _channel(channel: str, raw: np.ndarray, joints: tuple[MappedJoint, ...], columns: ColumnMap) -> np.ndarray:
     sign, zero = (np.array([getattr(joint, name) for joint in joints]) for name in ("sign", "zero"))
     if channel == "load_inertia":
@@ -77,95 +103,9 @@ def _channel(channel: str, raw: np.ndarray, joints: tuple[MappedJoint, ...], col
     return values + zero if channel in ("position_target", "joint_pos") else values
 
 
-def _whole(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    odd = np.flatnonzero(values != np.rint(values))
+def _whole(values: np.ndarray, name: str, before: int, path: Path) -> np.ndarray:
+    odd = np.flatnonzero((values != np.rint(values)) | ~np.isfinite(values))
     if odd.size:
-        raise LogError(
-            f"row {odd[0]}, {name} is {values[odd[0]]:g}, not a whole number", where=path, remedy=_REMEDY
-        )  # fmt: skip
+        problem = f"row {before + odd[0]}, {name} is {values[odd[0]]:g}, not a whole number"
+        raise LogError(problem, where=path, remedy=CORRECT)
     return values.astype(np.int64)
-
-
-def _read(path: Path, names: list[str]) -> dict[str, np.ndarray]:
-    """Each named column (T,), float64."""
-    import pyarrow as pa
-
-    if not path.is_file():
-        raise LogError("no such file", where=path, remedy="check the path")
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    rows = 0
-    try:
-        for batch in _batches(path, names):
-            for name in names:
-                parts[name].append(_numbers(batch, name, rows, path))
-            rows += batch.num_rows
-            if rows > MAX_ROWS:
-                raise LogError(f"more than {MAX_ROWS} rows", where=path, remedy="split the recording")
-    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
-        raise LogError(
-            f"cannot be read ({str(error).splitlines()[0][:300]})", where=path, remedy="copy or record it again"
-        ) from error
-    if not rows:
-        raise LogError("no rows", where=path, remedy="copy or record it again")
-    return {name: np.concatenate(values) for name, values in parts.items()}
-
-
-def _batches(path: Path, names: list[str]) -> Iterator[Any]:
-    import pyarrow as pa
-    import pyarrow.csv as pa_csv
-    import pyarrow.parquet as pq
-
-    if path.suffix == ".parquet":
-        file = pq.ParquetFile(path)
-        yield from file.iter_batches(columns=_present(file.schema_arrow.names, names, path))
-        return
-    with pa.input_stream(str(path), compression="gzip" if path.suffix == ".gz" else None) as stream:
-        header = pa_csv.open_csv(stream)
-        wanted = _present(header.schema.names, names, path)
-    with pa.input_stream(str(path), compression="gzip" if path.suffix == ".gz" else None) as stream:
-        options = pa_csv.ConvertOptions(include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64()))
-        yield from pa_csv.open_csv(stream, convert_options=options)
-
-
-def _present(have: list[str], names: list[str], path: Path) -> list[str]:
-    """Columns of the file that hold these names, each once."""
-    found = dict.fromkeys(_owner(name, have) for name in names)
-    for name in found:
-        if have.count(name) != 1:
-            problem = "no column" if name not in have else "more than one column"
-            shown = ", ".join(have[:8]) + (", …" if len(have) > 8 else "")
-            raise LogError(f"{problem} {name[:80]!r}; it has {shown[:300]}", where=path, remedy=_REMEDY)
-    return list(found)
-
-
-def _owner(name: str, have: list[str]) -> str:
-    """The column that holds a name: that of this name, or the column of lists of which it is an element."""
-    element = _ELEMENT.fullmatch(name)
-    return element[1] if element and name not in have else name
-
-
-def _numbers(batch: Any, name: str, before: int, path: Path) -> np.ndarray:
-    """(rows,) float64 of a batch."""
-    owner = _owner(name, batch.schema.names)
-    column = batch.column(owner)
-    if owner != name:
-        column = _element(column, name, path)
-    kind = str(column.type)
-    if column.null_count or not (kind in ("float", "double", "halffloat") or kind.startswith(("int", "uint"))):
-        empty = np.flatnonzero(~np.asarray(column.is_valid()))
-        problem = f"row {before + empty[0]}, {name} is empty" if empty.size else f"{name} is {kind}, not numbers"
-        raise LogError(problem, where=path, remedy=_REMEDY)
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
-def _element(column: Any, name: str, path: Path) -> Any:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    index = int(_ELEMENT.fullmatch(name)[2])  # pyright: ignore[reportOptionalSubscript]
-    if "list" not in str(column.type):
-        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=_REMEDY)
-    try:
-        return pc.list_element(column, index)  # pyright: ignore[reportAttributeAccessIssue]
-    except pa.ArrowException as error:
-        raise LogError(f"{name}: a list has no such element ({error})", where=path, remedy=_REMEDY) from error

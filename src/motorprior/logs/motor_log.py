@@ -133,9 +133,9 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         ``rows`` (S,), the later row of each pair, and ``steps`` (S,) [s].
     """
-    rows = [np.arange(part.start + 1, part.stop) for part in log.segment_slices()]
-    index = np.concatenate(rows)
-    return index, log.time[index] - log.time[index - 1]
+    parts = log.segment_slices()
+    rows = np.concatenate([np.arange(part.start + 1, part.stop) for part in parts])
+    return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
 
 
 def stated_gains_of(log: MotorLog) -> np.ndarray | None:

@@ -30,7 +30,7 @@ def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = Fal
         LogError: missing or truncated file, more than 500 MB, another header, a row with too few or too many
             cells, or a cell that is not a number (row from 0, column, value).
     """
-    header, _, body = _read_text(path).partition("\n")
+    header, _, body = read_text(path).partition("\n")
     if may_be_cut:
         body = body[: body.rfind("\n") + 1]
     names = header.strip().split(",")
@@ -47,13 +47,18 @@ def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = Fal
     raise _first_bad_row(body, columns, path)
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
+    """The text of a file, plain or gzip.
+
+    Raises:
+        LogError: it cannot be read, is damaged, is no text, or is longer than ``max_bytes``.
+    """
     try:
         opener = gzip.open if path.suffix == ".gz" else open
         with opener(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise LogError(f"more than {MAX_BYTES} bytes of text", where=path, remedy="split the recording")
+            data = file.read(max_bytes + 1)
+        if len(data) > max_bytes:
+            raise LogError(f"more than {max_bytes} bytes of text", where=path, remedy="split the recording")
         return data.decode("utf-8-sig")
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(

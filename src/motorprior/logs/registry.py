@@ -5,27 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 
 from motorprior.exceptions import LogError
+from motorprior.logs.bam import BAM
 from motorprior.logs.column_map import ColumnMap, load_column_map
+from motorprior.logs.lerobot import LEROBOT
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.mapped_table import read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import PARQUET
 from motorprior.logs.puppersim import PUPPERSIM
 from motorprior.logs.robot_run import ROBOT_RUN
+from motorprior.logs.ros_bag import ROS_BAG
+from motorprior.logs.sage import SAGE
 from motorprior.robots.robot import Robot
 
-READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM)
+READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LEROBOT, ROS_BAG)
 """In the order in which they are asked."""
 
 
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
-    """Read a log in any known format: a motor log, a recording of a robot, a log of jietan/puppersim, or any table.
+    """Read a log in any known format (docs/logs.md), or any table by a map of its columns.
 
     Args:
-        path: the file.
-        robot: that was recorded; motor logs (.parquet) name it themselves and need none.
-        columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet) mean: a map, the name of a
-            shipped one, or its file (docs/your-motors.md).
+        path: the file, or the folder of a format that is one.
+        robot: that was recorded; formats that name their joints need none.
+        columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet) or the tensors of a .pt mean: a
+            map, the name of a shipped one, or its file (docs/your-motors.md).
 
     Returns:
         The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
@@ -40,9 +44,10 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
         return read_mapped_log(path, known, robot)
     for reader in READERS:
-        if path.name.endswith(reader.endings) and reader.recognises(path):
+        if reader.takes(path):
             return reader.read(path, robot)
-    if not path.is_file():
+    if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
-    raise LogError("not a log that can be read", where=path, remedy=f"give one of: {known}")
+    remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
+    raise LogError("not a log that can be read", where=path, remedy=remedy)

@@ -16,6 +16,7 @@ from typing import Any
 
 from motorprior.exceptions import LogError
 from motorprior.logs.pickled_arrays import PickledArray, constructors
+from motorprior.logs.pickled_tensors import PickledStorage, PickledTensor, storage_of, tensor_constructors
 
 MAX_BYTES = 200_000_000
 MAX_OPERATIONS = 5_000_000
@@ -47,12 +48,24 @@ def load_plain(source: str | Path | bytes, *, where: str | Path | None = None) -
             which is named and not called.
     """
     where = where if where is not None or isinstance(source, bytes) else source
-    data = source if isinstance(source, bytes) else _read_bounded(Path(source))
+    return _load(source if isinstance(source, bytes) else _read_bounded(Path(source)), where, tensors=False)
+
+
+def load_tensors(data: bytes, *, where: str | Path) -> Any:
+    """The same of the pickle in a file of torch.save: its tensors become `PickledTensor`s, which hold no numbers.
+
+    Raises:
+        LogError: as `load_plain`.
+    """
+    return _load(data, where, tensors=True)
+
+
+def _load(data: bytes, where: str | Path | None, tensors: bool) -> Any:
     if len(data) > MAX_BYTES:
         raise LogError(f"{len(data)} bytes, more than the {MAX_BYTES} a log may have", where=where, remedy=NOT_A_LOG)
     try:
-        _check_operations(data)
-        loaded = _Unpickler(io.BytesIO(data), encoding="latin1").load()
+        _check_operations(data, ALLOWED_OPERATIONS | {"BINPERSID"} if tensors else ALLOWED_OPERATIONS)
+        loaded = _Unpickler(io.BytesIO(data), tensors).load()
         return _plain(loaded, 0, {})
     except LogError as error:
         raise LogError(error.problem, where=where, remedy=NOT_A_LOG) from error
@@ -67,15 +80,18 @@ def load_plain(source: str | Path | bytes, *, where: str | Path | None = None) -
 class _Unpickler(pickle.Unpickler):
     """The one way Python offers to decide what a pickle may name is to override `find_class`."""
 
-    def __init__(self, file: io.BytesIO, *, encoding: str):
-        super().__init__(file, encoding=encoding)
-        self._constructors = constructors(MAX_BYTES)
+    def __init__(self, file: io.BytesIO, tensors: bool):
+        super().__init__(file, encoding="latin1")
+        self._constructors = {**constructors(MAX_BYTES), **(tensor_constructors() if tensors else {})}
 
     def find_class(self, module: str, name: str, /) -> Callable[..., Any]:
         constructor = self._constructors.get((module, name))
         if constructor is None:
             raise LogError(f"the pickle asks for {module}.{name}, which is refused")
         return constructor
+
+    def persistent_load(self, pid: Any, /) -> PickledStorage:
+        return storage_of(pid)
 
 
 def _read_bounded(path: Path) -> bytes:
@@ -86,12 +102,12 @@ def _read_bounded(path: Path) -> bytes:
         raise LogError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
 
-def _check_operations(data: bytes) -> None:
+def _check_operations(data: bytes, allowed: frozenset[str]) -> None:
     """Refuse operations outside the allow-list, memo indices that reserve memory, and trailing bytes."""
     stream, last = io.BytesIO(data), 0
     for count, (operation, argument, position) in enumerate(pickletools.genops(stream)):
         last = position or 0
-        if operation.name not in ALLOWED_OPERATIONS:
+        if operation.name not in allowed:
             detail = f" ({argument})" if isinstance(argument, str) else ""
             raise LogError(f"the pickle operation {operation.name}{detail} is refused")
         if operation.name.endswith("PUT") and not 0 <= int(str(argument)) <= count + 1:
@@ -104,7 +120,7 @@ def _check_operations(data: bytes) -> None:
 
 def _plain(value: Any, depth: int, done: dict[int, Any]) -> Any:
     """Copy containers with arrays for their stand-ins; shared parts stay shared, cycles are refused."""
-    if type(value) in _PLAIN:
+    if type(value) in (*_PLAIN, PickledTensor):
         return value
     if type(value) is bytearray:
         return bytes(value)

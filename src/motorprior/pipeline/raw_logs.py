@@ -12,7 +12,7 @@ from motorprior.logs.motor_log import MotorLog, checked, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import resample
-from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run
+from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -23,25 +23,27 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Recordings of `motorprior record` or `deploy` (.csv), raw logs of jietan/puppersim (.csv, .csv.gz,
-    original .txt pickles), or, with ``columns``, any table (.csv, .csv.gz, .parquet)."""
+    """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), raw logs of
+    jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
+    datasets, or, with ``columns``, any table (.csv, .csv.gz, .parquet) and tensors (.pt)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
-    """What the columns of a table mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    """What columns of a table, or tensors, mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     period: float | None = None
-    """Sample period of the result [s], for recordings of a robot and for tables; as recorded if not given."""
+    """Sample period of the result [s]; as recorded if not given."""
     kp: tuple[float, ...] = ()
-    """Proportional gain [N·m/rad] that the motors of a table were told: one for all joints, or one per joint in the
-    robot's order. Takes the place of what ``columns`` says; in firmware units where that says so."""
+    """Proportional gain [N·m/rad] that the motors were told: one for all joints, or one per joint in the robot's order.
+    Takes the place of what ``columns`` says; in firmware units where that says so."""
     kd: tuple[float, ...] = ()
     """Derivative gain [N·m·s/rad], like ``kp``."""
     hung: bool = False
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
     given."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, logs that do
+    not name their joints are of the shipped one, and a table's joints are called as its map calls them."""
 
 
 def require_paths(paths: tuple[Path, ...]) -> None:
@@ -66,10 +68,10 @@ def import_logs(config: LogsImport) -> None:
         raise ConfigError(
             f"period {config.period:g} s is out of range", remedy="give for example 0.002", argument="period"
         )
-    robot = load_robot(config.robot)
+    robot = load_robot(config.robot or DEFAULT_ROBOT)
     targets: dict[Path, Path] = {}
     for path in config.paths:
-        target = config.out / (path.name.split(".")[0] + ".parquet")
+        target = config.out / (path.resolve().name.split(".")[0] + ".parquet")
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
@@ -81,36 +83,34 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     """One log as it was asked for.
 
     Raises:
-        ConfigError: a period or a load for something else than a recording of a robot.
+        ConfigError: loads are asked for that the log has.
         LogError: it cannot be read.
     """
-    if config.columns is not None:
-        return _table(path, robot, config, config.columns)
+    if config.columns is None and ROBOT_RUN.takes(path):
+        return _robot_run(path, robot, config)
+    unnamed = config.robot is None and config.columns is not None and not config.hung
+    log = _with_gains(read_log(path, None if unnamed else robot, config.columns), config)
+    if config.period is None and not config.hung:
+        return log
+    period = config.period or robot.physics_dt
+    if not config.hung:
+        return resample(log, period)
+    if log.load_inertia is not None:
+        raise ConfigError("hung: it says its load itself", where=path, remedy="leave hung out", argument="hung")
+    from motorprior.simulation.hung_load import with_loads
+
+    return with_loads(_smooth_on_grid(log, period), robot)
+
+
+def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     if config.period is None and not config.hung:
         return read_log(path, robot)
-    if not is_robot_run(path):
-        raise ConfigError(
-            "a period or a load is for recordings of `motorprior record` and `deploy`", where=path,
-            remedy="leave them out",
-        )  # fmt: skip
     period = config.period or robot.physics_dt
     if not config.hung:
         return read_robot_run(path, robot, period=period)
     from motorprior.simulation.hung_load import with_loads
 
     return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
-
-
-def _table(path: Path, robot: Robot, config: LogsImport, columns: str) -> MotorLog:
-    log = _with_gains(read_log(path, robot, columns), config)
-    if config.period is None and not config.hung:
-        return log
-    period = config.period or robot.physics_dt
-    if not config.hung:
-        return resample(log, period)
-    from motorprior.simulation.hung_load import with_loads
-
-    return with_loads(_smooth_on_grid(log, period), robot)
 
 
 def _with_gains(log: MotorLog, config: LogsImport) -> MotorLog:

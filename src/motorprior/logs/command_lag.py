@@ -1,0 +1,86 @@
+"""How late an angle follows its command, and whether it follows or opposes it: both read off their correlation.
+
+r(k) = corr(joint_pos(t), position_target(t - k·period)), k = -1 … longest, over the same t for every k.
+
+The lag is that of the first peak of r: a sine repeats, so that later peaks are as high and mean nothing. An earlier
+peak counts where it is nearly as high as the highest and r falls clearly between the two; ripple on one broad hill is
+no peak.
+
+An angle opposes its command where, among lags that a servo can have, r goes further below zero than above it. One pure
+sine cannot tell a reversed joint from one that is late by more than half a period: that is reported as undecided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MAX_LAG = 0.25
+"""Longest lag of a command that a servo plausibly has [s]."""
+SEARCHED_LAG = 0.5
+NEARLY = 0.95
+"""An earlier peak is at least this share of the highest."""
+VALLEY = 0.1
+"""By how much r falls between two peaks that are not the same hill."""
+MARGIN = 0.1
+"""By how much one sign must outweigh the other."""
+MIN_CORRELATION = 0.5
+
+
+@dataclass(frozen=True)
+class Following:
+    """How one angle follows its command.
+
+    Attributes:
+        lag: of the first positive peak [s].
+        correlation: there.
+        opposed_lag: of the first negative peak [s].
+        opposed_correlation: there.
+    """
+
+    lag: float
+    correlation: float
+    opposed_lag: float
+    opposed_correlation: float
+
+    @property
+    def opposes(self) -> bool:
+        """The angle moves against its command."""
+        beyond = -self.opposed_correlation - (self.correlation if self.lag < MAX_LAG else 0.0)
+        return self._can_oppose and beyond > MARGIN
+
+    @property
+    def undecided(self) -> bool:
+        """A command of one frequency: late by more than half a period, or reversed and less late."""
+        return self._can_oppose and not self.opposes and self.opposed_lag < self.lag < MAX_LAG
+
+    @property
+    def _can_oppose(self) -> bool:
+        return self.opposed_correlation < -MIN_CORRELATION and self.opposed_lag < MAX_LAG
+
+
+def following(command: np.ndarray, angle: np.ndarray, period: float) -> Following:
+    """Compare two series (T,) [rad] on one grid of ``period`` [s]."""
+    longest = min(int(SEARCHED_LAG / period), len(command) // 2)
+    later, rows = angle[longest:-1], len(angle) - longest - 1  # the same rows for every shift
+    begins = range(longest + 1, -1, -1)
+    r = np.array([_correlation(command[begin : begin + rows], later) for begin in begins])
+    lag, opposed = _first_peak(r), _first_peak(-r)
+    return Following(lag * period, float(r[lag + 1]), opposed * period, float(r[opposed + 1]))
+
+
+def _first_peak(r: np.ndarray) -> int:
+    """Shift of the first peak; r[0] is that of shift -1, which only tells whether shift 0 is one."""
+    best = 1 + int(np.argmax(r[1:]))
+    for here in range(1, best):
+        high = r[here] >= NEARLY * r[best]
+        if high and r[here] >= max(r[here - 1], r[here + 1]) and r[here : best + 1].min() < r[here] - VALLEY:
+            return here - 1
+    return best - 1
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    scale = float(np.sqrt(np.dot(a, a) * np.dot(b, b)))
+    return float(np.dot(a, b)) / scale if scale > 0.0 else 0.0

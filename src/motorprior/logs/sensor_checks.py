@@ -1,0 +1,88 @@
+"""Checks of what sensors can resolve and sign: encoder steps, torques without a sign or with the other one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.logs.excited_stretch import MAX_SAMPLES, Stretch
+from motorprior.logs.findings import Finding
+from motorprior.logs.joint_checks import excited_joints
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.reversals import reversals
+
+SMALLEST_STEP = 1e-6
+"""Differences below this are rounding [rad]."""
+COARSE = 0.05
+"""A step larger than this share of the motion's standard deviation is coarse."""
+MIN_REVERSALS = 4
+NEAR_ZERO = 0.1
+"""A rectified torque comes down to this share of its 95th percentile; one that holds a weight does not."""
+OTHER_SIGN = -0.5
+
+
+def encoder_step(angle: np.ndarray) -> float:
+    """Smallest difference [rad] of two different readings (T,), at least 1e-6; of a long log, of evenly spaced rows."""
+    levels = np.unique(angle[:: max(1, len(angle) // MAX_SAMPLES)])
+    steps = np.diff(levels)
+    return float(np.min(steps[steps > SMALLEST_STEP], initial=np.inf)) if np.any(steps > SMALLEST_STEP) else 0.0
+
+
+def quantisation(log: MotorLog) -> list[Finding]:
+    """Encoder steps of more than 5 % of the motion's standard deviation."""
+    found = []
+    for column in excited_joints(log):
+        angle, joint = log.joint_pos[:, column], log.joint_names[column]
+        spread, step = float(np.std(angle)), encoder_step(angle)
+        if spread == 0.0 or step <= COARSE * spread:
+            continue
+        row = int(np.argmax(angle != angle[0]))
+        message = (
+            f"{joint} is read in steps of {1e3 * step:.3g} mrad, {100 * step / spread:.0f} % of the standard "
+            f"deviation of its motion (bound {100 * COARSE:g} %)"
+        )
+        remedy = "command larger motions, and trust no derivative of this angle"
+        found.append(Finding("warning", "quantisation", step, COARSE * spread, message, remedy, joint, row))
+    return found
+
+
+def torque_without_sign(log: MotorLog) -> list[Finding]:
+    """Torques that never change sign, come down to zero, and belong to angles that go both ways: |current|."""
+    if log.joint_torque is None:
+        return []
+    found = []
+    for column, joint in enumerate(log.joint_names):
+        torque, angle = log.joint_torque[:, column], log.joint_pos[:, column]
+        if torque.min() < 0.0 < torque.max() or np.ptp(torque) == 0.0:
+            continue
+        low, high = np.percentile(np.abs(torque), [5, 95])
+        turns = reversals(angle[:: max(1, len(angle) // MAX_SAMPLES)])
+        if low > NEAR_ZERO * high or len(turns) < MIN_REVERSALS:
+            continue
+        least = float(np.min(np.abs(torque)))
+        message = f"joint_torque/{joint} never changes sign (least size {least:.3g} N·m) while the joint goes both ways"
+        remedy = "it is the size of a current: leave the channel out"
+        row = int(np.argmax(torque != 0.0))
+        found.append(Finding("warning", "unsigned_torque", least, 0.0, message, remedy, joint, row))
+    return found
+
+
+def torque_sign(stretch: Stretch) -> list[Finding]:
+    """Torques that go against the position error: correlation below -0.5 in the excited stretch.
+
+    A motor that holds a position pushes towards it; friction and damping make the correlation small, never negative.
+    Where the load is known, `load_checks.torque_and_load` says it better.
+    """
+    log, found = stretch.log, []
+    if log.joint_torque is None or log.load_inertia is not None:
+        return []
+    for column in excited_joints(log):
+        torque, error = log.joint_torque[:, column], log.position_target[:, column] - log.joint_pos[:, column]
+        if np.std(torque) == 0.0 or np.std(error) == 0.0:
+            continue
+        correlation, joint = float(np.corrcoef(torque, error)[0, 1]), log.joint_names[column]
+        if correlation < OTHER_SIGN:
+            message = f"joint_torque/{joint} pushes away from the command: correlation {correlation:.2f} with the error"
+            remedy = "flip the sign of the torque"
+            row = stretch.row
+            found.append(Finding("warning", "torque_sign", correlation, OTHER_SIGN, message, remedy, joint, row))
+    return found
