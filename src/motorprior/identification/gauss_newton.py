@@ -52,9 +52,9 @@ class Optimum:
     cost: float
     information: np.ndarray
 
-    def covariance(self, belief: Belief, scale: float = 1.0) -> np.ndarray:
-        """(P, P) of x, if the residuals' true standard deviation is ``scale`` instead of 1."""
-        return np.linalg.inv(self.information / scale**2 + np.diag(belief.deviation**-2))
+    def covariance(self, belief: Belief) -> np.ndarray:
+        """(P, P) of x, by Laplace's method."""
+        return np.linalg.inv(self.information + np.diag(belief.deviation**-2))
 
 
 Residuals: TypeAlias = Callable[[np.ndarray], np.ndarray]

@@ -47,16 +47,18 @@ def calibrate(
 
     Args:
         problem: fleet and logs.
-        starts: searches; the first begins at the fleet's centre, the others at draws from the belief.
+        starts: searches; the first begins at the fleet's centre, and then again with the deviation that it left, the
+            others at draws from the belief.
         iterations: of each search, at most.
         seed: of the draws.
         advance: called once per search, `searches` times in all.
     """
-    names = list(problem.replayers)
-    belief, rng = problem.belief, np.random.default_rng(seed)
-    away = np.vstack([np.zeros(len(belief.mean)), rng.standard_normal((starts - 1, len(belief.mean)))])
+    names, belief, rng = list(problem.replayers), problem.belief, np.random.default_rng(seed)
+    first = search(lambda x: problem.residuals(names, x), belief.mean, belief, iterations)
+    advance()
+    problem = problem.as_good_as(first.x)
     optima: list[Optimum] = []
-    for start in belief.mean + away * belief.deviation:
+    for start in (first.x, *(belief.mean + belief.deviation * rng.standard_normal((starts - 1, len(belief.mean))))):
         optima.append(search(lambda x: problem.residuals(names, x), start, belief, iterations))
         advance()
     optima.sort(key=lambda each: each.cost)
@@ -68,7 +70,7 @@ def calibrate(
 
 def searches(logs: int, starts: int) -> int:
     """Number of searches of a calibration."""
-    return starts + (logs if logs > 1 else 0) + 1
+    return 1 + starts + (logs if logs > 1 else 0) + 1
 
 
 def _leave_one_out(problem: FleetProblem, start: np.ndarray, advance: Callable[[], None]) -> dict[str, np.ndarray]:
@@ -83,8 +85,7 @@ def _leave_one_out(problem: FleetProblem, start: np.ndarray, advance: Callable[[
 
 def _standard_error(problem: FleetProblem, best: Optimum, left_out: dict[str, np.ndarray]) -> np.ndarray:
     """Jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron & Stein 1981)."""
-    scale = problem.scale(problem.residuals(list(problem.replayers), best.x))
-    laplace = np.sqrt(np.diag(best.covariance(problem.belief, scale)))
+    laplace = np.sqrt(np.diag(best.covariance(problem.belief)))
     if not left_out:
         return laplace
     without = np.array(list(left_out.values()))

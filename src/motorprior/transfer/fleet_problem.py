@@ -24,8 +24,10 @@ FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
 """Constants that are fitted, where the fleet has them and is unsure of them."""
 PER_MOTOR = ("kp", "coulomb")
 """Constants that may differ from motor to motor in the fit of the spread."""
-SCALE = 0.015
-"""Deviation of a joint from a replay [rad] that weighs as one standard deviation."""
+DEVIATION = 0.015
+"""Of a joint from a replay [rad], before a fit has shown it."""
+_LEAST_DEVIATION = 0.001
+"""[rad]; encoders and clocks are no better."""
 READINGS = 20
 """Independent readings that a joint of a log counts as, however long it is: its misfit repeats with the motion."""
 _WEAK = 2.0
@@ -95,10 +97,11 @@ class FleetProblem:
         fleet: where the fit begins, and what stays.
         robot: that the logs are of.
         replayers: of the logs, by name.
+        deviation: of a joint from its replay that weighs as one standard deviation [rad].
     """
 
-    def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer]):
-        self.fleet, self.robot, self.replayers = fleet, robot, replayers
+    def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
+        self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
         self.unknowns = unknowns_of(fleet)
         self.belief = belief_of(self.unknowns)
         self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
@@ -127,7 +130,7 @@ class FleetProblem:
 
     def residuals(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
         """(N,) errors in units of their deviation; every joint of every log weighs the same."""
-        weigh = np.sqrt(READINGS) / SCALE
+        weigh = np.sqrt(READINGS) / self.deviation
         return np.concatenate([weigh / np.sqrt(len(e)) * e.ravel() for e in self.errors(names, x, offsets)])
 
     def rmse(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> float:
@@ -139,10 +142,11 @@ class FleetProblem:
         """Of the constant."""
         return FAMILIES[self.fleet.family].units[unknown.name]
 
-    def scale(self, residuals: np.ndarray) -> float:
-        """The residuals' standard deviation, counted as independent readings."""
-        joints = sum(len(replayer.excited) for replayer in self.replayers.values())
-        return float(np.sqrt(residuals @ residuals / (READINGS * joints)))
+    def as_good_as(self, x: np.ndarray) -> FleetProblem:
+        """The same, with the deviation that a centre leaves: the root of the mean over all joints and logs."""
+        errors = self.errors(list(self.replayers), x)
+        deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))
+        return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _LEAST_DEVIATION))
 
 
 def belief_of(unknowns: Sequence[Unknown]) -> Belief:

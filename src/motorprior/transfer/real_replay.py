@@ -113,11 +113,6 @@ class Replayer:
         return self._worlds[physics_dt, hung]
 
 
-def replay_log(log: MotorLog, robot: Robot, actuator: Actuator, prepared: MotorLog) -> LogReplay:
-    """Simulate the commands of ``log`` and compare with the measurements of ``prepared``, see `Replayer`."""
-    return Replayer(log, robot, prepared).run(actuator)
-
-
 def _before_a_fall(part: MotorLog) -> np.ndarray:
     """(rows,) whether a row comes before the first fallen one of its segment."""
     if part.posture is None:
