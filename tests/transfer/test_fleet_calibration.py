@@ -75,12 +75,12 @@ def test_motors_that_differ_are_told_apart_from_the_centre(record_log, fleet):
     kp[strong], kp[weak] = 1.3 * kp[strong], 0.75 * kp[weak]
     problem = problem_of(sure_of(fleet, "kp"), record_log, actuator_of(fleet, kp=kp), logs=2)
     problem = problem.as_good_as(problem.belief.mean)
-    found = single_motors(problem, problem.belief.mean)
+    center = problem.belief.mean
+    found = single_motors(problem, center, dict.fromkeys(problem.replayers, center))
     offsets = dict(zip(problem.joints, found.offsets, strict=True))
     assert offsets.pop(strong) > 0.15 and offsets.pop(weak) < -0.15
     assert max(map(abs, offsets.values())) < 0.07
     assert found.spread["kp"] >= fleet.parameters["kp"].values["spread"]
-    center = problem.belief.mean
     assert problem.rmse("log_0", center, found.left_out["log_0"]) < problem.rmse("log_0", center)
 
 

@@ -35,9 +35,14 @@ def test_rows_from_a_fall_on_are_not_compared(record_log, fleet):
     motors = fleet.center(ROBOT.num_joints).actuator()
     log = record_log(motors, hung=False)
     tilt, spoiled = np.zeros((log.num_rows, 2)), log.joint_pos.copy()
-    tilt[400:450, 0], spoiled[400:] = FALLEN_TILT + 0.1, 1.0
+    tilt[400:550, 0], spoiled[400:] = FALLEN_TILT + 0.1, 1.0
+    tilt[100:110, 1] = -1.5  # a wrong reading is no fall
     fallen = with_posture(replace(log, base_orientation=tilt, joint_pos=spoiled), "standing")
-    assert set(fallen.posture[400:450]) == {CODE["fallen"]}
+    assert (
+        fallen.posture is not None
+        and set(fallen.posture[400:550]) == {CODE["fallen"]}
+        and set(fallen.posture[:400]) == {CODE["standing"]}
+    )
     replayer = Replayer(fallen, ROBOT, fallen)
     assert replayer.compared[:400].all() and not replayer.compared[400:].any()
     assert np.nanmax(replayer.run(motors).rmse) < 0.02 < 1.0, "spoiled rows would dominate"

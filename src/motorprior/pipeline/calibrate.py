@@ -89,7 +89,8 @@ def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> 
             covered.append(Result("calibrate_coverage90", "1", share, log=name))
             task.advance()
     (config.out / PICTURE).write_bytes(png_bytes(calibration(panels)))
-    write_results(config.out, _errors(problem, found) + Results.of(covered) + _constants(problem, found))
+    constants = _constants(problem, found) + _motors(problem, found)
+    write_results(config.out, _errors(problem, found) + Results.of(covered) + constants)
 
 
 def _heading(names: list[str]) -> str:
@@ -118,7 +119,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> Results:
         }
         if found.left_out:
             values["left_out"] = problem.rmse(name, found.left_out[name])
-            values["per_motor_left_out"] = problem.rmse(name, found.center, found.motors.left_out[name])
+            values["per_motor_left_out"] = problem.rmse(name, found.left_out[name], found.motors.left_out[name])
         rows += [Result("calibrate_rmse", "rad", v, model, log=name) for model, v in values.items()]
     results = Results.of(rows)
     means = [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
@@ -147,6 +148,17 @@ def _constants(problem: FleetProblem, found: Calibration) -> Results:
         for unknown, x in zip(problem.unknowns, optimum.x, strict=True):
             value, model = unknown.value(x), f"optimum_{place}"
             rows.append(Result("calibrate_optimum", problem.unit(unknown), value, model, part=unknown.name))
+    return Results.of(rows)
+
+
+def _motors(problem: FleetProblem, found: Calibration) -> Results:
+    """What differs from motor to motor, per joint that moved: by constant, as `model`."""
+    rows, each_motor = [], found.motors.offsets.reshape(len(problem.joints), len(problem.differing))
+    for joint, offsets in zip(problem.joints, each_motor, strict=True):
+        for place, offset in zip(problem.differing, offsets, strict=True):
+            unknown, part = problem.unknowns[place], problem.robot.joint_names[joint]
+            value = unknown.value(found.center[place] + offset)
+            rows.append(Result("calibrate_motor", problem.unit(unknown), value, unknown.name, part=part))
     return Results.of(rows)
 
 

@@ -35,7 +35,8 @@ LEVEL = 0.15
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     """The same log with load_inertia [kg·m²] and external_torque [N·m] for joint_torque, its body level and fixed.
 
-    Its posture says so. Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run` with a period.
+    Its posture says so. Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run`
+    with a period.
 
     Raises:
         LogError: not the joints of this robot, without velocities, or of a robot that was not level.

@@ -63,7 +63,7 @@ def calibrate(
         advance()
     optima.sort(key=lambda each: each.cost)
     left_out = _leave_one_out(problem, optima[0].x, advance)
-    motors = single_motors(problem, optima[0].x)
+    motors = single_motors(problem, optima[0].x, left_out)
     advance()
     return Calibration(tuple(optima), _standard_error(problem, optima[0], left_out), left_out, motors)
 

@@ -13,6 +13,8 @@ from motorprior.transfer.real_replay import Replayer
 
 FALLEN_TILT = 0.8
 """Roll or pitch beyond which a robot has fallen [rad]."""
+FALLEN_TIME = 0.2
+"""Time for which it must stay so [s]: a single reading may be wrong."""
 MARGIN = 0.7
 """A log counts as hung only if its error hung is below this share of its error standing."""
 
@@ -34,8 +36,18 @@ def with_posture(log: MotorLog, name: str) -> MotorLog:
     """The same log, in one posture but for rows whose tilt says that the robot has fallen."""
     codes = np.full(log.num_rows, POSTURES.index(name))
     if log.base_orientation is not None and name == "standing":
-        codes[np.abs(log.base_orientation).max(axis=1) > FALLEN_TILT] = POSTURES.index("fallen")
+        for part in log.segment_slices():
+            codes[part][_lying(log.time[part], log.base_orientation[part])] = POSTURES.index("fallen")
     return replace(log, posture=codes)
+
+
+def _lying(time: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """(rows,) whether a row is one of a stretch of FALLEN_TIME or more beyond FALLEN_TILT."""
+    tilted = np.abs(tilt).max(axis=1) > FALLEN_TILT
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], tilted, [False]]).astype(int)))
+    for first, after in edges.reshape(-1, 2):
+        tilted[first:after] = time[after - 1] - time[first] >= FALLEN_TIME
+    return tilted
 
 
 def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actuator) -> Posture:
@@ -52,12 +64,13 @@ def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actu
         return Posture(names[0], f"{' and '.join(names)}, as the log states")
     if robot.base == "fixed":
         return Posture("fixed", "fixed, as the robot's base")
-    error = {name: _error(log, prepared, robot, actuator, name) for name in ("standing", "hung")}
+    standing, hung = (
+        Replayer(with_posture(log, name), robot, with_posture(prepared, name)) for name in ("standing", "hung")
+    )
+    hung.compared = standing.compared  # the same rows, up to a fall
+    error = {
+        name: float(np.nanmean(each.run(actuator).rmse)) for name, each in (("standing", standing), ("hung", hung))
+    }
     said = f"replayed with {1e3 * error['standing']:.1f} mrad standing and {1e3 * error['hung']:.1f} mrad hung"
     name = "hung" if error["hung"] < MARGIN * error["standing"] else "standing"
     return Posture(name, f"{name}: {said}")
-
-
-def _error(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actuator, name: str) -> float:
-    replayer = Replayer(with_posture(log, name), robot, with_posture(prepared, name))
-    return float(np.nanmean(replayer.run(actuator).rmse))
