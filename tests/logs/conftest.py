@@ -69,6 +69,7 @@ def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
         external_torque=rng.normal(size=(200, 2)) / 3.0,
         segment=np.repeat([0, 1], 100),
         base_orientation=rng.normal(size=(200, 2)),
+        posture=np.repeat([0, 3, 1], [80, 20, 100]),
     )
 
 

@@ -16,6 +16,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import tyro  # noqa: E402
 
 from motorprior.cli.adapt import AdaptCommand, adapt  # noqa: E402
+from motorprior.cli.calibrate import CalibrateCommand, run_calibrate_command  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
@@ -44,6 +45,7 @@ Logs = (
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Logs, tyro.conf.subcommand("logs", description="Bring raw logs in; a log doctor.")]
+    | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[IdentifyCommand, tyro.conf.subcommand("identify")]
     | Annotated[ValidateCommand, tyro.conf.subcommand("validate")]
@@ -65,6 +67,7 @@ RUN = {
     Demo: partial(demo, started=_STARTED),
     LogsImportCommand: import_logs,
     LogsCheck: run_logs_check,
+    CalibrateCommand: run_calibrate_command,
     Bench: partial(run_bench, progress=TERMINAL),
     IdentifyCommand: identify,
     ValidateCommand: validate,

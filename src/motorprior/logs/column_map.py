@@ -82,10 +82,10 @@ class MappedJoint:
 
     column: str
     name: str
-    sign: float
-    zero: float
-    kp: float | None
-    kd: float | None
+    sign: float = 1.0
+    zero: float = 0.0
+    kp: float | None = None
+    kd: float | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class ColumnMap:
     series: dict[str, str]
     joints: tuple[MappedJoint, ...]
     scales: dict[str, float]
-    gain_unit: str
+    gain_unit: str = PHYSICAL_GAINS
 
     def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
         """(J,) of the channels stated_kp and stated_kd of these joints, as far as they are stated."""

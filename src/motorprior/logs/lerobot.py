@@ -55,7 +55,7 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
     angle = ANGLES["deg"]
     columns = ColumnMap(
         source=str(path / INFO), motor="", robot=str(info.get("robot_type") or ""), encoder="joint", time="timestamp",
-        segment="episode_index", joints=tuple(MappedJoint(str(k), name, 1.0, 0.0) for k, name in enumerate(names)),
+        segment="episode_index", joints=tuple(MappedJoint(str(k), name) for k, name in enumerate(names)),
         series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
         scales={"time": 1.0, "position_target": angle, "joint_pos": angle},
     )  # fmt: skip

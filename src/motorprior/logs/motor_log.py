@@ -29,6 +29,11 @@ BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
+POSTURES = ("standing", "hung", "fixed", "fallen")
+"""Of a robot: on its feet; base held in the air, feet free; bolted down; on its side or back. The channel `posture`
+holds the place of one of them in this list."""
+CODES = ("segment", "posture")
+"""Channels of shape (T,) that are whole numbers."""
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
     "load_inertia * joint_acc = joint_torque + external_torque"
@@ -56,6 +61,7 @@ class MotorLog:
         external_torque: (T, J) torque of everything but the motor on the joint [N·m], or None.
         segment: (T,) index of the contiguous recording a row belongs to, or None for a single one.
         base_orientation: (T, 2) roll and pitch of the robot's base [rad], or None.
+        posture: (T,) how the robot's base was held in a row, see POSTURES, or None where nobody said.
         encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", to which the gear's play and wind-up
             are invisible (angles at the output shaft, too).
         stated_kp: (T, J) proportional gain that the motor was told, constant within a segment, or None.
@@ -77,6 +83,7 @@ class MotorLog:
     external_torque: np.ndarray | None = None
     segment: np.ndarray | None = None
     base_orientation: np.ndarray | None = None
+    posture: np.ndarray | None = None
     encoder: str = "joint"
     stated_kp: np.ndarray | None = None
     stated_kd: np.ndarray | None = None
@@ -174,8 +181,8 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
     Raises:
         LogError: wrong shape or joint count, a value that is not finite (row, column, value), time that
             does not increase within a segment (row, both values), a load inertia that is not positive,
-            fewer than 2 rows in a segment, an unknown place of the encoder or unit of gains, or stated gains that
-            change within a segment, or that are not positive (kd: negative).
+            fewer than 2 rows in a segment, an unknown posture, place of the encoder or unit of gains, or stated gains
+            that change within a segment, or that are not positive (kd: negative).
     """
     if log.encoder not in ENCODERS:
         raise LogError(f"encoder {log.encoder!r}", where=where, remedy=f"give {' or '.join(ENCODERS)}")
@@ -188,18 +195,19 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
     _check_time(log, where)
     _check_load(log, where)
     _check_gains(log, where)
+    _check_posture(log, where)
     return log
 
 
 def _as_arrays(log: MotorLog, where: str | Path | None) -> MotorLog:
-    """Convert every channel: segment to int64, the others to float64."""
+    """Convert every channel: whole numbers to int64, the others to float64."""
     arrays: dict[str, Any] = {}
-    for name in ("time", *JOINT_SERIES, "segment", "base_orientation"):
+    for name in ("time", *JOINT_SERIES, *CODES, "base_orientation"):
         value = getattr(log, name)
         if value is None:
             continue
         try:
-            arrays[name] = _integers(value) if name == "segment" else np.asarray(value, dtype=np.float64)
+            arrays[name] = _integers(value) if name in CODES else np.asarray(value, dtype=np.float64)
         except (ValueError, TypeError) as error:
             raise LogError(
                 f"{name} is not an array of numbers ({error})",
@@ -224,7 +232,7 @@ def _check_shapes(log: MotorLog, where: str | Path | None) -> None:
             remedy="give every joint its own name",
         )
     rows, joints = log.time.size, log.num_joints
-    wanted = {"time": (rows,), "segment": (rows,), "base_orientation": (rows, len(BASE_AXES))}
+    wanted = {"time": (rows,), **dict.fromkeys(CODES, (rows,)), "base_orientation": (rows, len(BASE_AXES))}
     for name, value in channels(log).items():
         shape = wanted.get(name, (rows, joints))
         if value.shape != shape:
@@ -308,3 +316,16 @@ def _check_gains(log: MotorLog, where: str | Path | None) -> None:
                     f"row {row}, {column_name(name, column, log.joint_names)} {problem}: {gains[row, column]}",
                     where=where, remedy="begin a segment where gains change, or leave them out",
                 )  # fmt: skip
+
+
+def _check_posture(log: MotorLog, where: str | Path | None) -> None:
+    if log.posture is None:
+        return
+    unknown = np.flatnonzero((log.posture < 0) | (log.posture >= len(POSTURES)))
+    if unknown.size:
+        known = ", ".join(f"{code} {name}" for code, name in enumerate(POSTURES))
+        raise LogError(
+            f"row {unknown[0]}, posture {log.posture[unknown[0]]} is unknown",
+            where=where,
+            remedy=f"give one of: {known}",
+        )

@@ -1,8 +1,8 @@
 """Motor logs on disk: one Parquet file per log, float64, with a strict JSON header and no pickle.
 
 Columns are ``time_s``, ``<channel>_<unit>/<joint>`` such as ``joint_pos_rad/FR_hip``, optionally
-``segment`` and ``base_roll_rad``, ``base_pitch_rad``. The header stands in the schema metadata under
-``b"motorprior"``.
+``segment``, ``posture`` (a place in `motor_log.POSTURES`) and ``base_roll_rad``, ``base_pitch_rad``. The header stands
+in the schema metadata under ``b"motorprior"``.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 from motorprior.artifacts import atomic_path, require_keys
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import LogReader
-from motorprior.logs.motor_log import BASE_AXES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
+from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
 
 SCHEMA_VERSION = 3
 METADATA_KEY = b"motorprior"
 REWRITE = "write the log again with this version of motorprior"
-_OPTIONAL = ("segment", "base_orientation")
+_OPTIONAL = (*CODES, "base_orientation")
 _HEADER_KEYS = (
     *("schema_version", "units", "sign_convention", "robot", "motor"),
     *("source", "joint_names", "channels", "encoder", "gain_unit"),
@@ -87,8 +87,8 @@ def _column_names(present: list[str], joint_names: tuple[str, ...]) -> dict[str,
     """Column names of ``time`` and of each channel present, in file order."""
     names = {"time": ["time_s"]}
     for channel in present:
-        if channel == "segment":
-            names[channel] = ["segment"]
+        if channel in CODES:
+            names[channel] = [channel]
         elif channel == "base_orientation":
             names[channel] = [f"base_{axis}_rad" for axis in BASE_AXES]
         else:
@@ -177,7 +177,7 @@ def _require_columns(table: Any, wanted: list[str], path: Path) -> None:
     except ArtifactError as error:
         raise LogError(error.problem.replace("keys", "columns"), where=path, remedy=REWRITE) from error
     for name in table.column_names:
-        column, expected = table.column(name), "int64" if name == "segment" else "double"
+        column, expected = table.column(name), "int64" if name in CODES else "double"
         if str(column.type) != expected or column.null_count:
             raise LogError(
                 f"column {name} is {column.type} with {column.null_count} empty cells, expected {expected} without any",
@@ -188,4 +188,4 @@ def _require_columns(table: Any, wanted: list[str], path: Path) -> None:
 
 def _stack(table: Any, channel: str, names: list[str]) -> np.ndarray:
     columns = [table.column(name).to_numpy() for name in names]
-    return columns[0] if channel in ("time", "segment") else np.stack(columns, axis=1)
+    return columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)

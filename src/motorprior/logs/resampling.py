@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, checked, time_steps
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, time_steps
 
-HELD = ("position_target", "load_inertia", "segment", "stated_kp", "stated_kd")
+HELD = ("position_target", "load_inertia", "stated_kp", "stated_kd", *CODES)
 """Channels that keep their value until the next row; the others are interpolated."""
 MAX_ROWS = 50_000_000
 

@@ -10,12 +10,14 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_tensors
+from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.logs.registry import read_log
+from motorprior.pipeline.log_postures import PostureName, replayers_of
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd, told_gains
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
@@ -23,7 +25,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.real_replay import LogReplay, prepare, replay_log
+from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
 
 TRACES = "traces.safetensors"
 
@@ -46,6 +48,9 @@ class Replay:
     """Draws the motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    posture: PostureName = "auto"
+    """How the robot's base was held: standing on its feet, or hung in the air. "auto" takes what a log states, or the
+    one in which the fleet's central motor replays it clearly better."""
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
@@ -102,9 +107,11 @@ def _replay_all(
 ) -> None:
     measured = Results()
     traces: dict[str, np.ndarray] = {}
+    fleet = load_robot_fleet(robot, config.fleet)
+    replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress)
     with progress.start(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as task:
-        for name, log in logs.items():
-            results = _replay_models(config, robot, log, prepared[name], prior, task)
+        for name in logs:
+            results = _replay_models(config, robot, fleet, replayers[name], prior, task)
             measured += _errors(name, prepared[name], results)
             traces |= _log_traces(name, robot, prepared[name], results)
     write_results(config.out, measured)
@@ -116,9 +123,8 @@ def _replay_all(
 
 
 def _replay_models(
-    config: Replay, robot: Robot, log: MotorLog, prepared: MotorLog, prior: MotorPrior, task: Task
+    config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior, task: Task
 ) -> dict[str, list[LogReplay]]:
-    fleet = load_robot_fleet(robot, config.fleet)
     rng = np.random.default_rng(config.seed)
     models: dict[str, list[Actuator]] = {
         "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
@@ -129,7 +135,7 @@ def _replay_models(
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():
         for actuator in actuators:
-            results.setdefault(name, []).append(replay_log(log, robot, actuator, prepared))
+            results.setdefault(name, []).append(replayer.run(actuator))
             task.advance()
     return results
 
@@ -151,12 +157,17 @@ def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Re
     return Results.of(rows)
 
 
-def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
-    """The first excited knee (or joint) of a log, for the report; draws as median and 90 % band."""
+def shown_joint(robot: Robot, log: MotorLog) -> int:
+    """The joint of a log that a picture shows: the first excited knee, or else the first excited joint."""
     excited = excited_joints(log)
     last = {leg.joints[-1] for leg in robot.legs}
     knees = [joint for joint in excited if joint in last]
-    joint = int(knees[0] if knees else excited[0])
+    return int(knees[0] if knees else excited[0])
+
+
+def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
+    """The shown joint of a log, for the report; draws as median and 90 % band."""
+    joint = shown_joint(robot, log)
     traces = {
         f"{name}/joint": np.array(joint),
         f"{name}/time": log.time,

@@ -27,7 +27,7 @@ from motorprior.robots.robot import Robot
 RESULTS, FIGURES = "results.json", "figures.json"
 MARKER, UNFINISHED = "stage.json", "unfinished.json"
 """The second holds the seconds of a stage that was interrupted."""
-_STAGES = ("bench", "identify", "adapt", "validate", "simulate", "replay", "walk", "transfer")
+_STAGES = ("bench", "calibrate", "identify", "adapt", "validate", "simulate", "replay", "walk", "transfer")
 _NEEDS = {"validate": ("adapt",)}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import BASE_AXES, MotorLog, checked
+from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import build_model
 
@@ -35,7 +35,8 @@ LEVEL = 0.15
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     """The same log with load_inertia [kg·m²] and external_torque [N·m] for joint_torque, its body level and fixed.
 
-    Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run` with a period.
+    Its posture says so. Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run`
+    with a period.
 
     Raises:
         LogError: not the joints of this robot, without velocities, or of a robot that was not level.
@@ -55,7 +56,8 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
         external[part] -= (inertia[part] - mean) * acceleration
         external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log's are means until the next row
         inertia[part] = mean
-    loads = {"load_inertia": inertia, "external_torque": external, "joint_torque": None}
+    held = np.full(log.num_rows, POSTURES.index("hung" if robot.base == "free" else "fixed"))
+    loads = {"load_inertia": inertia, "external_torque": external, "joint_torque": None, "posture": held}
     return checked(replace(log, **loads), where=log.source)
 
 

@@ -1,0 +1,183 @@
+"""A fleet of physical motors fitted to logs of a real robot, by replaying their commands."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.bench.fleet import Fleet
+from motorprior.bench.fleet_file import write_fleet
+from motorprior.bounds import require_count, require_seed
+from motorprior.pipeline.log_postures import PostureName, replayers_of
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.replay import read_logs, shown_joint
+from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
+from motorprior.report.plots_calibrate import LogPanel, calibration
+from motorprior.report.plots_style import png_bytes
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.transfer.fleet_calibration import Calibration, calibrate, calibrated_fleet, is_identified, searches
+from motorprior.transfer.fleet_problem import FleetProblem
+from motorprior.transfer.real_replay import Replayer
+
+FLEET, PICTURE = "fleet.toml", "calibration.png"
+_BAND = (0.05, 0.95)
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Fit a fleet of physical motors to real logs of a robot."""
+
+    logs: Path
+    """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
+    out: Path
+    """Folder for fleet.toml, figures.json and calibration.png."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    fleet: str | None = None
+    """Fleet where the fit begins, and what the logs cannot tell stays; the robot's own if none is given."""
+    posture: PostureName = "auto"
+    """How the robot's base was held: standing on its feet, or hung in the air. "auto" takes what a log states, or the
+    one in which the fleet's central motor replays it clearly better."""
+    starts: int = 3
+    """Searches: the first from the fleet's centre, the others from draws of what is believed of it."""
+    iterations: int = 6
+    """Of each search, at most."""
+    draws: int = 20
+    """Draws of the robot's motors from the fitted fleet, for the bands."""
+    seed: int = 0
+    """Draws the starts and the motors."""
+
+
+def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
+    """Calibrate, or read what this very calibration found.
+
+    Raises:
+        LogError, ArtifactError, ConfigError: a log, fleet or setting that cannot be used.
+    """
+    for name in ("starts", "iterations", "draws"):
+        require_count(name, getattr(config, name))
+    require_seed(config.seed)
+    robot = load_robot(config.robot)
+    fleet = load_robot_fleet(robot, config.fleet)
+    logs, prepared = read_logs(config.logs, robot)
+    files = sorted(path for path in config.logs.iterdir() if path.is_file()) if config.logs.is_dir() else [config.logs]
+    wanted = description("calibrate", asdict(config), [*fleet_files(robot, config.fleet), *files, *robot.files])
+    if not is_finished(config.out, wanted):
+        with working(config.out, wanted):
+            replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress)
+            _calibrate(config, FleetProblem(fleet, robot, replayers), progress)
+    return read_results(config.out)
+
+
+def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> None:
+    names = list(problem.replayers)
+    with progress.start(f"calibrate on {len(names)} real logs", searches(len(names), config.starts)) as task:
+        found = calibrate(problem, config.starts, config.iterations, config.seed, task.advance)
+    fleet = calibrated_fleet(problem, found)
+    write_fleet(config.out / FLEET, fleet, _sources(problem, found), _heading(names))
+    with progress.start(f"{config.draws} draws of the fleet", len(names)) as task:
+        rng = np.random.default_rng(config.seed)
+        panels, covered = [], []
+        for name, replayer in problem.replayers.items():
+            panel, share = _drawn(name, replayer, problem, found, fleet, config.draws, rng)
+            panels.append(panel)
+            covered.append(Result("calibrate_coverage90", "1", share, log=name))
+            task.advance()
+    (config.out / PICTURE).write_bytes(png_bytes(calibration(panels)))
+    constants = _constants(problem, found) + _motors(problem, found)
+    write_results(config.out, _errors(problem, found) + Results.of(covered) + constants)
+
+
+def _heading(names: list[str]) -> str:
+    return f"Fitted by `motorprior calibrate` to the logs {', '.join(names)}; spread is between motors."
+
+
+def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
+    """Where each number comes from; a constant that the logs cannot tell is named so."""
+    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
+    logs = ", ".join(problem.replayers)
+    for unknown, error in zip(problem.unknowns, found.error, strict=True):
+        said = "identified" if is_identified(unknown, error) else f"not identified, near fleet {problem.fleet.name}"
+        apart = "" if unknown.name in found.motors.spread else f"; spread as in fleet {problem.fleet.name}"
+        sources[unknown.name] = f"{said}: replay of the logs {logs}{apart}"
+    return sources
+
+
+def _errors(problem: FleetProblem, found: Calibration) -> Results:
+    """Mean joint RMSE of every log, and their mean: before, fitted, fitted without that log, with a motor per joint."""
+    rows = []
+    for name in problem.replayers:
+        values = {
+            "start": problem.rmse(name, problem.belief.mean),
+            "center": problem.rmse(name, found.center),
+            "per_motor": problem.rmse(name, found.center, found.motors.offsets),
+        }
+        if found.left_out:
+            values["left_out"] = problem.rmse(name, found.left_out[name])
+            values["per_motor_left_out"] = problem.rmse(name, found.left_out[name], found.motors.left_out[name])
+        rows += [Result("calibrate_rmse", "rad", v, model, log=name) for model, v in values.items()]
+    results = Results.of(rows)
+    means = [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
+    return results + Results.of(means)
+
+
+def _constants(problem: FleetProblem, found: Calibration) -> Results:
+    """Fitted value of every constant, its standard errors before and after, and where the searches ended.
+
+    Errors and spreads are of the logarithm where the fleet's distribution is lognormal.
+    """
+    rows, fleet = [], calibrated_fleet(problem, found)
+    for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
+        unit, name = problem.unit(unknown), unknown.name
+        share = "1" if unknown.is_log else unit
+        rows += [
+            Result("calibrate_center", unit, unknown.value(x), part=name),
+            Result("calibrate_start", unit, unknown.value(unknown.mean), part=name),
+            Result("calibrate_error", share, float(error), part=name),
+            Result("calibrate_belief", share, unknown.deviation, part=name),
+            Result("calibrate_spread", share, fleet.parameters[name].values["spread"], part=name),
+            Result("calibrate_identified", "1", float(is_identified(unknown, error)), part=name),
+        ]
+    for place, optimum in enumerate(found.optima, start=1):
+        rows.append(Result("calibrate_cost", "1", optimum.cost, model=f"optimum_{place}"))
+        for unknown, x in zip(problem.unknowns, optimum.x, strict=True):
+            value, model = unknown.value(x), f"optimum_{place}"
+            rows.append(Result("calibrate_optimum", problem.unit(unknown), value, model, part=unknown.name))
+    return Results.of(rows)
+
+
+def _motors(problem: FleetProblem, found: Calibration) -> Results:
+    """What differs from motor to motor, per joint that moved: by constant, as `model`."""
+    rows, each_motor = [], found.motors.offsets.reshape(len(problem.joints), len(problem.differing))
+    for joint, offsets in zip(problem.joints, each_motor, strict=True):
+        for place, offset in zip(problem.differing, offsets, strict=True):
+            unknown, part = problem.unknowns[place], problem.robot.joint_names[joint]
+            value = unknown.value(found.center[place] + offset)
+            rows.append(Result("calibrate_motor", problem.unit(unknown), value, unknown.name, part=part))
+    return Results.of(rows)
+
+
+def _drawn(
+    name: str,
+    replayer: Replayer,
+    problem: FleetProblem,
+    found: Calibration,
+    fleet: Fleet,
+    draws: int,
+    rng: np.random.Generator,
+) -> tuple[LogPanel, float]:
+    """The picture of a log's joint, and the share of all its measured angles within the bands."""
+    log, count = replayer.prepared, problem.robot.num_joints
+    runs = np.array([replayer.joint_pos(fleet.sample(count, rng).actuator()) for _ in range(draws)])
+    low, high = np.quantile(runs, _BAND, axis=0)
+    inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
+    joint = shown_joint(problem.robot, log)
+    center = replayer.joint_pos(problem.motors(found.center).actuator())
+    columns = (each[:, joint] for each in (log.position_target, log.joint_pos, center, low, high))
+    panel = LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns)
+    return panel, float(inside.mean())

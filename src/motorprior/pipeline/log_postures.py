@@ -1,0 +1,57 @@
+"""The posture of every log of a robot: as an option says, as the log states, or as replays show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, TypeAlias
+
+from motorprior.bench.fleet import Fleet
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.pipeline.progress import Progress
+from motorprior.robots.robot import Robot
+from motorprior.transfer.posture import find_posture, with_posture
+from motorprior.transfer.real_replay import Replayer
+
+PostureName: TypeAlias = Literal["auto", "standing", "hung"]
+
+
+def replayers_of(
+    logs: Mapping[str, MotorLog],
+    prepared: Mapping[str, MotorLog],
+    robot: Robot,
+    fleet: Fleet,
+    posture: PostureName,
+    progress: Progress,
+) -> dict[str, Replayer]:
+    """Every log, ready to be replayed in its posture, which is told to the user.
+
+    Args:
+        logs: by name, with every row.
+        prepared: the same, see `real_replay.prepare`.
+        robot: that they are of.
+        fleet: whose central motor decides where nothing is stated.
+        posture: of every log; ``auto`` to take what each log states, or to find it by replaying both ways.
+        progress: where to tell it.
+
+    Raises:
+        ConfigError: a posture for a robot with a fixed base.
+        LogError: a segment in two postures.
+    """
+    if posture != "auto" and robot.base == "fixed":
+        raise ConfigError(
+            f"posture {posture!r}, but the base of {robot.name!r} is fixed", remedy="leave it out", argument="posture"
+        )
+    motors, found = fleet.center(robot.num_joints).actuator(), {}
+    for name, log in logs.items():
+        if posture == "auto":
+            known = find_posture(log, prepared[name], robot, motors)
+            chosen, evidence = known.name, known.evidence
+        else:
+            chosen, evidence = posture, f"{posture}, as asked for"
+        stated = posture == "auto" and log.posture is not None
+        both = [each if stated else with_posture(each, chosen) for each in (log, prepared[name])]
+        found[name] = Replayer(both[0], robot, both[1])
+        left = int((~found[name].compared).sum())
+        progress.note(f"log {name}: {evidence}" + (f"; {left} rows from a fall on are left out" if left else ""))
+    return found

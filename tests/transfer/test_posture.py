@@ -1,0 +1,64 @@
+"""A log's posture is what it states, or the one in which its motors replay it; falls are not compared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import POSTURES
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.transfer.posture import FALLEN_TILT, find_posture, with_posture
+from motorprior.transfer.real_replay import Replayer, prepare
+
+CODE = {name: code for code, name in enumerate(POSTURES)}
+
+
+@pytest.mark.parametrize("hung", [True, False])
+def test_replays_tell_a_hung_robot_from_a_standing_one(record_log, fleet, hung: bool):
+    log = record_log(fleet.sample(ROBOT.num_joints, 3).actuator(), hung)
+    found = find_posture(log, prepare(log, ROBOT, "log"), ROBOT, fleet.center(ROBOT.num_joints).actuator())
+    assert found.name == ("hung" if hung else "standing")
+    assert "mrad standing" in found.evidence and "mrad hung" in found.evidence
+
+
+def test_a_stated_posture_is_believed_and_its_own_motors_replay_the_log_exactly(record_log, fleet):
+    motors = fleet.center(ROBOT.num_joints).actuator()
+    log = with_posture(record_log(motors, hung=True), "hung")
+    assert find_posture(log, log, ROBOT, motors).evidence == "hung, as the log states"
+    error = {name: np.nanmax(Replayer(both, ROBOT, both).run(motors).rmse) for name in ("hung", "standing")
+             for both in [with_posture(log, name)]}  # fmt: skip
+    assert error["hung"] < 1e-3 < 10e-3 < error["standing"]
+
+
+def test_rows_from_a_fall_on_are_not_compared(record_log, fleet):
+    motors = fleet.center(ROBOT.num_joints).actuator()
+    log = record_log(motors, hung=False)
+    tilt, spoiled = np.zeros((log.num_rows, 2)), log.joint_pos.copy()
+    tilt[400:550, 0], spoiled[400:] = FALLEN_TILT + 0.1, 1.0
+    tilt[100:110, 1] = -1.5  # a wrong reading is no fall
+    fallen = with_posture(replace(log, base_orientation=tilt, joint_pos=spoiled), "standing")
+    assert (
+        fallen.posture is not None
+        and set(fallen.posture[400:550]) == {CODE["fallen"]}
+        and set(fallen.posture[:400]) == {CODE["standing"]}
+    )
+    replayer = Replayer(fallen, ROBOT, fallen)
+    assert replayer.compared[:400].all() and not replayer.compared[400:].any()
+    assert np.nanmax(replayer.run(motors).rmse) < 0.02 < 1.0, "spoiled rows would dominate"
+
+
+def test_a_segment_in_two_postures_is_refused_and_two_segments_are_not(record_log, fleet):
+    log = record_log(fleet.center(ROBOT.num_joints).actuator())
+    codes = np.repeat([CODE["hung"], CODE["standing"]], log.num_rows // 2)
+    with pytest.raises(LogError, match=r"a segment in the postures \['standing', 'hung'\]"):
+        Replayer(replace(log, posture=codes), ROBOT, replace(log, posture=codes))
+    apart = replace(log, posture=codes, segment=codes)
+    assert Replayer(apart, ROBOT, apart).compared.all()
+
+
+def test_a_log_that_begins_on_its_side_is_refused(record_log, fleet):
+    log = record_log(fleet.center(ROBOT.num_joints).actuator())
+    fallen = replace(log, posture=np.full(log.num_rows, CODE["fallen"]))
+    with pytest.raises(LogError, match="begins with a fallen robot"):
+        Replayer(fallen, ROBOT, fallen)
