@@ -40,6 +40,7 @@ COMMANDS = (
         "logs import",
         "logs check",
         "bench",
+        "calibrate",
         "identify",
         "validate",
         "validate-log",

@@ -5,27 +5,20 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
-from motorprior.bench.fleet import Fleet
 from motorprior.bench.fleet_file import write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.pipeline.log_postures import PostureName, replayers_of
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.replay import read_logs, shown_joint
+from motorprior.pipeline.replay import read_logs
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
-from motorprior.report.plots_calibrate import LogPanel, calibration
-from motorprior.report.plots_style import png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.fleet_calibration import Calibration, calibrate, calibrated_fleet, is_identified, searches
 from motorprior.transfer.fleet_problem import FleetProblem
-from motorprior.transfer.real_replay import Replayer
 
 FLEET, PICTURE = "fleet.toml", "calibration.png"
-_BAND = (0.05, 0.95)
 
 
 @dataclass(frozen=True)
@@ -80,17 +73,13 @@ def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> 
         found = calibrate(problem, config.starts, config.iterations, config.seed, task.advance)
     fleet = calibrated_fleet(problem, found)
     write_fleet(config.out / FLEET, fleet, _sources(problem, found), _heading(names))
+    # Imported here: matplotlib would hold up every other command.
+    from motorprior.pipeline.calibration_bands import draw_bands
+
     with progress.start(f"{config.draws} draws of the fleet", len(names)) as task:
-        rng = np.random.default_rng(config.seed)
-        panels, covered = [], []
-        for name, replayer in problem.replayers.items():
-            panel, share = _drawn(name, replayer, problem, found, fleet, config.draws, rng)
-            panels.append(panel)
-            covered.append(Result("calibrate_coverage90", "1", share, log=name))
-            task.advance()
-    (config.out / PICTURE).write_bytes(png_bytes(calibration(panels)))
-    constants = _constants(problem, found) + _motors(problem, found)
-    write_results(config.out, _errors(problem, found) + Results.of(covered) + constants)
+        picture, covered = draw_bands(problem, found.center, fleet, config.draws, config.seed, task)
+    (config.out / PICTURE).write_bytes(picture)
+    write_results(config.out, _errors(problem, found) + covered + _constants(problem, found) + _motors(problem, found))
 
 
 def _heading(names: list[str]) -> str:
@@ -160,24 +149,3 @@ def _motors(problem: FleetProblem, found: Calibration) -> Results:
             value = unknown.value(found.center[place] + offset)
             rows.append(Result("calibrate_motor", problem.unit(unknown), value, unknown.name, part=part))
     return Results.of(rows)
-
-
-def _drawn(
-    name: str,
-    replayer: Replayer,
-    problem: FleetProblem,
-    found: Calibration,
-    fleet: Fleet,
-    draws: int,
-    rng: np.random.Generator,
-) -> tuple[LogPanel, float]:
-    """The picture of a log's joint, and the share of all its measured angles within the bands."""
-    log, count = replayer.prepared, problem.robot.num_joints
-    runs = np.array([replayer.joint_pos(fleet.sample(count, rng).actuator()) for _ in range(draws)])
-    low, high = np.quantile(runs, _BAND, axis=0)
-    inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
-    joint = shown_joint(problem.robot, log)
-    center = replayer.joint_pos(problem.motors(found.center).actuator())
-    columns = (each[:, joint] for each in (log.position_target, log.joint_pos, center, low, high))
-    panel = LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns)
-    return panel, float(inside.mean())

@@ -3,8 +3,8 @@
 Offsets y of the motors from the centre have the belief N(0, s²), s the spread between motors. About the centre the
 residuals are r + J·y. A wide belief explains the logs it is fitted to by whatever the model lacks, so s is chosen by
 leave-one-log-out: the multiple of the starting fleet's spread with the least error in the replay of the log left out,
-on average over the logs; centre and offsets are then both fitted to the others. The spread is that of the motors found:
-the root of the mean of y² and of its variance (one step of expectation and maximisation).
+mean over the logs; centre and offsets are then both fitted to the others. The spread is that of the motors found: the
+root of the mean of y² and of its variance (one step of expectation and maximisation).
 """
 
 from __future__ import annotations
