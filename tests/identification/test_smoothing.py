@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motorprior.identification.smoothing import LEAST_NOISE, noise_of, smoothed
+from motorprior.identification.smoothing import LEAST_NOISE, noise_of, quantum, smoothed
 
 DT, ROWS = 0.002, 1500
 PARTS = (slice(0, 700), slice(700, ROWS))
@@ -49,6 +49,17 @@ def test_the_steps_of_an_encoder_are_noise():
     found = smoothed(readings, PARTS, DT)
     assert found is not None and np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
     assert 0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
+
+
+def test_a_joint_that_creeps_over_the_steps_of_its_encoder_is_not_free_of_noise():
+    step, slow = 2 * np.pi / 4096, 0.004 * TIME * RATES  # a reading repeats for a tenth of a second and more
+    readings = np.concatenate([step * np.round(slow / step), np.zeros((ROWS, 5))], axis=1)
+    assert quantum(readings[:, 0]) == pytest.approx(step)
+    assert noise_of(readings[:, 0], PARTS, DT)[0] == pytest.approx(step / np.sqrt(12), rel=0.8)
+    found = smoothed(readings, PARTS, DT)
+    assert found is not None, "joints that stand do not outvote those that move"
+    jumps = np.abs(np.diff(found[0][:700, 2])).max()
+    assert jumps < 0.3 * step, "a step of the reading is spread over its neighbours"
 
 
 def test_segments_do_not_see_each_other():

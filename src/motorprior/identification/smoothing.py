@@ -5,7 +5,8 @@ A Kalman filter and the Rauch-Tung-Striebel smoother, with the joint's accelerat
     x = (q, dq, ddq),   x' = F·x + w,   w ~ N(0, d²·Q(dt)),   reading = q + n,   n ~ N(0, r²)
 
 per motor, forwards and backwards over each segment. Deviation r of a reading and density d [rad/s²/√s] of the random
-walk are those with which the readings are most likely, on a grid. Where r comes out below LEAST_NOISE the log is left
+walk are those with which the readings are most likely, on a grid; r is at least an encoder's quantum/√12, since a joint
+that stands or creeps repeats its reading and looks free of noise. Where r comes out below LEAST_NOISE the log is left
 as it is. Recorded velocities, often filtered differences of the same readings, are not used.
 """
 
@@ -19,7 +20,7 @@ LEAST_NOISE = 4e-5
 """Deviation of a reading below which a log counts as free of noise [rad]."""
 NOISES = np.geomspace(1e-5, 3e-3, 11)
 """Deviations r that are tried [rad]."""
-DENSITIES = np.geomspace(1e2, 3e4, 6)
+DENSITIES = np.geomspace(1.0, 3e4, 10)
 """Densities d that are tried [rad/s²/√s]."""
 _WIDE = 1e2
 """Initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]."""
@@ -103,22 +104,31 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
         left -= len(some)
         if left <= 0:
             break
-    best = np.unravel_index(likelihood.argmax(), likelihood.shape)
-    return float(NOISES[best[0]]), float(DENSITIES[best[1]])
+    rounding = quantum(readings) / np.sqrt(12.0)
+    first = min(int(np.searchsorted(NOISES, rounding)), len(NOISES) - 1)
+    best = np.unravel_index(likelihood[first:].argmax(), likelihood[first:].shape)
+    return max(float(NOISES[first + best[0]]), rounding), float(DENSITIES[best[1]])
+
+
+def quantum(readings: np.ndarray) -> float:
+    """Least distance of two different readings (R,) [rad]: an encoder's step, or next to nothing; 0 of equal ones."""
+    return float(np.diff(np.unique(readings)).min()) if np.ptp(readings) > 0.0 else 0.0
 
 
 def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings; None where these are free of noise.
 
-    Noise and density are the medians over some motors.
+    Noise and density are the medians over some motors that move.
 
     Args:
         readings: angles [rad].
         parts: rows of each segment.
         dt: sample period [s].
     """
-    motors = readings.shape[1]
-    some = np.unique(np.linspace(0, motors - 1, min(_TRIED_MOTORS, motors)).astype(int))
+    moving = np.flatnonzero(np.ptp(readings, axis=0))  # one that stands says nothing of the noise
+    if moving.size == 0:
+        return None
+    some = moving[np.unique(np.linspace(0, len(moving) - 1, min(_TRIED_MOTORS, len(moving))).astype(int))]
     noise, density = np.median([noise_of(readings[:, motor], parts, dt) for motor in some], axis=0)
     if noise < LEAST_NOISE:
         return None
