@@ -123,13 +123,13 @@ def held_out_errors(logs: dict[str, MotorLog], robot: Robot) -> tuple[float, flo
     """Mean over joints and motions [rad] of free runs of a second: of motors fitted to KNOWN, and of a pure delay."""
     known = joined([logs[name] for name in KNOWN])
     data = training_data(known, PRESET, "known")
-    bare = without_residual(data.scales, PRESET.taps, PRESET.period, PRESET.num_latents)
+    bare = without_residual(data.scales, PRESET)
     fit = fit_fleet(bare, WindowRuns(data, PRESET), TERMS, True, 0, turns=((0.1, 3),))
     motors = LatentActuator(fit.network(bare), fit.offsets)
     errors, delayed = [], []
     lag = round(0.1 / PRESET.period)  # the best on these motions, to 20 ms
     for name in HELD_OUT:
-        errors.append(free_run_errors(free_runs(logs[name], PRESET, name), {"motors": motors})["motors"])
+        errors.append(free_run_errors([free_runs(logs[name], PRESET, name)], {"motors": motors})["motors"])
         apart = logs[name].position_target[:-lag] - logs[name].joint_pos[lag:]
         delayed.append(np.sqrt(np.mean(apart**2, axis=0)))
     return float(np.mean(errors)), float(np.mean(delayed))

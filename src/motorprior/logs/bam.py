@@ -72,14 +72,14 @@ def _content(path: Path) -> dict[str, Any]:
 def _positive(content: dict[str, Any], name: str, path: Path) -> float:
     value: Any = content.get(name)
     if not is_number(value, 0.0, _MOST[name]) or value == 0.0:
-        problem = f"{name} = {str(value)[:40]} is no number above 0 and up to {_MOST[name]:g}"
+        problem = f"{name} = {repr(value)[:40]} is no number above 0 and up to {_MOST[name]:g}"
         raise LogError(problem, where=path, remedy=_REMEDY)
     return float(value)
 
 
 def _text(content: dict[str, Any], name: str, path: Path) -> str:
     if not isinstance(content.get(name), str):
-        raise LogError(f"{name} = {str(content.get(name))[:40]} is no text", where=path, remedy=_REMEDY)
+        raise LogError(f"{name} = {repr(content.get(name))[:40]} is no text", where=path, remedy=_REMEDY)
     return content[name]
 
 
@@ -87,7 +87,7 @@ def _numbers(entries: list[Any], name: str, path: Path) -> np.ndarray:
     values = [entry.get(name) if isinstance(entry, dict) else None for entry in entries]
     for row, value in enumerate(values):
         if not is_number(value):
-            raise LogError(f"row {row}, {name} is {str(value)[:40]}, not a finite number", where=path, remedy=_REMEDY)
+            raise LogError(f"row {row}, {name} is {repr(value)[:40]}, not a finite number", where=path, remedy=_REMEDY)
     return np.array(values, dtype=np.float64)
 
 
@@ -95,7 +95,7 @@ def _enabled(entries: list[Any], path: Path) -> np.ndarray:
     flags = [entry.get("torque_enable", True) for entry in entries]
     for row, flag in enumerate(flags):
         if flag not in (True, False):
-            raise LogError(f"row {row}, torque_enable is {str(flag)[:40]}", where=path, remedy=_REMEDY)
+            raise LogError(f"row {row}, torque_enable is {repr(flag)[:40]}", where=path, remedy=_REMEDY)
     return np.array(flags, dtype=bool)
 
 
