@@ -33,7 +33,7 @@ from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.logs.registry import read_log
-from motorprior.logs.resampling import resample
+from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_seconds
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines, fitted_responses, with_some_load
@@ -201,7 +201,10 @@ def pupper(settings: Settings) -> Iterator[Test]:
     """Eight motors of a standing quadruped, loads unknown: responses only, each log alone and each left out in turn."""
     robot = load_robot("pupper_v2")
     raw = [path for path in sorted((settings.data / "pupper_v2").glob("*.csv.gz")) if "_sim_" not in path.name]
-    logs = {path.name.split(".")[0]: resample(read_log(path, robot), RECIPE.period) for path in raw[: settings.logs]}
+    logs = {
+        path.name.split(".")[0]: resample(drop_repeats(read_log(path, robot)), RECIPE.period)
+        for path in raw[: settings.logs]
+    }
     for name, log in logs.items():
         yield name, [_responses(settings, f"{name}_itself", [log], log)]
     names = list(logs)[: settings.folds]
