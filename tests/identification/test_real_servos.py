@@ -91,7 +91,7 @@ def test_gravity_says_that_the_logs_signs_and_zeros_are_the_models(shared_data: 
             found[joint, flips] = misfit(samples, joint, signs, model)
     totals = {flips: sum(found[joint, flips] for joint in (LIFT, ELBOW, WRIST)) for _, flips in found}
     as_it_is = totals.pop((1.0, 1.0, 1.0))
-    assert as_it_is < 0.95 * min(totals.values())
+    assert as_it_is < 0.9 * min(totals.values())
 
 
 @pytest.fixture(scope="module")
@@ -138,5 +138,5 @@ def held_out_errors(logs: dict[str, MotorLog], robot: Robot) -> tuple[float, flo
 @pytest.mark.slow
 def test_servos_fitted_to_some_motions_follow_others(logs: dict[str, MotorLog], description: Path):
     error, delay = held_out_errors(logs, load_robot(str(description)))
-    assert error < 0.006
-    assert error < 0.4 * delay
+    assert error < 0.0045
+    assert error < 0.22 * delay
