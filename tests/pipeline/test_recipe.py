@@ -55,6 +55,7 @@ WRONG = {
     "own_latents": (1, "yes"),
     "physics_first": (None, True, "apart"),
     "terms": (None, "heat", ["warmth"], [1], ["heat"]),
+    "tries_terms": (1, "no"),
     "gain_unit": (None, "A/rad", "firmware"),
     "standardise": (1.0, {}),
 }

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, SIGNED
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
@@ -49,6 +49,9 @@ STAGES = 1 + RESTARTS + len(TURNS)
 """How often a fit reports."""
 _WEAK = 1e-4
 """Precision of the belief in the initial motor, per unit of the loss."""
+ROOM, UNSEEN = 4.0, 1.001
+"""Torque limit that no log shows over the largest torque that the law asked for [-]; a loss that shows it, over that
+without."""
 _LEAST_SPREAD = 0.05
 """Standard deviation of a constant's logarithm over motors that is not undercut."""
 _STREAM = 41
@@ -160,9 +163,24 @@ def fit_fleet(
         found = again.better(fit.polish(other, belief, steps, reach))
         report()
     z = np.where(held, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
+    z = _unlimited(fit, runs, center, z)
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
     return FleetFit(center + middle, z - middle, fit.losses(z), terms)
+
+
+def _unlimited(fit: MotorFit, runs: WindowRuns, center: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Latents whose torque limits are ROOM times what the logs ask for, if no motor of theirs reaches its limit.
+
+    A log that does not show a limit would leave it where the search began, and the motors then saturate in others.
+    """
+    kp, limit = (PARAMETERS.index(name) for name in ("kp", "torque_limit"))
+    asked = np.exp(center[kp] + z[:, kp]) * runs.gains[0] * runs.largest_error
+    free = z.copy()
+    free[:, limit] = np.maximum(z[:, limit], np.log(ROOM * asked.max()) - center[limit])
+    if np.any(free[:, limit] > LOG_REACH) or np.any(fit.losses(free) > UNSEEN * fit.losses(z)):
+        return z
+    return free
 
 
 def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:

@@ -35,6 +35,7 @@ class Preset:
             each other, or ``alone``; the network then learns what they leave, if that is worth it. "" if everything
             is trained at once.
         terms: of `servo_terms` that the motors have; a fit that puts physics first chooses them.
+        tries_terms: whether it does.
         gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
@@ -57,6 +58,7 @@ class Preset:
     own_latents: bool = False
     physics_first: str = ""
     terms: tuple[str, ...] = ()
+    tries_terms: bool = True
     gain_unit: str = ""
     standardise: bool = False
 
@@ -75,6 +77,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
 #     Bjelonic et al., 2025, whose motors have no backlash).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
+# pace: per_motor without any term of a servo's firmware, the baseline on real logs.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
 # paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
@@ -95,6 +98,10 @@ PRESETS = {
         "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
         warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", standardise=True,
     ),
+    "pace": Preset(
+        "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
+        warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", tries_terms=False, standardise=True,
+    ),
     "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
     "actuator_net": Preset(
@@ -108,6 +115,7 @@ MODELS = (
     Model("long_runs", "long runs", "#2563c9"),
     Model("one_motor", "one motor", "#7d4fa8"),
     Model("per_motor", "per motor", "#7d4fa8"),
+    Model("pace", "per motor, no terms", "#7d4fa8"),
     Model("latent_network", "latent network", "#7d4fa8"),
     Model("one_network", "one network", "#1a9a8b"),
     Model("actuator_net", "actuator net", "#7d4fa8"),

@@ -29,8 +29,8 @@ from motorprior.identification.window_runs import WindowRuns
 
 PRICE = 0.04
 """Share of the held-out loss that a term must save."""
-MOTORS = 8
-"""Most motors that are fitted."""
+MOTORS, ROWS = 8, 10_000
+"""Most motors that are fitted, and about the most rows of each."""
 ORDER = (
     "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
     "torque_speed", "profile",

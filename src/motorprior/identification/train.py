@@ -23,9 +23,9 @@ from motorprior.identification.network import Parameters, export, import_paramet
 from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
-from motorprior.identification.term_selection import MOTORS, held_out_windows, select_terms
+from motorprior.identification.term_selection import MOTORS, ROWS, Selection, held_out_windows, select_terms
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData
+from motorprior.identification.windows import TrainingData, some_stretches
 
 _UNSTABLE = 1e6
 """Loss of a motor whose simulation breaks down."""
@@ -162,11 +162,7 @@ def _physics(
         report(_STAGE * (len(TERMS) + STAGES), "constants were fitted")
         return _from_arrays(kept)
     bare = without_residual(data.scales, preset)
-    some = np.unique(np.linspace(0, runs.num_motors - 1, min(MOTORS, runs.num_motors)).astype(int))
-    few = WindowRuns(data, preset, some)
-    chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
-    if not chosen.saved:
-        report(_STAGE * len(TERMS), "the log is too short to choose terms by")
+    chosen = _terms(bare, data, preset, seed, report)
     found = fit_fleet(
         bare, runs, chosen.terms, preset.physics_first == "together", seed, report=lambda: report(_STAGE, "constants")
     )
@@ -178,6 +174,20 @@ def _physics(
     if checkpoints is not None:
         checkpoints.save(_as_arrays(found, chosen.saved))
     return found, chosen.saved
+
+
+def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+    """Chosen by some motors, and by some of their rows where there are many."""
+    if not preset.tries_terms:
+        report(_STAGE * len(TERMS), "no terms")
+        return Selection((), {})
+    motors = len(data.series)
+    some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
+    few = WindowRuns(some_stretches(data, preset, ROWS), preset, some)
+    chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
+    if not chosen.saved:
+        report(_STAGE * len(TERMS), "the log is too short to choose terms by")
+    return chosen
 
 
 def _residual(

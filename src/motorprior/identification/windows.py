@@ -204,6 +204,25 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
     return {name: float(value) for name, value in scales.items()}
 
 
+def some_stretches(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
+    """The data with about so many ``rows`` in its parts: stretches of them, from all over the log.
+
+    Stretches begin further inside their parts from one to the next, so that alike parts are covered as a whole.
+    """
+    if sum(part.stop - part.start for part in data.parts) <= rows:
+        return data
+    least = preset.history + 2 * preset.window + 1
+    length = max(least, rows // len(data.parts))
+    long = [part for part in data.parts if part.stop - part.start >= least]
+    chosen = [long[index] for index in np.unique(np.linspace(0, len(long) - 1, max(2, rows // length)).astype(int))]
+    parts = []
+    for index, part in enumerate(chosen):
+        spare = max(0, part.stop - part.start - length)
+        first = part.start + round(spare * index / max(1, len(chosen) - 1))
+        parts.append(slice(first, min(first + length, part.stop)))
+    return replace(data, parts=tuple(parts))
+
+
 def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
     motors = rng.integers(len(data.series), size=(count, preset.batch))

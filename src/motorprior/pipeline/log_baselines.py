@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.presets import Preset
     from motorprior.identification.response_models import ResponseMotors
 
-PRESETS = {"per_motor": "per_motor", "pooled_network": "one_network"}
+PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 """Baselines that are recipes of identification: every motor's physics by itself, and one network for all motors."""
 RESPONSES = "responses.safetensors"
 

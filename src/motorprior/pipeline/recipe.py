@@ -24,6 +24,7 @@ RECIPE = Schema(
         **dict.fromkeys(("has_armature", "grey_box", "noisy", "own_latents", "standardise"), TRUTH),
         "physics_first": one_of("", "alone", "together"),
         "gain_unit": one_of("", *GAIN_UNITS),
+        "tries_terms": TRUTH,
         "terms": many(one_of(*TERMS)),
         "num_latents": integer(0, 1000),
         "num_neurons": integer(0, 10_000),
