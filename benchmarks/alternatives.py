@@ -39,8 +39,8 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
 from motorprior.identification.closed_loop import closed_loop
+from motorprior.identification.loss import POSITION_SCALE, VELOCITY_SCALE, huber
 from motorprior.identification.network import Parameters
-from motorprior.identification.objectives import POSITION_SCALE, VELOCITY_SCALE, huber
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.train import identify
 from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, TrainingData, draw, training_data

@@ -67,6 +67,19 @@ def test_the_constants_of_four_motors_are_found(found: FleetFit):
     np.testing.assert_array_equal(network.motor.center, found.center)
 
 
+@pytest.mark.parametrize(("limit", "shown"), [(60.0, False), (1.5, True)])
+def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: float, shown: bool):
+    column, motors = PARAMETERS.index("torque_limit"), truth()
+    motors[:, column] = np.log(limit / 1.5)
+    runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
+    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_error
+    found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=()).raw[:, column])
+    if shown:
+        np.testing.assert_allclose(found, limit, rtol=0.1)
+    else:
+        assert np.all(found > 3.0 * asked)
+
+
 def test_losses_are_those_of_the_network_that_is_stored(runs: WindowRuns, found: FleetFit):
     np.testing.assert_array_equal(MotorFit(found.network(bare()), runs).losses(found.offsets), found.loss)
 

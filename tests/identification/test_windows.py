@@ -17,6 +17,7 @@ from motorprior.identification.windows import (
     TARGET,
     VEL,
     draw,
+    some_stretches,
     training_data,
 )
 from motorprior.logs.motor_log import MotorLog
@@ -182,3 +183,15 @@ def test_work_begins_anew_after_a_pause_and_where_the_clock_does():
     seconds = training_data(replace(log, time=time), PRESET, "log").series[0, :, SECONDS]
     for part, start in zip(parts, (0.0, LENGTHS[0] * 0.002 + PAUSE - 1.0, 0.0, 0.0), strict=True):
         np.testing.assert_allclose(seconds[part], start + 0.002 * np.arange(part.stop - part.start), atol=1e-4)
+
+
+def test_stretches_are_from_all_over_the_log_and_no_longer_than_asked_for():
+    lengths = [200] * 30
+    data = training_data(a_log(lengths), PRESET, "x")
+    some = some_stretches(data, PRESET, 600)
+    assert [part.stop - part.start for part in some.parts] == [20] * 30
+    inside = [part.start - 200 * index for index, part in enumerate(some.parts)]
+    assert inside[0] == 0 and inside[-1] == 180 and sorted(inside) == inside
+    few = some_stretches(data, replace(PRESET, window=60), 600)  # no window fits into 20 rows
+    assert sum(part.stop - part.start for part in few.parts) <= 600 and len(few.parts) >= 2
+    assert some_stretches(data, PRESET, 6000) is data
