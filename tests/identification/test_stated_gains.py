@@ -13,7 +13,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.fleet_fit import TURNS, fit_fleet
-from motorprior.identification.grey_box_fit import adapt
+from motorprior.identification.grey_box_fit import Expected, adapt
 from motorprior.identification.network import import_parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -118,3 +118,16 @@ def test_stated_gains_count_only_where_the_recipe_knows_of_them():
         training_data(log(), PRESET, "x")
     with pytest.raises(LogError, match="gains in firmware"):
         training_data(log(**gains, gain_unit="firmware"), PRESET, "x")
+
+
+def test_a_joint_of_a_known_name_is_believed_to_be_like_its_namesake(decoder_data: Data, told: LatentNetwork):
+    data = decoder_data(told, Z, segments=1, rows=200, gains=np.broadcast_to(SOFT, (2, len(Z))))
+    preset, loose = replace(PRESET, num_latents=3), 50.0  # so high a temperature: the log says next to nothing
+    near = adapt(told, data, preset, loose, None, Expected(Z + 0.1, np.full(len(Z), 0.3)))
+    assert np.abs(near.mean - Z - 0.1).max() < 0.15
+    spread = np.sqrt(np.diagonal(near.covariance, axis1=1, axis2=2))
+    assert np.all((spread > 0.15) & (spread <= 0.3))
+    far = adapt(told, data, preset, loose, None)
+    nothing = adapt(told, data, preset, loose, None, Expected.nothing(*Z.shape))
+    np.testing.assert_array_equal(far.mean, nothing.mean)
+    assert np.abs(far.mean - Z).max() > np.abs(near.mean - Z).max()

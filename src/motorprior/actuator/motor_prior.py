@@ -99,7 +99,7 @@ class MotorPrior:
         provenance: where the logs come from: the bench's fleet with the distributions of its gains and constants, or
             the log's source; recipe and seed.
         metrics: figures of the training.
-        joint_names: of the training motors, if they drove the joints of a robot.
+        joint_names: of the training motors, if they drove the joints of a robot; none of a bench.
         gains: (2, M) stated kp and kd of the training motors, None if the network's ``gain_unit`` is "".
     """
 
@@ -143,9 +143,13 @@ class MotorPrior:
 
     def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
         """(J, Z) latents expected at these joints: the training motor's of the same name, 0 where there is none."""
-        rows = {name: mean for name, mean in zip(self.joint_names, self.mean, strict=False)}
+        rows = dict(zip(self.joint_names, self.mean, strict=False))
         nothing = np.zeros(self.network.num_latents)
         return np.stack([rows.get(name, nothing) for name in joint_names])
+
+    def has_names(self, joint_names: tuple[str, ...]) -> np.ndarray:
+        """(J,) whether a training motor drove the joint of that name."""
+        return np.isin(joint_names, self.joint_names)
 
     def require(self, robot: str, physics_dt: float) -> None:
         """Refuse a use the prior was not made for.

@@ -153,6 +153,11 @@ def _require_finite(response: Response, part: Trial, motors: TrueMotors) -> None
         )
 
 
+def bench_names(count: int) -> tuple[str, ...]:
+    """Joint names of a bench's log: a motor of another bench has the same name and is another motor."""
+    return tuple(f"motor_{index:03d}" for index in range(count))
+
+
 def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorLog:
     lengths = [len(part.position_target) for part, _ in parts]
     count = parts[0][0].position_target.shape[1]
@@ -168,7 +173,7 @@ def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorL
         ),
         external_torque=np.concatenate([part.external_torque for part, _ in parts]),
         segment=segment,
-        joint_names=tuple(f"motor_{index:03d}" for index in range(count)),
+        joint_names=bench_names(count),
         robot="bench",
         motor=fleet.motor,
         source=f"virtual dynamometer, fleet {fleet.name}, seed {seed}",

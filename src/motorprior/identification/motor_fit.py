@@ -55,7 +55,7 @@ def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[n
 
 @dataclass(frozen=True)
 class Belief:
-    """What is known of z before the log: independent Gaussians of this mean and precision, each (Z,)."""
+    """What is known of z before the log: independent Gaussians of this mean and precision, each (Z,) or (M, Z)."""
 
     mean: np.ndarray
     precision: np.ndarray
@@ -65,8 +65,14 @@ class Belief:
         return Belief(np.where(columns, 0.0, self.mean), np.where(columns, _CERTAIN, self.precision))
 
     def energy(self, z: np.ndarray) -> np.ndarray:
-        """(...) ½·Σ precision·(z - mean)² of z (..., Z)."""
-        return 0.5 * np.sum(self.precision * (z - self.mean) ** 2, axis=-1)
+        """(M, ...) ½·Σ precision·(z - mean)² of z (M, ..., Z)."""
+        mean, precision = (_beside(values, z) for values in (self.mean, self.precision))
+        return 0.5 * np.sum(precision * (z - mean) ** 2, axis=-1)
+
+
+def _beside(values: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Values (Z,) or (M, Z) in a shape that broadcasts with z (M, ..., Z)."""
+    return values if values.ndim == 1 else values.reshape(len(values), *[1] * (z.ndim - 2), -1)
 
 
 @dataclass(frozen=True)
@@ -196,7 +202,7 @@ class MotorFit:
         self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, belief: Belief, damping: np.ndarray
     ) -> np.ndarray:
         """(M, K, Z) steps for K dampings each."""
-        matrix = curvature + belief.precision * np.eye(z.shape[1])
+        matrix = curvature + belief.precision[..., None] * np.eye(z.shape[1])
         gradient = slope + belief.precision * (z - belief.mean)
         diagonal = np.einsum("mpp->mp", matrix)
         scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12

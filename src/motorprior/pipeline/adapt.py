@@ -24,6 +24,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.grey_box_fit import Expected
     from motorprior.identification.latent_fit import Posterior
     from motorprior.identification.presets import Preset
     from motorprior.identification.windows import TrainingData
@@ -90,7 +91,14 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
     from motorprior.identification.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
-    return fit_posterior(prior.network, data, preset, temperature)
+    return fit_posterior(prior.network, data, preset, temperature, expected=_expected(prior, log))
+
+
+def _expected(prior: MotorPrior, log: MotorLog) -> Expected:
+    from motorprior.identification.grey_box_fit import OF_THE_SAME_NAME, Expected
+
+    known = prior.has_names(log.joint_names)
+    return Expected(prior.expected(log.joint_names), np.where(known, OF_THE_SAME_NAME, 1.0))
 
 
 def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:

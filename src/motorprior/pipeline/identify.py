@@ -14,6 +14,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.facts import FACTS, LOG, read_bench
+from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
@@ -207,9 +208,10 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
             progress.note(
                 f"draws are spread {quality.widening:.2f} times as far from the central motor as its motors are"
             )
+    names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics, log.joint_names,
+        origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics, names,
         stated_gains_of(log) if network.gain_unit else None,
     )  # fmt: skip
 
