@@ -5,9 +5,10 @@
 Models are judged by one free run over each whole held-out log, mean removed nowhere. Those of `pipeline.log_baselines`
 have constants per joint, fitted to the same stretches of the known logs as the prior; ``prior`` is told nothing of the
 log but its joints and stated gains: its motor of the same joint, or its central motor; ``adapted`` knows the log's
-first 10 s and is judged on the rest. figures.json has means over joints and logs [rad] as ROBOT/TEST/MODEL, and the
-share of the recorded angles inside the adapted prior's 90 % bands as ROBOT/coverage90. tables.md has more: what every
-model does on the rest alone. Stages that are finished are kept.
+first 10 s and is judged on the rest. Loads (inertia, gravity and what other joints do to one) are those of the recorded
+motion; pure_delay and second_order use none. figures.json has means over joints and logs [rad] as ROBOT/TEST/MODEL, and
+the share of the recorded angles inside the adapted prior's 90 % bands as ROBOT/coverage90. tables.md has more: what
+every model does on the rest alone. Stages that are finished are kept.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.logs.joining import joined
+from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.logs.puppersim import short_name
@@ -36,7 +38,13 @@ from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_seconds
 from motorprior.pipeline.calibrate import Calibrate, run_calibrate
 from motorprior.pipeline.identify import PRIOR, fit_prior
-from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines, fitted_responses, with_some_load
+from motorprior.pipeline.log_baselines import (
+    BaselineFits,
+    fitted_baselines,
+    fitted_responses,
+    with_gains_of,
+    with_some_load,
+)
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.recipe import recipe_of
@@ -134,7 +142,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     known = stretches([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
     prior = fit_prior(known, SERVOS.get(robot, "rollout"), seed, steps=steps, out=folder / "prior", progress=PROGRESS)
-    preset = recipe_of(prior, folder / "prior" / PRIOR)
+    preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), known)
     models = fitted_baselines(known, preset, BaselineFits(folder, steps, seed), PROGRESS)
     models["prior"] = LatentActuator(prior.network, prior.expected(known.joint_names))
     found: list[Figures] = []
@@ -152,11 +160,15 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     return _means(found)
 
 
-def _errors(log: MotorLog, preset: Preset, models: Mapping[str, LogModel]) -> dict[str, float]:
-    """Mean over joints [rad]; of a simulation that broke down, a whole turn."""
+def _errors(
+    log: MotorLog, preset: Preset, models: Mapping[str, LogModel], joints: np.ndarray | slice = slice(None)
+) -> dict[str, float]:
+    """Mean over some joints [rad]; of a simulation that broke down, a whole turn."""
     errors = free_run_errors(whole_runs(with_some_load(log), preset, log.source), models)
     turn = 2.0 * np.pi
-    return {name: float(np.mean(np.nan_to_num(values, nan=turn, posinf=turn))) for name, values in errors.items()}
+    return {
+        name: float(np.mean(np.nan_to_num(values, nan=turn, posinf=turn)[joints])) for name, values in errors.items()
+    }
 
 
 def _means(found: Sequence[Figures]) -> Figures:
@@ -201,7 +213,7 @@ def xl330(settings: Settings) -> Iterator[Test]:
 
 
 def pupper(settings: Settings) -> Iterator[Test]:
-    """Eight motors of a quadruped that stood or hung: responses, and physical motors fitted by replay (`calibrate`).
+    """Motors of a quadruped that stood or hung: responses, and physical motors fitted by replay (`calibrate`).
 
     Its loads are not in the logs, so there is no prior; each log was known, then each is left out in turn.
     """
@@ -211,7 +223,9 @@ def pupper(settings: Settings) -> Iterator[Test]:
         short_name(path) or path.name.split(".")[0]: resample(drop_repeats(read_log(path, robot)), RECIPE.period)
         for path in raw[: settings.logs]
     }
-    calibrated = run_calibrate(Calibrate(settings.data / "pupper_v2", settings.out / "pupper" / "calibrate"), PROGRESS)
+    calibrated = run_calibrate(
+        Calibrate(settings.data / "pupper_v2", settings.out / "pupper" / "calibrate", seed=settings.seed), PROGRESS
+    )
     physical = {name: calibrated.where(quantity="calibrate_rmse", log=name) for name in logs}
     for name, log in logs.items():
         found = _responses(settings, f"{name}_itself", [log], log)
@@ -231,7 +245,7 @@ def _others(logs: Mapping[str, MotorLog], name: str) -> list[MotorLog]:
 def _responses(settings: Settings, name: str, known: Sequence[MotorLog], judged: MotorLog) -> Figures:
     fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
     models = fitted_responses(stretches(known, settings.seconds), RECIPE, fits, PROGRESS)
-    return {"whole": _errors(judged, RECIPE, models)}
+    return {"whole": _errors(judged, RECIPE, models, excited_joints(judged))}
 
 
 ROBOTS: dict[str, tuple[str, Callable[[Settings], Iterator[Test]]]] = {

@@ -72,7 +72,7 @@ def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: 
     column, motors = PARAMETERS.index("torque_limit"), truth()
     motors[:, column] = np.log(limit / 1.5)
     runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
-    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_error
+    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
     found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=()).raw[:, column])
     if shown:
         np.testing.assert_allclose(found, limit, rtol=0.1)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -56,12 +56,13 @@ class MotorPosterior:
     surprise: tuple[float, ...]
     gains: np.ndarray | None = None
 
-    def sample(self, count: int, seed: int | np.random.Generator) -> LatentActuator:
+    def sample(self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None) -> LatentActuator:
         """Draw ``count`` motors: of each joint its own, or, of a single motor, ``count`` times that one.
 
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
+            gains: (2, count) stated kp and kd, ignored where none count; those of the log if not given.
 
         Raises:
             ConfigError: the posterior is of neither one motor nor ``count``, or ``seed`` is no seed.
@@ -74,7 +75,10 @@ class MotorPosterior:
             )
         factors = np.linalg.cholesky(self.covariance)
         noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
-        gains = None if self.gains is None else np.broadcast_to(self.gains, (2, count))
+        if self.gains is None:
+            gains = None
+        else:
+            gains = checked_gains(np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count)
         return LatentActuator(self.prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise), gains=gains)
 
     def save(self, path: str | Path) -> None:
@@ -111,6 +115,8 @@ class MotorPosterior:
             "joint_names and surprise are not as many": len(header["surprise"]) != len(header["joint_names"]),
             "a covariance is not symmetric and positive definite": not _has_factor(covariance),
         }
+        if "gains" in tensors:
+            wrong["gains are not positive"] = bool(tensors["gains"][0].min(initial=1.0) <= 0.0)
         for problem, is_so in wrong.items():
             if is_so:
                 raise ArtifactError(problem, where=path, remedy=_REMEDY)

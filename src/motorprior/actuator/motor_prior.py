@@ -120,10 +120,12 @@ class MotorPrior:
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
-            gains: (2, count) stated kp and kd; the training motors' medians if not given. Ignored where none count.
+            gains: (2, count) stated kp and kd, ignored where none count. If not given, those of the training motors: of
+                as many, each one's in its place, otherwise their medians.
 
         Raises:
-            ConfigError: ``count`` is no positive whole number, or ``seed`` no seed.
+            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or ``gains`` are not so many positive
+                numbers.
         """
         require_count("count", count)
         z = generator_of(seed).standard_normal((count, self.network.num_latents))
@@ -133,7 +135,10 @@ class MotorPrior:
         """(2, count) gains, or None where none count."""
         if self.gains is None:
             return None
-        return np.tile(np.median(self.gains, axis=1)[:, None], count) if gains is None else gains
+        if gains is None:
+            same = self.gains.shape[1] == count
+            return self.gains if same else np.tile(np.median(self.gains, axis=1)[:, None], count)
+        return checked_gains(gains, count)
 
     def training_motors(self, index: np.ndarray) -> LatentActuator:
         """The training motors at ``index``, at their posterior means."""
@@ -218,6 +223,22 @@ class MotorPrior:
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         names, gains = tuple(header["joint_names"]), tensors.get("gains")
         return cls(network, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
+
+
+def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
+    """(2, count) stated kp and kd.
+
+    Raises:
+        ConfigError: not of this shape, not finite, kp not positive or kd negative.
+    """
+    gains = np.asarray(gains, dtype=np.float64)
+    if gains.shape != (2, count):
+        problem = f"gains of shape {gains.shape}, wanted (2, {count}): kp and kd of every motor"
+        raise ConfigError(problem, remedy="give one column per motor", argument="gains")
+    if not np.isfinite(gains).all() or np.any(gains[0] <= 0.0) or np.any(gains[1] < 0.0):
+        worst = gains[:, int(np.argmin(np.where(np.isfinite(gains), gains, -np.inf).min(axis=0)))].tolist()
+        raise ConfigError(f"kp and kd {worst} are no gains", remedy="give kp > 0 and kd >= 0", argument="gains")
+    return gains
 
 
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:

@@ -86,11 +86,11 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
     if runs is None or not runs.gain_unit:
         return encoded(motor, terms)
-    kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0]))
+    kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
     if runs.gain_unit == PHYSICAL_GAINS:
         factor = kp / INITIAL_MOTOR["kp"]
         motor = motor | {name: factor * motor[name] for name in _TORQUES}
-        needed = float(np.median(runs.gains[0] * runs.largest_error))
+        needed = float(np.median(runs.largest_request))
         limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
         motor = motor | {"kp": 1.0, "kd_over_kp": 1.0, "torque_limit": limit}
     else:
@@ -175,7 +175,7 @@ def _unlimited(fit: MotorFit, runs: WindowRuns, center: np.ndarray, z: np.ndarra
     A log that does not show a limit would leave it where the search began, and the motors then saturate in others.
     """
     kp, limit = (PARAMETERS.index(name) for name in ("kp", "torque_limit"))
-    asked = np.exp(center[kp] + z[:, kp]) * runs.gains[0] * runs.largest_error
+    asked = np.exp(center[kp] + z[:, kp]) * runs.largest_request
     free = z.copy()
     free[:, limit] = np.maximum(z[:, limit], np.log(ROOM * asked.max()) - center[limit])
     if np.any(free[:, limit] > LOG_REACH) or np.any(fit.losses(free) > UNSEEN * fit.losses(z)):

@@ -24,6 +24,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.loaded_joint import next_velocity
 from motorprior.compiled import njit
+from motorprior.exceptions import ConfigError
 from motorprior.identification.loss import SCALES
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import (
@@ -171,14 +172,14 @@ class WindowRuns:
 
     @property
     def gains(self) -> np.ndarray:
-        """(2, M) stated kp and kd of every motor in the first segment; 1 if none count."""
-        return self.segments[0].gains
+        """(2, M) stated kp and kd of every motor, medians over segments; 1 if none count."""
+        return np.median([segment.gains for segment in self.segments], axis=0)
 
     @property
-    def largest_error(self) -> np.ndarray:
-        """(M,) position error [rad] that each motor exceeds in one sample of a thousand."""
-        errors = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) for segment in self.segments]
-        return np.quantile(np.concatenate(errors), 0.999, axis=0)
+    def largest_request(self) -> np.ndarray:
+        """(M,) stated kp times position error [rad], which each motor exceeds in one sample of a thousand."""
+        asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
+        return np.quantile(np.concatenate(asked), 0.999, axis=0)
 
     @property
     def fastest(self) -> float:
@@ -236,6 +237,11 @@ class WindowRuns:
         return out
 
     def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
+        if network.gain_unit and network.gain_unit != self.gain_unit:
+            raise ConfigError(
+                f"these motors were learned with stated gains [{network.gain_unit}], the log is read without",
+                remedy="state kp and kd of its joints when it is imported",
+            )
         gains = segment.gains[:, motor] if network.gain_unit else None
         motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds), gains), self.preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)

@@ -144,7 +144,7 @@ def _velocities(log: MotorLog) -> np.ndarray:
 
 
 def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
-    """(R, M, 6) series whose velocities and torques are averaged with the row before in the segment.
+    """(R, M, 9) series whose velocities and torques are averaged with the row before in the segment.
 
     A velocity at t becomes that at t - dt/2; torques averaged over t to t + dt become averages centred on t.
     """
@@ -205,22 +205,21 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
 
 
 def some_stretches(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
-    """The data with about so many ``rows`` in its parts: stretches of them, from all over the log.
+    """The data with about so many ``rows`` in its parts: stretches that are spread evenly over the whole log.
 
-    Stretches begin further inside their parts from one to the next, so that alike parts are covered as a whole.
+    A stretch has two to eight windows and is within one part; parts that are shorter are left out, or, if all are,
+    taken as they are.
     """
+    windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
+    least = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
         return data
-    least = preset.history + 2 * preset.window + 1
-    length = max(least, rows // len(data.parts))
-    long = [part for part in data.parts if part.stop - part.start >= least]
-    chosen = [long[index] for index in np.unique(np.linspace(0, len(long) - 1, max(2, rows // length)).astype(int))]
-    parts = []
-    for index, part in enumerate(chosen):
-        spare = max(0, part.stop - part.start - length)
-        first = part.start + round(spare * index / max(1, len(chosen) - 1))
-        parts.append(slice(first, min(first + length, part.stop)))
-    return replace(data, parts=tuple(parts))
+    pieces = [
+        slice(first, first + least) for part in data.parts for first in range(part.start, part.stop - least + 1, least)
+    ] or list(data.parts)
+    lengths = pieces[0].stop - pieces[0].start
+    chosen = np.unique(np.linspace(0, len(pieces) - 1, max(2, min(len(pieces), rows // lengths))).astype(int))
+    return replace(data, parts=tuple(pieces[index] for index in chosen))
 
 
 def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -146,11 +146,12 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stated_gains_of(log: MotorLog) -> np.ndarray | None:
-    """(2, J) stated kp and kd in the first row, kd equal to kp where it is not stated; None if none are."""
+    """(2, J) stated kp and kd, medians over segments, kd equal to kp where it is not stated; None if none are."""
     if log.stated_kp is None:
         return None
     kd = log.stated_kp if log.stated_kd is None else log.stated_kd
-    return np.stack([log.stated_kp[0], kd[0]])
+    first = [part.start for part in log.segment_slices()]
+    return np.stack([np.median(log.stated_kp[first], axis=0), np.median(kd[first], axis=0)])
 
 
 def log_digest(log: MotorLog) -> str:

@@ -18,7 +18,7 @@ STORAGES = {
 _MAX_DIMENSIONS = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class PickledStorage:
     """The file of numbers ``data/KEY`` of a tensor file: numpy's type code, and how many."""
 
@@ -26,8 +26,12 @@ class PickledStorage:
     code: str
     count: int
 
+    def __setstate__(self, state: Any) -> None:
+        """See `PickledTensor`."""
+        raise LogError("a storage that is changed after it was made is refused")
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, slots=True)
 class PickledTensor:
     """Which numbers of a storage are a tensor: the first one's index, sizes, and steps per dimension."""
 
@@ -35,6 +39,10 @@ class PickledTensor:
     offset: int
     size: tuple[int, ...]
     stride: tuple[int, ...]
+
+    def __setstate__(self, state: Any) -> None:
+        """Refuse what a pickle says after the tensor was checked: it could point anywhere in memory."""
+        raise LogError("a tensor that is changed after it was made is refused")
 
 
 def storage_of(reference: Any) -> PickledStorage:
@@ -44,7 +52,7 @@ def storage_of(reference: Any) -> PickledStorage:
     _, kind, key, _, count = reference
     code = STORAGES.get(repr(kind).removeprefix("torch.")) if isinstance(kind, Constructor) else None
     if code is None or not isinstance(key, str) or not key.isalnum() or type(count) is not int or count < 0:
-        raise LogError(f"a storage {key!r} of {count!r} numbers of type {kind!r} is refused")
+        raise LogError(f"a storage {str(key)[:60]!r} of {str(count)[:60]} numbers of type {str(kind)[:60]} is refused")
     return PickledStorage(key, code, count)
 
 
@@ -58,16 +66,27 @@ def tensor_constructors() -> Mapping[tuple[str, str], Constructor]:
     return {key: Constructor(".".join(key), build) for key, build in table.items()}
 
 
+def require_inside(tensor: PickledTensor) -> None:
+    """Refuse a tensor that is not within its storage.
+
+    Raises:
+        LogError: names its size, its steps and the storage's length.
+    """
+    size, stride, count = tensor.size, tensor.stride, tensor.storage.count
+    if len(size) != len(stride) or len(size) > _MAX_DIMENSIONS or prod(size) > count:
+        raise LogError(f"a tensor of size {size!r}, steps {stride!r} in {count} numbers is refused")
+    last = tensor.offset + sum((length - 1) * step for length, step in zip(size, stride, strict=True))
+    if prod(size) and last >= count:
+        raise LogError(f"a tensor of size {size!r} ends at number {last}, its storage has {count}")
+
+
 def _tensor(storage: Any, offset: Any, size: Any, stride: Any, requires_grad: Any = False, hooks: Any = None) -> Any:
     del requires_grad, hooks
     if not isinstance(storage, PickledStorage) or not _whole((offset,)) or not _whole(size) or not _whole(stride):
         raise LogError("a tensor of unknown make is refused")
-    if len(size) != len(stride) or len(size) > _MAX_DIMENSIONS or prod(size) > storage.count:
-        raise LogError(f"a tensor of size {size!r}, steps {stride!r} in {storage.count} numbers is refused")
-    last = offset + sum((length - 1) * step for length, step in zip(size, stride, strict=True))
-    if prod(size) and last >= storage.count:
-        raise LogError(f"a tensor of size {size!r} ends at number {last}, its storage has {storage.count}")
-    return PickledTensor(storage, offset, size, stride)
+    made = PickledTensor(storage, offset, size, stride)
+    require_inside(made)
+    return made
 
 
 def _whole(values: Any) -> bool:

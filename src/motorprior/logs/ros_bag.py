@@ -123,8 +123,13 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
-        kinds = {} if summary is None else summary.schemas
-        channels = [] if summary is None else list(summary.channels.values())
+        if summary is None:
+            raise LogError(
+                "the bag has no summary: its recorder was not closed",
+                where=path,
+                remedy="repair it with `mcap recover`",
+            )
+        kinds, channels = summary.schemas, list(summary.channels.values())
         topics = [c.topic for c in channels if c.schema_id in kinds and kinds[c.schema_id].name == JOINT_STATE]
         if not topics:
             raise LogError(f"no topic of {JOINT_STATE}", where=path, remedy=_REMEDY)

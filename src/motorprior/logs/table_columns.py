@@ -82,7 +82,7 @@ def _present(have: list[str], names: list[str], path: Path) -> list[str]:
     for name in found:
         if have.count(name) != 1:
             problem = "no column" if name not in have else "more than one column"
-            shown = ", ".join(have[:8]) + (", …" if len(have) > 8 else "")
+            shown = ", ".join(map(ascii, have[:8])) + (", …" if len(have) > 8 else "")
             raise LogError(f"{problem} {name[:80]!r}; it has {shown[:300]}", where=path, remedy=CORRECT)
     return list(found)
 

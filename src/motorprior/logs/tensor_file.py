@@ -5,6 +5,7 @@ Such a file is a zip of a pickle and of raw numbers; of the pickle only names, t
 
 from __future__ import annotations
 
+import struct
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.pickled_tensors import PickledTensor
+from motorprior.logs.pickled_tensors import PickledTensor, require_inside
 from motorprior.logs.restricted_unpickler import load_tensors
 from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, element_of, unreadable
 
 MAX_PICKLE = 1_000_000
-_ZIP_ERRORS = (zipfile.BadZipFile, OSError, EOFError, KeyError, NotImplementedError, RuntimeError)
+_ZIP_ERRORS = (
+    zipfile.BadZipFile, OSError, EOFError, KeyError, NotImplementedError, RuntimeError, ValueError, struct.error,
+)  # fmt: skip
 
 
 def tensor_columns(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
@@ -87,6 +90,7 @@ def _array(archive: zipfile.ZipFile, folder: str, order: str, key: str, value: A
     if len(raw) != value.storage.count * kind.itemsize:
         problem = f"{key!r}: {len(raw)} bytes for {value.storage.count} numbers of {kind}"
         raise LogError(problem, where=path, remedy=COPY_AGAIN)
+    require_inside(value)
     numbers = np.frombuffer(raw, dtype=kind)[value.offset :]
     steps = [kind.itemsize * step for step in value.stride]
     return np.lib.stride_tricks.as_strided(numbers, value.size, steps, writeable=False).astype(np.float64)

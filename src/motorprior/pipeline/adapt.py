@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.geared_motor_step import with_stated_gains
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.motor_log import MotorLog, checked, stated_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
@@ -193,11 +194,21 @@ def run_adapt(
         found = adapt_to(prior, config.prior, log, str(config.log))
         outliers = outlier_test(prior, config.prior, log, str(config.log), found)
         task.advance()
-    show(log, found, outliers, {} if prior.network.motor is None else prior.network.constants(found.mean))
+    show(log, found, outliers, _constants(prior, log, found))
     if not config.anyway:
         _require_like_the_fleet(log, outliers, config.log)
     with working(config.out, wanted, started):
         _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
+
+
+def _constants(prior: MotorPrior, log: MotorLog, found: Posterior) -> dict[str, np.ndarray]:
+    """(M,) constants of the motors at the gains that the log states; multiples where these are in firmware units."""
+    if prior.network.motor is None:
+        return {}
+    values, gains = prior.network.constants(found.mean), stated_gains_of(log)
+    if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
+        return with_stated_gains(values, *gains)
+    return values
 
 
 def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # they import JAX
 
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 """Baselines that are recipes of identification: every motor's physics by itself, and one network for all motors."""
+BASELINE_PERIOD = 0.002
+"""Theirs [s]; beside priors of another they are left out."""
 RESPONSES = "responses.safetensors"
 
 
@@ -57,13 +59,18 @@ def fitted_baselines(
     from motorprior.identification.baselines import TUNING, tuned_pd
 
     models: dict[str, LogModel] = dict(fitted_responses(log, preset, fits, progress))
-    for name, recipe in PRESETS.items():
+    for name, recipe in PRESETS.items() if preset.period == BASELINE_PERIOD else ():
         steps = fits.adam_steps if name == "pooled_network" else None
         known = fit_prior(log, recipe, fits.seed, steps=steps, out=fits.folder / name, progress=progress)
         models[name] = LatentActuator(known.network, known.mean)
     with progress.start("tune one PD", TUNING) as task:
         models["tuned_pd"] = tuned_pd(log, task.advance)
     return models
+
+
+def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
+    """A recipe that reads the gains that a log states, for models that are told them beside ones that are not."""
+    return replace(preset, gain_unit=log.gain_unit if log.stated_kp is not None else "")
 
 
 def fitted_responses(

@@ -116,7 +116,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
     if isinstance(motors, MotorPosterior):
         motors.prior.require(robot.name, robot.physics_dt)
         ordered = _of_the_robot(motors, robot)
-        return (lambda rng: ordered.sample(count, rng)), robot.physics_dt
+        return (lambda rng: ordered.sample(count, rng, told_gains(motors.prior, robot))), robot.physics_dt
     if isinstance(motors, Fleet):
         return (lambda rng: motors.sample(count, rng).actuator()), robot.physics_step(motors.kind.longest_step)
     if callable(motors):

@@ -71,7 +71,7 @@ def import_logs(config: LogsImport) -> None:
     robot = load_robot(config.robot or DEFAULT_ROBOT)
     targets: dict[Path, Path] = {}
     for path in config.paths:
-        target = config.out / (path.resolve().name.split(".")[0] + ".parquet")
+        target = config.out / (path.absolute().name.split(".")[0] + ".parquet")
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
@@ -87,7 +87,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         LogError: it cannot be read.
     """
     if config.columns is None and ROBOT_RUN.takes(path):
-        return _robot_run(path, robot, config)
+        return _with_gains(_robot_run(path, robot, config), config)
     unnamed = config.robot is None and config.columns is not None and not config.hung
     log = _with_gains(read_log(path, None if unnamed else robot, config.columns), config)
     if config.period is None and not config.hung:

@@ -14,7 +14,7 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, stated_gains_of
 from motorprior.logs.puppersim import read_puppersim_logs
 from motorprior.logs.registry import read_log
 from motorprior.pipeline.log_postures import PostureName, replayers_of
@@ -130,7 +130,9 @@ def _replay_models(
         "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
         "physical": [fleet.center(robot.num_joints).actuator()],
         "physical_draws": [fleet.sample(robot.num_joints, rng).actuator() for _ in range(config.draws)],
-        prior.preset: [prior.sample(robot.num_joints, rng, told_gains(prior, robot)) for _ in range(config.draws)],
+        prior.preset: [
+            prior.sample(robot.num_joints, rng, _told(prior, robot, replayer.prepared)) for _ in range(config.draws)
+        ],
     }
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():
@@ -138,6 +140,12 @@ def _replay_models(
             results.setdefault(name, []).append(replayer.run(actuator))
             task.advance()
     return results
+
+
+def _told(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
+    """Gains that the log states in the prior's unit; the robot's where it states none."""
+    stated = stated_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
+    return told_gains(prior, robot) if stated is None else stated
 
 
 def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Results:

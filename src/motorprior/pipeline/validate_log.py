@@ -17,7 +17,7 @@ from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
-from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines
+from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines, with_gains_of
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -100,7 +100,7 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
 def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: MotorLog, progress: Progress) -> Results:
     from motorprior.identification.log_fidelity import free_runs, log_traces, whole_runs
 
-    where, preset = str(config.log), recipe_of(prior, config.prior)
+    where, preset = str(config.log), with_gains_of(recipe_of(prior, config.prior), judged)
     spans = {
         "free_run_rmse": [free_runs(judged, preset, where)], "whole_run_rmse": whole_runs(judged, preset, where),
     }  # fmt: skip

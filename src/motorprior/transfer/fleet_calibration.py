@@ -14,8 +14,6 @@ from motorprior.transfer.single_motors import SingleMotors, single_motors
 
 IDENTIFIED = 0.5
 """A constant is identified if its variance after the fit is below this share of the belief's."""
-_REFITS = 3
-"""Iterations that are enough from a nearby optimum."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def calibrate(
         optima.append(search(lambda x: problem.residuals(names, x), start, belief, iterations))
         advance()
     optima.sort(key=lambda each: each.cost)
-    left_out = _leave_one_out(problem, optima[0].x, advance)
+    left_out = _leave_one_out(problem, iterations, advance)
     motors = single_motors(problem, optima[0].x, left_out)
     advance()
     return Calibration(tuple(optima), _standard_error(problem, optima[0], left_out), left_out, motors)
@@ -73,11 +71,13 @@ def searches(logs: int, starts: int) -> int:
     return 1 + starts + (logs if logs > 1 else 0) + 1
 
 
-def _leave_one_out(problem: FleetProblem, start: np.ndarray, advance: Callable[[], None]) -> dict[str, np.ndarray]:
+def _leave_one_out(problem: FleetProblem, iterations: int, advance: Callable[[], None]) -> dict[str, np.ndarray]:
     names, found = list(problem.replayers), {}
     for name in names if len(names) > 1 else ():
         others = [other for other in names if other != name]
-        fit = search(lambda x, others=others: problem.residuals(others, x), start, problem.belief, _REFITS)
+        fit = search(
+            lambda x, others=others: problem.residuals(others, x), problem.belief.mean, problem.belief, iterations
+        )
         found[name] = fit.x
         advance()
     return found
