@@ -83,6 +83,17 @@ def test_a_fit_keeps_gains_that_are_stated_and_finds_the_rest(decoder_data: Data
     assert fit.loss.max() < 0.1
 
 
+def test_a_kd_that_is_not_stated_is_fitted(decoder_data: Data, told: LatentNetwork):
+    assert told.motor is not None
+    center = told.motor.center.copy()
+    center[PARAMETERS.index("kd_over_kp")] = np.log(0.06)
+    network = replace(told, motor=replace(told.motor, center=center))
+    data = logged(decoder_data, network, np.array([[16.0], [16.0]]))
+    fit = fit_fleet(without_residual(data.scales, PRESET), WindowRuns(data, PRESET), (), True, 0, turns=TURNS[:5])
+    np.testing.assert_array_equal(fit.raw[:, INDEX[0]], 0.0)
+    np.testing.assert_allclose(np.exp(fit.raw[:, INDEX[1]]), 0.06, rtol=0.3)
+
+
 def test_training_in_jax_knows_the_gains_as_well(decoder_data: Data, told: LatentNetwork):
     data = logged(decoder_data, told, STIFF)
     preset = replace(PRESET, num_latents=3, num_neurons=8, own_latents=False, taps=told.taps)

@@ -117,6 +117,8 @@ def test_tensors_of_any_layout_come_through(tmp_path: Path):
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "40 bytes for 1000 numbers"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (4,), (1,), {"size": (64,)})}, "after it was made"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (4,), (1,), (None, {"offset": 9}))}, "after it was made"),
         ({"time": Tensor(Storage("FloatStorage", "../x", 10), 0, (6,), (1,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "7", 10), 0, (6,), (1,))}, "data/7"),
         ({"time": 3.0}, "not a tensor"),

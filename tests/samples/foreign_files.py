@@ -112,10 +112,12 @@ class Name:
 
 
 class Tensor:
-    """Pickles as `_rebuild_tensor_v2` of torch."""
+    """Pickles as `_rebuild_tensor_v2` of torch; a ``state`` is set after it was made."""
 
-    def __init__(self, storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]):
-        self.call = (storage, offset, size, stride, False, {})
+    def __init__(
+        self, storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...], state: Any = None
+    ):
+        self.call, self.state = (storage, offset, size, stride, False, {}), state
 
 
 _PICKLER: Any = getattr(pickle, "_Pickler")  # noqa: B009  # the one written in Python can write any global
@@ -134,6 +136,9 @@ class TensorPickler(_PICKLER):
             self.write(b"ctorch._utils\n_rebuild_tensor_v2\n")
             super().save(obj.call)
             self.write(pickle.REDUCE)
+            if obj.state is not None:
+                super().save(obj.state)
+                self.write(pickle.BUILD)
         else:
             super().save(obj, save_persistent_id)
 

@@ -92,7 +92,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         motor = motor | {name: factor * motor[name] for name in _TORQUES}
         needed = float(np.median(runs.largest_request))
         limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
-        motor = motor | {"kp": 1.0, "kd_over_kp": 1.0, "torque_limit": limit}
+        motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if _states_kd(runs) else {})
     else:
         motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
     return encoded(motor, terms)
@@ -169,6 +169,11 @@ def fit_fleet(
     return FleetFit(center + middle, z - middle, fit.losses(z), terms)
 
 
+def _states_kd(runs: WindowRuns) -> bool:
+    """Whether the logs state kd: where they do not, it is written as kp (`windows`)."""
+    return bool(np.any(runs.gains[1] != runs.gains[0]))
+
+
 def _unlimited(fit: MotorFit, runs: WindowRuns, center: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Latents whose torque limits are ROOM times what the logs ask for, if no motor of theirs reaches its limit.
 
@@ -186,7 +191,8 @@ def _unlimited(fit: MotorFit, runs: WindowRuns, center: np.ndarray, z: np.ndarra
 def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: stated ones, and those that the log's encoders hide (`window_runs`)."""
     held = HIDDEN_FROM_ROTOR if runs.at_rotor else ()
-    held += ("kp", "kd_over_kp") if runs.gain_unit == PHYSICAL_GAINS else ()
+    if runs.gain_unit == PHYSICAL_GAINS:
+        held += ("kp", "kd_over_kp") if _states_kd(runs) else ("kp",)
     return np.array([name in held for name in parameters_of(terms)])
 
 

@@ -14,7 +14,7 @@
     name = "shoulder_pan"                   # of the robot's joint, if the columns have another name
     sign = -1
     zero = 0.05                             # the joint's angle [rad] where the column says 0
-    kp = 16                                 # gains that the motor was told, in units.gain: N·m/rad or firmware
+    kp = 20                                 # gains that the motor was told, in units.gain: N·m/rad or firmware
     kd = 0.5
 
 An angle is sign·unit·value + zero, a velocity or torque sign·unit·value. ``action[{joint}]`` is one number of a column
