@@ -1,0 +1,87 @@
+"""Every command of docs/your-motors.md and docs/logs.md runs, on a few seconds of the real logs that the pages name."""
+
+import gzip
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import pytest
+
+from motorprior.cli.main import RUN, parse
+from motorprior.identification import response_fit, term_selection
+from motorprior.logs.column_map import load_column_map
+
+ROOT = Path(__file__).resolve().parents[2]
+ROWS = 800
+"""Of each table, header included: four seconds of the Go2."""
+WITH_STEPS = {"identify": ("--steps", "4"), "validate-log": ("--adam-steps", "4")}
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "docs" / page).read_text("utf-8"), re.DOTALL)
+
+
+def commands(page: str) -> Iterator[list[str]]:
+    """The words of every `motorprior …` on a page."""
+    for block in blocks(page, "sh"):
+        for line in block.splitlines():
+            if line.startswith("motorprior "):
+                yield shlex.split(line)[1:]
+
+
+@pytest.fixture
+def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the logs that the pages name, cut, and the robots' files; commands run in it."""
+    for name in ("go2", "so101", "xl330"):
+        if not (shared_data / name).is_dir():
+            pytest.skip(f"no logs of {name}: MOTORPRIOR_SHARED names a folder with {name}/ in it")
+        (tmp_path / name).mkdir()
+    for path in [
+        *(shared_data / "go2").glob("traj_[03].csv.gz"),
+        *sorted((shared_data / "so101").glob("c*.csv.gz"))[:2],
+    ]:
+        with gzip.open(path, "rt") as whole, gzip.open(tmp_path / path.parent.name / path.name, "wt") as cut:
+            cut.writelines(islice(whole, ROWS))
+    shutil.copy(shared_data / "go2" / "traj_0.pt", tmp_path / "go2")
+    for path in sorted((shared_data / "xl330").glob("*.json.gz"))[:2]:
+        shutil.copy(path, tmp_path / "xl330")
+    shutil.copytree(shared_data / "so101" / "original", tmp_path / "so101" / "original")
+    shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", tmp_path / "so101")
+    for name in ("go2", "so101"):
+        shutil.copy(shared_data / "robots" / f"{name}.xml", tmp_path)
+        shutil.copy(ROOT / "examples" / "robots" / f"{name}.toml", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(term_selection, "ORDER", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    return tmp_path
+
+
+def expanded(words: list[str]) -> list[str]:
+    """With the files that a pattern stands for, as a shell gives them."""
+    found = []
+    for word in words:
+        matches = sorted(map(str, Path().glob(word))) if "*" in word else []
+        found += matches or [word]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["your-motors.md", "logs.md"])
+def test_every_command_of_the_page_runs(folder: Path, page: str):
+    ran = 0
+    for words in commands(page):
+        parsed = parse([*expanded(words), *WITH_STEPS.get(words[0], ())])
+        RUN[type(parsed)](parsed)
+        ran += 1
+    assert ran >= 5
+
+
+def test_the_column_map_on_the_page_is_understood(tmp_path: Path):
+    path = tmp_path / "columns.toml"
+    path.write_text(blocks("your-motors.md", "toml")[0], "utf-8")
+    known = load_column_map(path)
+    assert [joint.name for joint in known.joints] == ["shoulder_pan", "shoulder_lift"]
+    assert known.gain_unit == "firmware" and {joint.kp for joint in known.joints} == {16.0}
