@@ -43,7 +43,7 @@ def decoder_data() -> Callable[..., TrainingData]:
             told = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
                 case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
-                inertia, seconds, *told,
+                inertia, seconds, *told, np.zeros_like(seconds),
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")

@@ -35,7 +35,7 @@ def command(seed: int, rows: int = ROWS) -> np.ndarray:
 def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history) -> WindowRuns:
     """One joint's motion as a free run of all that follows the warm-up."""
     rows = len(target)
-    series = np.zeros((1, rows, 7), np.float32)
+    series = np.zeros((1, rows, 10), np.float32)
     series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
     series[0, 1:, VEL], series[0, :, INERTIA] = np.diff(pos) / DT, 0.01
     data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, Measured(torque=False))

@@ -15,7 +15,7 @@ from motorprior.identification.network import import_parameters
 from motorprior.identification.objectives import rollout_objective
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import POS, SECONDS, TARGET, Measured, TrainingData
+from motorprior.identification.windows import EXTERNAL, POS, SECONDS, STIFFNESS, TARGET, Measured, TrainingData
 
 Networks = Callable[..., LatentNetwork]
 Data = Callable[..., TrainingData]
@@ -131,3 +131,19 @@ def test_tiled_windows_and_free_runs_cover_the_same_rows(grey_network: Networks,
     for part in range(len(data.parts)):
         theirs = windows[:, part * windows.shape[1] // len(data.parts)][:, PRESET.history + 1 :, POS]
         np.testing.assert_array_equal(found[:, part * per_part, :-1], theirs)
+
+
+def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_network: Networks, decoder_data: Data):
+    """A spring on the joint, once as a torque over time, once as a stiffness about the recorded angle."""
+    network, z = grey_network(), np.zeros((1, 3))
+    data = decoder_data(network, z)
+    sprung = data.series.copy()
+    sprung[..., STIFFNESS] = -2.0
+    sprung[..., EXTERNAL] += 2.0 * sprung[..., POS]
+    same, other = (
+        WindowRuns(replace(data, series=series), PRESET).residuals(network, where, np.array([0]))[:, :, 0]
+        for series, where in ((sprung, z), (sprung, z + 1.0))
+    )
+    plain = WindowRuns(data, PRESET).residuals(network, z + 1.0, np.array([0]))[:, :, 0]
+    assert np.abs(same).max() < 0.03, "on the recording the spring does nothing"
+    assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2)), "and off it, it pulls back"

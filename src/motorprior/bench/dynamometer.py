@@ -28,6 +28,8 @@ class Trial:
         dt: sample period of the trial [s].
         joint_pos: (n,) where the joints begin [rad]; at their first target if not given.
         joint_vel: (n,) their velocities there [rad/s]; at rest if not given.
+        load_stiffness: (steps, n) torque on the joint per its own angle, beside external_torque [N·m/rad]; none if not
+            given.
     """
 
     position_target: np.ndarray
@@ -36,6 +38,7 @@ class Trial:
     dt: float
     joint_pos: np.ndarray | None = None
     joint_vel: np.ndarray | None = None
+    load_stiffness: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ def _simulate(
     inertia: np.ndarray,
     targets: np.ndarray,
     external: np.ndarray,
+    stiffness: np.ndarray,
     dt: float,
     fine: int,
     joint_pos: np.ndarray,
@@ -78,7 +82,8 @@ def _simulate(
         for _ in range(fine):
             step_actuator(arrays, h, targets[step], q, dq, torque)
             for j in range(n):
-                dq[j] = _next_velocity(dq[j], torque[j], external[step, j], inertia[j], arrays.damping[j], h)
+                load = external[step, j] + stiffness[step, j] * q[j]
+                dq[j] = _next_velocity(dq[j], torque[j], load, inertia[j], arrays.damping[j], h)
                 out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / fine
                 q[j] += h * dq[j]
 
@@ -97,6 +102,9 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
         trial.load_inertia + actuator.armature,
         np.ascontiguousarray(trial.position_target, dtype=np.float64),
         np.ascontiguousarray(trial.external_torque, dtype=np.float64),
+        np.zeros((steps, n))
+        if trial.load_stiffness is None
+        else np.ascontiguousarray(trial.load_stiffness, np.float64),
         trial.dt,
         fine,
         np.asarray(first, np.float64) + start_offset,

@@ -31,6 +31,9 @@ def trials(log: MotorLog, count: int) -> list[tuple[Trial, np.ndarray]]:
         assert part.external_torque is not None and part.load_inertia is not None
         dt = float(np.median(np.diff(part.time)))
         trial = Trial(part.position_target, part.external_torque, part.load_inertia[0], dt)
+        if part.load_stiffness is not None:
+            at_zero = part.external_torque - part.load_stiffness * part.joint_pos
+            trial = replace(trial, external_torque=at_zero, load_stiffness=part.load_stiffness)
         if part.encoder == "joint":
             trial = replace(trial, joint_pos=part.joint_pos[0], joint_vel=_first(part.joint_vel))
         found.append((trial, part.joint_pos))

@@ -27,7 +27,7 @@ from motorprior.bench.loaded_joint import next_velocity
 from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed
 from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import EXTERNAL, INERTIA, KD, KP, POS, SECONDS, TARGET, TORQUE, VEL
+from motorprior.identification.windows import EXTERNAL, INERTIA, KD, KP, POS, SECONDS, STIFFNESS, TARGET, TORQUE, VEL
 
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
@@ -102,7 +102,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         def step(state, row):
             q, dq, memory = state
             memory, torque, damping = actuate(parameters, bias, motor, memory, row[:, TARGET], q, dq)
-            dq = next_velocity(dq, torque, row[:, EXTERNAL], inertia, damping, dt)
+            external = row[:, EXTERNAL] + row[:, STIFFNESS] * q
+            dq = next_velocity(dq, torque, external, inertia, damping, dt)
             q = q + dt * dq
             measured = (memory.motor.rotor_pos, memory.motor.rotor_vel) if at_rotor else (q, dq)
             return (q, dq, memory), (*measured, torque - damping * dq)

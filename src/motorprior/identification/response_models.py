@@ -21,7 +21,7 @@ import numpy as np
 
 from motorprior.compiled import njit
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import EXTERNAL, POS, TARGET, VEL
+from motorprior.identification.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
 
 AT_ONCE = 1e9
 CONSTANTS = {
@@ -110,9 +110,11 @@ class JointRuns:
     def __init__(self, runs: WindowRuns, joint: int):
         first, self._window, self._dt, self._segments = runs.preset.history, runs.preset.window, runs.preset.period, []
         for segment in runs.segments:
-            target, external, pos, vel = (
-                np.ascontiguousarray(segment.rows[:, channel, joint]) for channel in (TARGET, EXTERNAL, POS, VEL)
+            target, rest, stiffness, pos, vel = (
+                np.ascontiguousarray(segment.rows[:, channel, joint])
+                for channel in (TARGET, EXTERNAL, STIFFNESS, POS, VEL)
             )
+            external = rest + stiffness * pos
             starts = first + self._window * np.arange(segment.windows)
             recorded = pos[first + 1 : first + 1 + segment.windows * self._window].reshape(-1, self._window)
             self._segments.append((target, external, starts, pos[starts], vel[starts], recorded))

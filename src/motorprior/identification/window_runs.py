@@ -34,6 +34,7 @@ from motorprior.identification.windows import (
     KP,
     POS,
     SECONDS,
+    STIFFNESS,
     TARGET,
     TORQUE,
     VEL,
@@ -98,10 +99,11 @@ def _free_runs(
         if step >= first:
             step_actuator(free, dt, target, q, dq, torque)
         for lane in range(lanes):
-            j, external = motor[lane], rows[step, EXTERNAL, motor[lane]]
+            j, stiffness = motor[lane], rows[step, STIFFNESS, motor[lane]]
             next_pos, next_vel = rows[step + 1, POS, j], rows[step + 1, VEL, j]
             if at_rotor:
                 damping = observer.damping[lane]
+                external = rows[step, EXTERNAL, j] + stiffness * seen_q[lane]
                 seen_dq[lane] = _next_velocity(seen_dq[lane], unused[lane], external, inertia[lane], damping, dt)
                 seen_q[lane] += dt * seen_dq[lane]
                 observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
@@ -109,7 +111,7 @@ def _free_runs(
                 seen_q[lane], seen_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
-            damping = free.damping[lane]
+            damping, external = free.damping[lane], rows[step, EXTERNAL, j] + stiffness * q[lane]
             dq[lane] = _next_velocity(dq[lane], torque[lane], external, inertia[lane], damping, dt)
             q[lane] += dt * dq[lane]
             own_pos, own_vel = q[lane], dq[lane]

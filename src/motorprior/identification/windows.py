@@ -36,8 +36,9 @@ class TrainingData:
     """Logs of M motors with R rows each.
 
     Attributes:
-        series: (M, R, 9) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
-            external_torque, load_inertia, seconds since the log began, stated kp and kd (1 where none count). For a
+        series: (M, R, 10) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
+            external_torque - load_stiffness·joint_pos, load_inertia, seconds since the log began, stated kp and kd (1
+            where none count), load_stiffness (0 where the log has none), by which a joint gets its own load. For a
             rollout positions and velocities are smoothed where readings are noisy (`smoothing`), the velocities are
             those of half a period earlier and the torques are averages centred on the sample, as a semi-implicit step
             needs them.
@@ -60,7 +61,7 @@ _REMEDIES = {
     "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import` and its option `hung`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
-TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, STIFFNESS = range(10)
 PAUSE = 60.0
 """Time between two segments after which motors count as cold again [s]."""
 MEANS = (VEL, TORQUE, EXTERNAL)
@@ -89,8 +90,10 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.load_inertia,
         np.broadcast_to(_seconds_of_work(log)[:, None], log.joint_pos.shape),
         *_gains(log, preset, where),
+        log.load_stiffness,
     )
     series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
+    series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
     if preset.objective == "rollout":
         series = _centred(series, log)
     return TrainingData(
@@ -144,7 +147,7 @@ def _velocities(log: MotorLog) -> np.ndarray:
 
 
 def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
-    """(R, M, 9) series whose velocities and torques are averaged with the row before in the segment.
+    """(R, M, 10) series whose velocities and torques are averaged with the row before in the segment.
 
     A velocity at t becomes that at t - dt/2; torques averaged over t to t + dt become averages centred on t.
     """

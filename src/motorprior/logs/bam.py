@@ -4,7 +4,9 @@ A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (the firmware's gain, in it
 with ``timestamp`` [s], ``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, ``speed`` [rad/s] and
 ``torque_enable``. Of a point mass, and of an arm of ``arm_mass`` if the file says one (a uniform rod),
 
-    load_inertia = (mass + arm_mass/3)·length²,  external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos).
+    load_inertia = (mass + arm_mass/3)·length²,  external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos),
+
+and load_stiffness the derivative of the latter.
 
 Rows in which the torque was off are left out; a segment ends there, and the log's source says how many.
 """
@@ -50,6 +52,7 @@ def read_bam(path: str | Path) -> MotorLog:
         time=time, position_target=target[:, None], joint_pos=angle[:, None], joint_vel=speed[:, None],
         load_inertia=np.full((len(angle), 1), (mass + arm / 3.0) * length**2),
         external_torque=(-(mass + arm / 2.0) * GRAVITY * length * np.sin(angle))[:, None],
+        load_stiffness=(-(mass + arm / 2.0) * GRAVITY * length * np.cos(angle))[:, None],
         stated_kp=np.full((len(angle), 1), kp), gain_unit="firmware",
         joint_names=("pendulum",), robot="pendulum", motor=_text(content, "motor", path), source=str(path),
     )  # fmt: skip

@@ -41,7 +41,9 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan}
 VELOCITIES = {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0}
 TORQUES = {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665}
-SERIES = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
+SERIES = (
+    "position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia", "load_stiffness",
+)  # fmt: skip
 """Channels that have a column for every joint."""
 JOINT = "{joint}"
 _REMEDY = "see docs/your-motors.md"
@@ -205,5 +207,5 @@ def _scales(units: dict[str, Any], where: str) -> dict[str, float]:
     return {
         "time": TIMES[units.get("time", "s")], "position_target": angle, "joint_pos": angle,
         "joint_vel": VELOCITIES[units.get("velocity", "rad/s")], "joint_torque": torque, "external_torque": torque,
-        "load_inertia": 1.0,
+        "load_inertia": 1.0, "load_stiffness": 1.0,
     }  # fmt: skip

@@ -20,6 +20,7 @@ JOINT_SERIES = {
     "joint_torque": "N_m",
     "load_inertia": "kg_m2",
     "external_torque": "N_m",
+    "load_stiffness": "N_m_per_rad",
     "stated_kp": "stated",
     "stated_kd": "stated",
 }
@@ -59,6 +60,8 @@ class MotorLog:
         joint_torque: (T, J) torque of the motor on the joint [N·m], or None.
         load_inertia: (T, J) inertia of the known load, at the joint [kg·m²], or None.
         external_torque: (T, J) torque of everything but the motor on the joint [N·m], or None.
+        load_stiffness: (T, J) change of external_torque with the joint's own angle, as that of gravity, at the recorded
+            angle [N·m/rad], or None. A simulated joint gets external_torque + load_stiffness·(its angle - joint_pos).
         segment: (T,) index of the contiguous recording a row belongs to, or None for a single one.
         base_orientation: (T, 2) roll and pitch of the robot's base [rad], or None.
         posture: (T,) how the robot's base was held in a row, see POSTURES, or None where nobody said.
@@ -81,6 +84,7 @@ class MotorLog:
     joint_torque: np.ndarray | None = None
     load_inertia: np.ndarray | None = None
     external_torque: np.ndarray | None = None
+    load_stiffness: np.ndarray | None = None
     segment: np.ndarray | None = None
     base_orientation: np.ndarray | None = None
     posture: np.ndarray | None = None
