@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from series import complete
 
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification import descent
@@ -22,7 +23,7 @@ PRESET = replace(
 def data(rows: int = 300) -> TrainingData:
     """A spring and a damper with noise."""
     rng = np.random.default_rng(0)
-    series = rng.normal(0.0, 0.3, (2, rows, 7)).astype(np.float32)
+    series = complete(rng.normal(0.0, 0.3, (2, rows, 7)).astype(np.float32))
     series[..., 3] = 2.0 * (series[..., 0] - series[..., 1]) - 0.1 * series[..., 2]
     scales = {"error_scale": 0.4, "velocity_scale": 0.3, "torque_scale": 0.9, "torque_limit": 5.0}
     return TrainingData(series, np.arange(rows - 1), (slice(0, rows),), scales, Measured(True))

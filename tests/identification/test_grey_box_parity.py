@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from series import complete
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import DAMPING, FILTERED_VEL, JOINT_VEL, ROTOR_VEL, TARGET
@@ -31,6 +32,7 @@ from motorprior.identification import motor_dynamics
 from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.network import import_parameters
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.windows import CHANNELS
 
 MOTORS, STEPS, DT = 24, 100, 0.002
 SEED = 4
@@ -153,7 +155,7 @@ def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_jax(motors, tri
         trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque,
         trial.external_torque, load,
     )  # fmt: skip
-    windows = jnp.asarray(np.stack(channels, axis=-1).transpose(1, 0, 2), jnp.float32)
+    windows = jnp.asarray(complete(np.stack(channels, axis=-1).transpose(1, 0, 2)), jnp.float32)
     scales = {name: getattr(net, name) for name in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}
     rollout = closed_loop(preset, scales, bounded=False)
     position, velocity, torque = rollout(import_parameters(net), windows, jnp.asarray(motors.z, jnp.float32))
@@ -208,7 +210,7 @@ def test_a_servo_has_a_finite_gradient_in_every_constant_from_rest_on(grey_netwo
     )
     scales = {n: getattr(network, n) for n in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}
     rollout = closed_loop(preset, scales, bounded=False)
-    windows = np.zeros((2, preset.history + preset.window, 7), np.float32)
+    windows = np.zeros((2, preset.history + preset.window, CHANNELS), np.float32)
     windows[1, 3:, 0] = 0.3  # one motor has nothing to do
     windows[..., 5] = 0.002
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from series import complete
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.dynamometer import Trial, run
@@ -54,7 +55,7 @@ def recorded(given: Parameters, preset=NETWORK):
         trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque,
         trial.external_torque, load,
     )  # fmt: skip
-    return np.stack(channels, axis=-1).transpose(1, 0, 2)
+    return complete(np.stack(channels, axis=-1).transpose(1, 0, 2))
 
 
 @cache
@@ -146,7 +147,7 @@ def test_a_limp_motor_is_a_double_integrator():
     velocity = 10.0 * 0.002 * steps
     position = 10.0 * 0.002**2 * steps * (steps + 1) / 2
     rows = [0 * steps, position, velocity, 0 * steps, 0 * steps + 0.1, 0 * steps + 0.008]
-    windows = np.stack(rows, axis=-1)[None].repeat(MOTORS, axis=0)
+    windows = complete(np.stack(rows, axis=-1)[None].repeat(MOTORS, axis=0))
     assert loss(rollout_objective, given, windows) < 1e-8
     # all recorded positions after the start are off by one POSITION_SCALE, velocities by two VELOCITY_SCALE
     windows[:, TAPS[-1] + 1 :, 1] += POSITION_SCALE

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from series import complete
 
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_step import PARAMETERS
@@ -64,7 +65,7 @@ def windows(parameters, z) -> jnp.ndarray:
         q = q + DT * dq
     pos, vel = np.array(seen).transpose(1, 0, 2)
     channels = (targets, pos, vel, np.zeros_like(pos), external, np.broadcast_to(INERTIA, pos.shape))
-    return jnp.asarray(np.stack(channels, axis=-1).transpose(1, 0, 2), jnp.float32)
+    return jnp.asarray(complete(np.stack(channels, axis=-1).transpose(1, 0, 2)), jnp.float32)
 
 
 @cache

@@ -27,7 +27,19 @@ from motorprior.bench.loaded_joint import next_velocity
 from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed
 from motorprior.identification.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
-from motorprior.identification.windows import EXTERNAL, INERTIA, KD, KP, POS, SECONDS, STIFFNESS, TARGET, TORQUE, VEL
+from motorprior.identification.windows import (
+    CHANNELS,
+    EXTERNAL,
+    INERTIA,
+    KD,
+    KP,
+    POS,
+    SECONDS,
+    STIFFNESS,
+    TARGET,
+    TORQUE,
+    VEL,
+)
 
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
@@ -85,6 +97,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
     def rollout(
         parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray
     ) -> tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]:
+        assert windows.shape[-1] == CHANNELS, "JAX reads another channel where one is missing"
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]

@@ -62,6 +62,7 @@ _REMEDIES = {
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, STIFFNESS = range(10)
+CHANNELS = STIFFNESS + 1
 PAUSE = 60.0
 """Time between two segments after which motors count as cold again [s]."""
 MEANS = (VEL, TORQUE, EXTERNAL)

@@ -1,0 +1,11 @@
+"""Series of training data from their first channels."""
+
+import numpy as np
+
+from motorprior.identification.windows import CHANNELS
+
+
+def complete(series: np.ndarray) -> np.ndarray:
+    """With zeros for the channels (...) that are not given."""
+    missing = CHANNELS - series.shape[-1]
+    return np.pad(series, [(0, 0)] * (series.ndim - 1) + [(0, missing)])
