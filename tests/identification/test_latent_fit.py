@@ -81,7 +81,9 @@ def test_more_log_leaves_less_doubt_and_no_log_window_would_leave_the_prior(prio
     motors = LatentActuator(prior.network, np.random.default_rng(1).standard_normal((3, 2)))
     short, long = (adapt(prior.network, log_of(motors, count), RECIPE, temperature=1.0) for count in (1, 4))
     volume = [np.linalg.det(one.covariance) for one in (short, long)]
-    assert np.all(volume[1] < volume[0]) and np.all(volume[0] < 1.0)
+    # of the fleet; a single motor's curvature is that of where its fit ended, sticking or slipping
+    assert np.mean(np.log(volume[1] / volume[0])) < -np.log(4.0) and np.all(volume[1] < 1.5 * volume[0])
+    assert np.all(volume[0] < 1.0)
     hot = adapt(prior.network, log_of(motors, 1), RECIPE, temperature=1e9)
     np.testing.assert_allclose(hot.covariance, np.tile(np.eye(2), (3, 1, 1)), atol=1e-3)
     np.testing.assert_allclose(hot.mean, 0.0, atol=0.05)
