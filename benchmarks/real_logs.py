@@ -26,7 +26,7 @@ import tyro
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs
+from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs, within_a_turn
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.logs.joining import joined
 from motorprior.logs.joint_checks import excited_joints
@@ -165,10 +165,7 @@ def _errors(
 ) -> dict[str, float]:
     """Mean over some joints [rad]; of a simulation that broke down, a whole turn."""
     errors = free_run_errors(whole_runs(with_some_load(log), preset, log.source), models)
-    turn = 2.0 * np.pi
-    return {
-        name: float(np.mean(np.nan_to_num(values, nan=turn, posinf=turn)[joints])) for name, values in errors.items()
-    }
+    return {name: float(np.mean(within_a_turn(values)[joints])) for name, values in errors.items()}
 
 
 def _means(found: Sequence[Figures]) -> Figures:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.motor_prior import MotorPrior, checked_gains
+from motorprior.actuator.motor_prior import MotorPrior, are_gains, checked_gains
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -116,7 +116,7 @@ class MotorPosterior:
             "a covariance is not symmetric and positive definite": not _has_factor(covariance),
         }
         if "gains" in tensors:
-            wrong["gains are not positive"] = bool(tensors["gains"][0].min(initial=1.0) <= 0.0)
+            wrong["gains are not positive"] = not are_gains(tensors["gains"])
         for problem, is_so in wrong.items():
             if is_so:
                 raise ArtifactError(problem, where=path, remedy=_REMEDY)

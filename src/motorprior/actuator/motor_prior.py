@@ -225,6 +225,11 @@ class MotorPrior:
         return cls(network, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
 
 
+def are_gains(gains: np.ndarray) -> bool:
+    """Whether (2, n) numbers can be stated kp and kd: finite, kp positive, kd not negative."""
+    return bool(np.isfinite(gains).all() and np.all(gains[0] > 0.0) and np.all(gains[1] >= 0.0))
+
+
 def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
     """(2, count) stated kp and kd.
 
@@ -235,7 +240,7 @@ def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
     if gains.shape != (2, count):
         problem = f"gains of shape {gains.shape}, wanted (2, {count}): kp and kd of every motor"
         raise ConfigError(problem, remedy="give one column per motor", argument="gains")
-    if not np.isfinite(gains).all() or np.any(gains[0] <= 0.0) or np.any(gains[1] < 0.0):
+    if not are_gains(gains):
         worst = gains[:, int(np.argmin(np.where(np.isfinite(gains), gains, -np.inf).min(axis=0)))].tolist()
         raise ConfigError(f"kp and kd {worst} are no gains", remedy="give kp > 0 and kd >= 0", argument="gains")
     return gains
@@ -260,8 +265,7 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
         "it has 0 training motors": sizes["motors"] == 0,
         "joint_names are not as many as its motors": header["joint_names"]
         and len(header["joint_names"]) != sizes["motors"],
-        "gains are not positive": header["gain_unit"]
-        and (tensors["gains"][0].min(initial=1.0) <= 0.0 or tensors["gains"][1].min(initial=0.0) < 0.0),
+        "gains are not positive": header["gain_unit"] and not are_gains(tensors["gains"]),
         "gain_unit without a motor": header["gain_unit"] and not header["grey_box"],
         "motor_terms are not in their order, or motor_parameters are not theirs": header["motor_terms"]
         != list(in_order(header["motor_terms"]))

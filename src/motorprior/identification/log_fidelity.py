@@ -26,6 +26,7 @@ from motorprior.identification.response_models import ResponseMotors
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import POS, SECONDS, TARGET, VEL, training_data
 from motorprior.logs.motor_log import MotorLog
+from motorprior.signals import rmse
 
 FREE_RUN = 1.0
 """Length of a free run [s]."""
@@ -68,21 +69,23 @@ def whole_runs(log: MotorLog, preset: Preset, where: str) -> list[WindowRuns]:
 
 def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) -> dict[str, np.ndarray]:
     """(M,) root mean square angle error [rad] of each model of the log's M motors, over all samples of its runs."""
-    return {name: _rms(_joined_errors(runs, model)) for name, model in models.items()}
+    return {name: rmse(_joined_errors(runs, model), np.zeros(()), axis=1) for name, model in models.items()}
+
+
+def within_a_turn(errors: np.ndarray | float) -> np.ndarray:
+    """The errors [rad], a whole turn in place of those of simulations that broke down."""
+    return np.nan_to_num(errors, nan=2.0 * np.pi, posinf=2.0 * np.pi)
 
 
 def _joined_errors(runs: Sequence[WindowRuns], model: LogModel) -> np.ndarray:
-    """(M, samples) angle errors [rad]."""
-    return np.concatenate([_angle_errors(one, model).reshape(one.num_motors, -1) for one in runs], axis=1)
+    """(M, samples) angle errors [rad], float64."""
+    parts = [_angle_errors(one, model).reshape(one.num_motors, -1) for one in runs]
+    return np.concatenate(parts, axis=1, dtype=np.float64)
 
 
 def _angle_errors(runs: WindowRuns, model: LogModel) -> np.ndarray:
     """(M, N, W) [rad]."""
     return model.errors(runs) if isinstance(model, ResponseMotors) else POSITION_SCALE * runs.errors(model)[:, :, 0]
-
-
-def _rms(errors: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(np.square(errors, dtype=np.float64), axis=1))
 
 
 def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> dict[int, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Preset
 from motorprior.identification.smoothing import smoothed
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, stated_gain_rows
 
 
 @dataclass(frozen=True)
@@ -107,17 +107,18 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     )
 
 
-def _gains(log: MotorLog, preset: Preset, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """(R, M) stated kp and kd, both kp if kd is not stated; ones for a recipe that knows of none."""
+def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
+    """(2, R, M) of `stated_gain_rows`; ones for a recipe that knows of none."""
     if not preset.gain_unit:
-        return np.ones_like(log.joint_pos), np.ones_like(log.joint_pos)
-    if log.stated_kp is None or log.gain_unit != preset.gain_unit:
-        has = "no stated_kp" if log.stated_kp is None else f"gains in {log.gain_unit}"
+        return np.ones((2, *log.joint_pos.shape))
+    rows = stated_gain_rows(log)
+    if rows is None or log.gain_unit != preset.gain_unit:
+        has = "no stated_kp" if rows is None else f"gains in {log.gain_unit}"
         raise LogError(
             f"{has}, the prior's motors have stated gains [{preset.gain_unit}]", where=where,
             remedy="state kp and kd of every joint in the column map, or import the log with kp and kd given",
         )  # fmt: skip
-    return log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd
+    return rows
 
 
 def _seconds_of_work(log: MotorLog) -> np.ndarray:

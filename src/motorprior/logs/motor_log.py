@@ -149,13 +149,17 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
 
 
-def stated_gains_of(log: MotorLog) -> np.ndarray | None:
-    """(2, J) stated kp and kd, medians over segments, kd equal to kp where it is not stated; None if none are."""
+def stated_gain_rows(log: MotorLog) -> np.ndarray | None:
+    """(2, T, J) stated kp and kd, kd equal to kp where it is not stated; None if none are."""
     if log.stated_kp is None:
         return None
-    kd = log.stated_kp if log.stated_kd is None else log.stated_kd
-    first = [part.start for part in log.segment_slices()]
-    return np.stack([np.median(log.stated_kp[first], axis=0), np.median(kd[first], axis=0)])
+    return np.stack([log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd])
+
+
+def stated_gains_of(log: MotorLog) -> np.ndarray | None:
+    """(2, J) medians of `stated_gain_rows` over segments, or None."""
+    rows = stated_gain_rows(log)
+    return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
 
 
 def log_digest(log: MotorLog) -> str:

@@ -128,17 +128,17 @@ def measured(
     report: Callable[[], None] = lambda: None,
 ) -> Results:
     """Errors of all models and coverage of the adapted prior, over free runs of each of SPANS."""
-    from motorprior.identification.log_fidelity import free_run_errors, log_coverage
+    from motorprior.identification.log_fidelity import free_run_errors, log_coverage, within_a_turn
 
     rows = []
     for quantity, runs in spans.items():
         for model, values in free_run_errors(runs, models).items():
             rows += [
-                Result(quantity, "rad", _finite(float(of(values))), model, statistic=statistic)
+                Result(quantity, "rad", float(within_a_turn(float(of(values)))), model, statistic=statistic)
                 for statistic, of in (("median", np.median), ("mean", np.mean))
             ]
             rows += [
-                Result(quantity, "rad", _finite(value), model, part=joint)
+                Result(quantity, "rad", float(within_a_turn(value)), model, part=joint)
                 for joint, value in zip(joint_names, values, strict=True)
             ]
         covered = log_coverage(prior, found, runs)
@@ -159,8 +159,3 @@ def draw_motors(folder: Path, joint_names: tuple[str, ...], traces: LogTraces) -
         shown = log_against_bands(traces.time, target[:, motor], pos[:, motor], model[:, motor], bands, joint)
         with atomic_path(folder / f"{joint}.png") as temporary:
             temporary.write_bytes(png_bytes(shown, dpi=_DPI))
-
-
-def _finite(value: float) -> float:
-    """The error, or a whole turn of it where a simulation broke down."""
-    return float(value) if np.isfinite(value) else 2.0 * np.pi
