@@ -14,9 +14,8 @@ from motorprior.identification.fleet_fit import (
     STAGES,
     FleetFit,
     fit_fleet,
-    initial_center,
-    with_motor,
 )
+from motorprior.identification.initial_motor import initial_center, with_motor
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, _sums
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -65,6 +64,14 @@ def test_the_constants_of_four_motors_are_found(found: FleetFit):
     network = found.network(bare())
     assert network.motor is not None
     np.testing.assert_array_equal(network.motor.center, found.center)
+
+
+def test_a_gain_beyond_the_reach_of_the_initial_motor_is_found(decoder_data: Data):
+    center, kp = initial_center(()), PARAMETERS.index("kp")
+    center[kp] += np.log(0.04)
+    runs = WindowRuns(decoder_data(with_motor(bare(), center, ()), truth(), segments=5, rows=400), PRESET)
+    found = fit_fleet(bare(), runs, (), True, 0, turns=((WIDE, 5),) * 3)
+    np.testing.assert_allclose(found.raw[:, kp], center[kp] + truth()[:, kp], atol=0.15)
 
 
 @pytest.mark.parametrize(("limit", "shown"), [(60.0, False), (1.5, True)])

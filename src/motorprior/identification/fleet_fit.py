@@ -11,35 +11,18 @@ so that a window, of N, fitted as well as the average one counts as an observati
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, SIGNED
+from motorprior.identification.initial_motor import sized_center, states_kd, with_motor
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
 from motorprior.identification.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
-INITIAL_MOTOR = {
-    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
-    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
-    "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
-}  # fmt: skip
-"""Constants at which a fit begins, in SI units: a small geared servo."""
-_TORQUES = (
-    "torque_limit",
-    "armature",
-    "coulomb",
-    "stribeck_torque",
-    "viscous_damping",
-    "gear_stiffness",
-    "gear_damping",
-)
-"""Constants that scale with the size of a motor."""
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
 RESTARTS, RESTART_DRAWS = 3, 96
 TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)
@@ -50,8 +33,7 @@ STAGES = 1 + RESTARTS + len(TURNS)
 _WEAK = 1e-4
 """Precision of the belief in the initial motor, per unit of the loss."""
 ROOM, UNSEEN = 4.0, 1.001
-"""Torque limit that no log shows over the largest torque that the law asked for [-]; a loss that shows it, over that
-without."""
+"""A limit that no log shows over the most that was asked for or reached [-]; a loss that shows it, over the other."""
 _LEAST_SPREAD = 0.05
 """Standard deviation of a constant's logarithm over motors that is not undercut."""
 _STREAM = 41
@@ -74,45 +56,6 @@ class FleetFit:
     def network(self, like: LatentNetwork) -> LatentNetwork:
         """``like`` with these motors' decoder."""
         return with_motor(like, self.center, self.terms)
-
-
-def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
-    """(P,) decoder outputs of the initial motor; its limits of speed and stated gains are those of the logs, if given.
-
-    Where gains are stated in N·m/rad, every torque of the initial motor is that of a motor with such gains.
-    """
-    motor = INITIAL_MOTOR
-    if runs is not None and runs.fastest:
-        motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
-    if runs is None or not runs.gain_unit:
-        return encoded(motor, terms)
-    kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
-    if runs.gain_unit == PHYSICAL_GAINS:
-        factor = kp / INITIAL_MOTOR["kp"]
-        motor = motor | {name: factor * motor[name] for name in _TORQUES}
-        needed = float(np.median(runs.largest_request))
-        limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
-        motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if _states_kd(runs) else {})
-    else:
-        motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
-    return encoded(motor, terms)
-
-
-def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
-    """(P,) decoder outputs of a motor with these constants; outputs of constants that are not given are 0."""
-    return np.array([
-        values.get(name, 0.0) / SIGNED[name] if name in SIGNED else np.log(values.get(name, 1.0))
-        for name in parameters_of(terms)
-    ])  # fmt: skip
-
-
-def with_motor(network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
-    """A network with this central motor, and one latent per constant; its own weights ignore the latents."""
-    size = len(center)
-    motor = GearedMotor(center, np.eye(size), terms)
-    return replace(
-        network, motor=motor, v1=np.zeros((size, network.num_neurons)), armature_slope=np.zeros(size), copula=None
-    )
 
 
 def fit_fleet(
@@ -140,7 +83,7 @@ def fit_fleet(
         report: called 1 + RESTARTS + len(turns) times.
     """
     rng = np.random.default_rng([seed, _STREAM])
-    center = initial_center(terms, runs) if start is None else np.median(start, axis=0)
+    center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
     fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _held(terms, runs)
     belief = weak_belief(len(center)).holding(held)
     if start is None:
@@ -155,6 +98,7 @@ def fit_fleet(
         found = found.better(fit.polish(other, belief, RESTART_STEPS))
         report()
     for reach, steps in turns:
+        fit, found = _recentred(fit, found, held)
         if together:
             belief = _belief(found, fit.windows).holding(held)
         found = replace(found, energy=found.loss + belief.energy(found.z))
@@ -163,36 +107,62 @@ def fit_fleet(
         found = again.better(fit.polish(other, belief, steps, reach))
         report()
     z = np.where(held, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
-    z = _unlimited(fit, runs, center, z)
+    center, z = _unlimited(fit, z)
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
-    return FleetFit(center + middle, z - middle, fit.losses(z), terms)
+    center, z = center + middle, z - middle
+    return FleetFit(center, z, MotorFit(with_motor(network, center, terms), runs, chosen).losses(z), terms)
 
 
-def _states_kd(runs: WindowRuns) -> bool:
-    """Whether the logs state kd: where they do not, it is written as kp (`windows`)."""
-    return bool(np.any(runs.gains[1] != runs.gains[0]))
+def _center(fit: MotorFit) -> np.ndarray:
+    """(P,) decoder outputs of the central motor of a fit."""
+    assert fit.network.motor is not None
+    return fit.network.motor.center
 
 
-def _unlimited(fit: MotorFit, runs: WindowRuns, center: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Latents whose torque limits are ROOM times what the logs ask for, if no motor of theirs reaches its limit.
+def _recentred(fit: MotorFit, found: Fit, held: np.ndarray) -> tuple[MotorFit, Fit]:
+    """The same motors around their median, from which a decoder reaches what it did not from the initial motor."""
+    assert fit.network.motor is not None
+    z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
+    middle = np.where(held, 0.0, np.median(z, axis=0))
+    center, left = _center(fit) + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
+    moved = MotorFit(with_motor(fit.network, center, fit.network.motor.terms), fit.runs, fit.mask)
+    loss = moved.losses(left)
+    return moved, Fit(left, loss, loss)
 
-    A log that does not show a limit would leave it where the search began, and the motors then saturate in others.
+
+def _unlimited(fit: MotorFit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Center (P,) and latents (M, Z) with limits that are ROOM times what the logs reach, where no motor shows its own.
+
+    A limit that a log does not show would stay where the search went, and the motors then saturate in others.
     """
-    kp, limit = (PARAMETERS.index(name) for name in ("kp", "torque_limit"))
-    asked = np.exp(center[kp] + z[:, kp]) * runs.largest_request
-    free = z.copy()
-    free[:, limit] = np.maximum(z[:, limit], np.log(ROOM * asked.max()) - center[limit])
-    if np.any(free[:, limit] > LOG_REACH) or np.any(fit.losses(free) > UNSEEN * fit.losses(z)):
-        return z
-    return free
+    assert fit.network.motor is not None
+    center, terms = _center(fit), fit.network.motor.terms
+    names = parameters_of(terms)
+    kp = names.index("kp")
+    reached = {
+        "torque_limit": float(np.max(np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request)),
+        "profile_speed": fit.runs.fastest,
+        "no_load_speed": fit.runs.fastest,
+    }
+    losses = fit.losses(z)
+    for name, most in reached.items():
+        if name not in names or not most:
+            continue
+        row, wider, free = names.index(name), center.copy(), z.copy()
+        wider[row] = max(center[row], np.log(ROOM * most))
+        free[:, row] = np.maximum(center[row] + z[:, row] - wider[row], 0.0)
+        trial = MotorFit(with_motor(fit.network, wider, terms), fit.runs, fit.mask)
+        if np.all(trial.losses(free) <= UNSEEN * losses):
+            fit, center, z = trial, wider, free
+    return center, z
 
 
 def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: stated ones, and those that the log's encoders hide (`window_runs`)."""
     held = HIDDEN_FROM_ROTOR if runs.at_rotor else ()
     if runs.gain_unit == PHYSICAL_GAINS:
-        held += ("kp", "kd_over_kp") if _states_kd(runs) else ("kp",)
+        held += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
     return np.array([name in held for name in parameters_of(terms)])
 
 

@@ -100,7 +100,7 @@ class MotorFit:
     """
 
     def __init__(self, network: LatentNetwork, runs: WindowRuns, chosen: np.ndarray | None = None):
-        self.network, self.runs = network, runs
+        self.network, self.runs, self.mask = network, runs, chosen
         self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
         self._everyone = np.arange(runs.num_motors)
 

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.actuator import copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.fleet_fit import initial_center
+from motorprior.identification.initial_motor import initial_center
 from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]

@@ -7,8 +7,10 @@ a term changes where the other constants belong. It stays if it is worth its pri
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
 
-(at 5 % each, few motors refuse terms that they have and that help on held-out motion). In the end all that stayed are
-compared with no term at all, by the same price and the test at 5 %.
+(at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
+test is of the held-out stretches of each). In the end all that stayed are compared with no term at all, by the same
+price and the test at 5 %. A fit of all terms at once may be a bad one: where SERVO alone fits better, that is where the
+leaving out begins.
 """
 
 from __future__ import annotations
@@ -23,21 +25,24 @@ from scipy.stats import wilcoxon
 from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order
-from motorprior.identification.fleet_fit import TURNS, encoded, fit_fleet, weak_belief, with_motor
+from motorprior.identification.fleet_fit import TURNS, fit_fleet, weak_belief
+from motorprior.identification.initial_motor import encoded, with_motor
 from motorprior.identification.motor_fit import MotorFit
 from motorprior.identification.window_runs import WindowRuns
 
 PRICE = 0.04
 """Share of the held-out loss that a term must save."""
-MOTORS, ROWS = 8, 10_000
-"""Most motors that are fitted, and about the most rows of each."""
+MOTORS, ROWS, WINDOWS = 8, 10_000, 60
+"""Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
+SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
+"""What the servos of hobby robots have."""
 ORDER = (
     "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
     "torque_speed", "profile",
 )  # fmt: skip
 """In which terms are left out."""
 _LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
-"""Of the signed-rank test of a term's gain and of all terms', and the least number of motors that can reach these."""
+"""Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these."""
 _TURNS = (*TURNS[:3], *TURNS[-2:])
 _STEPS = 10
 
@@ -55,12 +60,16 @@ class Selection:
 
 @dataclass(frozen=True)
 class _State:
-    """Fits (m, P) of motors with these terms, as decoder outputs; their losses (m,), fitted and held out."""
+    """Fits (m, P) of motors with these terms, as decoder outputs, and their losses.
+
+    ``fitted`` and ``held_out`` (m,), and ``parts`` (m, s), those held out by segment.
+    """
 
     terms: tuple[str, ...]
     raw: np.ndarray
     fitted: np.ndarray
     held_out: np.ndarray
+    parts: np.ndarray
 
 
 def select_terms(
@@ -79,7 +88,12 @@ def select_terms(
         return Selection((), {})
     trial = _Trial(network, runs, seed)
     best, saved = trial.fitted(tuple(ORDER), None), {}
+    servo = trial.fitted(SERVO, None)
+    best = servo if _saved(best, servo) > 0.0 else best
     for name in ORDER:
+        if name not in best.terms:
+            report(f"{name}: not tried by itself")
+            continue
         less = trial.fitted(tuple(other for other in best.terms if other != name), best)
         best = trial.fitted_on(less, best)  # as many attempts with the term as without it
         saved[name] = _saved(less, best)
@@ -98,7 +112,10 @@ def _saved(before: _State, after: _State) -> float:
 
 def _worth(before: _State, after: _State, level: float) -> bool:
     """Whether it saves its price, and the ranks of the motors' gains are no accident where there are enough motors."""
-    gains = np.log(before.held_out / after.held_out)
+    if len(before.held_out) >= _RANKS_TELL:
+        gains = np.log(before.held_out / after.held_out)
+    else:
+        gains = np.log(before.parts / after.parts).ravel()
     sure = bool(gains.any()) and float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue) < level
     return _saved(before, after) > PRICE and (sure or len(gains) < _RANKS_TELL)
 
@@ -138,15 +155,17 @@ class _Trial:
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
         raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-        return _State(terms, raw, losses[:, self._seen].mean(axis=1), losses[:, self._unseen].mean(axis=1))
+        held_out, groups = losses[:, self._unseen], self._runs.groups()[self._unseen]
+        parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
+        return _State(terms, raw, losses[:, self._seen].mean(axis=1), held_out.mean(axis=1), parts)
 
 
 def _better(one: _State, other: _State) -> _State:
     """Of every motor the one that fits better what is fitted."""
     chosen = other.fitted < one.fitted
-    raw = np.where(chosen[:, None], other.raw, one.raw)
-    fitted, held_out = (np.where(chosen, getattr(other, name), getattr(one, name)) for name in ("fitted", "held_out"))
-    return _State(one.terms, raw, fitted, held_out)
+    pick = lambda a, b: np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), b, a)  # noqa: E731
+    values = [pick(getattr(one, name), getattr(other, name)) for name in ("raw", "fitted", "held_out", "parts")]
+    return _State(one.terms, *values)
 
 
 def held_out_windows(runs: WindowRuns) -> np.ndarray:

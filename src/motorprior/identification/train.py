@@ -23,7 +23,7 @@ from motorprior.identification.network import Parameters, export, import_paramet
 from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
-from motorprior.identification.term_selection import MOTORS, ROWS, Selection, held_out_windows, select_terms
+from motorprior.identification.term_selection import MOTORS, ROWS, WINDOWS, Selection, held_out_windows, select_terms
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData, some_stretches
 
@@ -183,7 +183,7 @@ def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, r
         return Selection((), {})
     motors = len(data.series)
     some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
-    few = WindowRuns(some_stretches(data, preset, ROWS), preset, some)
+    few = WindowRuns(some_stretches(data, preset, max(ROWS, WINDOWS * preset.window)), preset, some)
     chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
     if not chosen.saved:
         report(_STAGE * len(TERMS), "the log is too short to choose terms by")

@@ -149,6 +149,9 @@ class WindowRuns:
         data: the logs.
         preset: window, warm-up and period.
         motors: of the log that are used; all if not given.
+
+    Attributes:
+        fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
     """
 
     def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
@@ -160,6 +163,7 @@ class WindowRuns:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
+        self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
         self._threads = ThreadPoolExecutor(os.cpu_count() or 1)
 
     @property
@@ -182,11 +186,6 @@ class WindowRuns:
         """(M,) stated kp times position error [rad], which each motor exceeds in one sample of a thousand."""
         asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
         return np.quantile(np.concatenate(asked), 0.999, axis=0)
-
-    @property
-    def fastest(self) -> float:
-        """Speed [rad/s] that the joints exceed in one sample of a hundred."""
-        return float(np.median([np.quantile(np.abs(segment.rows[:, VEL]), 0.99) for segment in self.segments]))
 
     @property
     def channels(self) -> int:
