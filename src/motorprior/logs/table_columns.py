@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.logs.csv_stream import csv_batches, csv_head
+from motorprior.outside_files import require_file
 
 ENDINGS = (".csv", ".csv.gz", ".parquet")
 CORRECT = "correct the column map, or the file"
@@ -29,8 +31,7 @@ def table_columns(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray
     """
     import pyarrow as pa
 
-    if not path.is_file():
-        raise LogError("no such file", where=path, remedy="check the path")
+    require_file(path, LogError)
     rows = 0
     try:
         for batch in _batches(path, names):
@@ -52,31 +53,17 @@ def element_of(name: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def csv_batches(path: Path, names: list[str], kind: Any) -> Iterator[Any]:
-    """Arrow batches of some columns of a CSV file, all read as one Arrow type."""
-    import pyarrow as pa
-    import pyarrow.csv as pa_csv
-
-    packed = "gzip" if path.suffix == ".gz" else None
-    with pa.input_stream(str(path), compression=packed) as stream:
-        wanted = _present(pa_csv.open_csv(stream).schema.names, names, path)
-    with pa.input_stream(str(path), compression=packed) as stream:
-        options = pa_csv.ConvertOptions(include_columns=wanted, column_types=dict.fromkeys(wanted, kind))
-        yield from pa_csv.open_csv(stream, convert_options=options)
-
-
 def _batches(path: Path, names: list[str]) -> Iterator[Any]:
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     if path.suffix == ".parquet":
         with pq.ParquetFile(path, pre_buffer=False) as file:  # or it holds the whole file in memory
-            yield from file.iter_batches(columns=_present(file.schema_arrow.names, names, path))
+            yield from file.iter_batches(columns=present(file.schema_arrow.names, names, path))
     else:
-        yield from csv_batches(path, names, pa.float64())
+        yield from csv_batches(path, present(list(csv_head(path).names), names, path))
 
 
-def _present(have: list[str], names: list[str], path: Path) -> list[str]:
+def present(have: list[str], names: list[str], path: Path) -> list[str]:
     """Columns of the file that hold these names, each once."""
     found = dict.fromkeys(_owner(name, have) for name in names)
     for name in found:
