@@ -190,9 +190,9 @@ def _require_tensors(path: Path) -> None:
         start = file.read(9)
     length = int.from_bytes(start[:8], "little")
     if size > 8 and (start[8:] != b"{" or length > MAX_HEADER):
-        kind = "a table or another text" if start.isascii() and b"\0" not in start else "another kind of file"
-        problem = f"{kind}, not a file of tensors (.safetensors) that motorprior wrote"
-        raise ArtifactError(problem, where=path, remedy="give a prior (`motorprior identify`) or what else was meant")
+        kind = "a text, such as a table" if start.isascii() and b"\0" not in start else "other data"
+        remedy = "give a .safetensors file that motorprior wrote: `identify` makes a prior of a log, `walk` a policy"
+        raise ArtifactError(f"not a complete safetensors file, but {kind}", where=path, remedy=remedy)
     if size > MAX_TENSORS:
         problem = f"{size} bytes, more than the {MAX_TENSORS} that a file of tensors may have"
         raise ArtifactError(problem, where=path, remedy="copy it again from its source")

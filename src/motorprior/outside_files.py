@@ -13,8 +13,8 @@ from typing import Any
 
 from motorprior.exceptions import ArtifactError, MotorPriorError
 
-MAX_TOML = 300_000
-"""Bytes: a hundred times the longest one that is shipped; Python's reader takes seconds for a few million."""
+MAX_TOML, MAX_DOTS = 100_000, 8_000
+"""Bytes, and dots among them: a key of n parts, ``a.a.a``, takes Python's reader time and memory in proportion to n²."""
 
 
 def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> int:
@@ -27,8 +27,8 @@ def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> in
         found = os.stat(path)
     except (OSError, ValueError) as reason:
         missing = isinstance(reason, FileNotFoundError | NotADirectoryError)
-        said = "no such file" if missing else getattr(reason, "strerror", None) or str(reason)
-        raise error(f"cannot read ({said})", where=path, remedy="check the path") from reason
+        problem = "no such file" if missing else f"cannot read ({getattr(reason, 'strerror', None) or reason})"
+        raise error(problem, where=path, remedy="check the path") from reason
     if stat.S_ISDIR(found.st_mode):
         raise error("a folder, not a file", where=path, remedy="give a file")
     if not stat.S_ISREG(found.st_mode):
@@ -69,9 +69,12 @@ def read_toml(path: Path, remedy: str) -> dict[str, Any]:
     """The table in a TOML file.
 
     Raises:
-        ArtifactError: as `read_text`, longer than `MAX_TOML`, or not TOML.
+        ArtifactError: as `read_text`, longer than `MAX_TOML` or with more dots than `MAX_DOTS`, or not TOML.
     """
+    text = read_text(path, MAX_TOML)
+    if text.count(".") > MAX_DOTS:
+        raise ArtifactError(f"more than {MAX_DOTS} dots", where=path, remedy=remedy)
     try:
-        return tomllib.loads(read_text(path, MAX_TOML))
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=remedy) from error

@@ -221,7 +221,7 @@ def edit_json(**changes: object) -> Edit:
 
 
 BROKEN_FACTS = {
-    "missing": (Path.unlink, ("cannot read", "check the path")),
+    "missing": (Path.unlink, ("no such file", "check the path")),
     "garbled": (lambda path: path.write_text('{"fleet": '), ("not valid JSON",)),
     "not a table": (lambda path: path.write_text("[1, 2]"), ("are missing",)),
     "another key": (edit_json(colour="red"), ("unknown keys ['colour']",)),

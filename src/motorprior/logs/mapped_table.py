@@ -14,13 +14,12 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
 from motorprior.logs.motor_log import MotorLog, checked
-from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, table_columns
+from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, MAX_NUMBERS, table_columns
 from motorprior.logs.tensor_file import tensor_columns
 from motorprior.robots.robot import Robot
 
 Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]
 """Batches of the named columns of a file or folder, each (rows,) float64."""
-MAX_ROWS = 50_000_000
 
 
 def read_mapped_log(
@@ -49,8 +48,8 @@ def read_mapped_log(
         for channel, values in _channels(batch, wanted, joints, columns, rows, path).items():
             parts.setdefault(channel, []).append(values)
         rows += len(batch[columns.time])
-        if rows > MAX_ROWS:
-            raise LogError(f"more than {MAX_ROWS} rows", where=path, remedy="split the recording")
+        if rows * len(batch) > MAX_NUMBERS:
+            raise LogError(f"more than {MAX_NUMBERS // len(batch)} rows", where=path, remedy="split the recording")
     if not rows:
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     values = {channel: np.concatenate(parts.pop(channel)) for channel in list(parts)}
