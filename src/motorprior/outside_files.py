@@ -14,7 +14,7 @@ from typing import Any
 from motorprior.exceptions import ArtifactError, MotorPriorError
 
 MAX_TOML, MAX_DOTS = 100_000, 8_000
-"""Bytes, and dots among them: a key of n parts, ``a.a.a``, takes Python's reader time and memory in proportion to n²."""
+"""Bytes, and dots among them: a key of n parts, ``a.a.a``, takes Python's reader time and memory that grow with n²."""
 
 
 def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> int:

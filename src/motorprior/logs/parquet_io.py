@@ -19,6 +19,7 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
 from motorprior.logs.table_columns import MAX_NUMBERS, require_parquet
+from motorprior.outside_files import require_file
 
 SCHEMA_VERSION = 3
 METADATA_KEY = b"motorprior"
@@ -121,6 +122,12 @@ def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    require_file(path, LogError)
+    if path.suffix != ".parquet":
+        remedy = "make one of it with `motorprior logs import`, and give the .parquet file that this writes"
+        raise LogError(
+            f"a file {path.suffix or 'without an ending'}, not a motor log (.parquet)", where=path, remedy=remedy
+        )
     require_parquet(path)
     try:
         with open(path, "rb") as file:

@@ -17,10 +17,11 @@ from motorprior.logs.pickled_arrays import Constructor, PickledArray, PickledDty
 from motorprior.logs.pickled_tensors import PickledStorage, PickledTensor
 
 MAX_OPERATIONS = 3_000_000
-_VALUES = frozenset(
-    "INT BININT BININT1 BININT2 LONG LONG1 LONG4 FLOAT BINFLOAT STRING BINSTRING SHORT_BINSTRING BINBYTES "
-    "SHORT_BINBYTES BINBYTES8 UNICODE BINUNICODE SHORT_BINUNICODE BINUNICODE8".split()
-)
+_VALUES = """
+INT BININT BININT1 BININT2 LONG LONG1 LONG4 FLOAT BINFLOAT STRING BINSTRING SHORT_BINSTRING
+BINBYTES SHORT_BINBYTES BINBYTES8 UNICODE BINUNICODE SHORT_BINUNICODE BINUNICODE8
+"""
+VALUES = frozenset(_VALUES.split())
 """Operations that put their own argument on the stack."""
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 _WITH_STATE = Constructor | PickledDtype | PickledArray | PickledTensor | PickledStorage
@@ -55,7 +56,7 @@ class PickleMachine:
         for count, (operation, argument, position) in enumerate(pickletools.genops(io.BytesIO(data))):
             last = position or 0
             name = operation.name
-            if name in _VALUES:
+            if name in VALUES:
                 self._stack.append(argument)
             elif name not in ("STOP", "PROTO", "FRAME"):
                 self._obey(name, argument)
@@ -99,22 +100,19 @@ class PickleMachine:
             items = self._last(1 if name == "APPEND" else 2)
         elif not name.startswith("EMPTY"):
             items = self._to_mark()
-        kind = list if name in ("EMPTY_LIST", "LIST", "APPEND", "APPENDS") else dict
+        is_list = name in ("EMPTY_LIST", "LIST", "APPEND", "APPENDS")
         if name in ("EMPTY_LIST", "LIST", "EMPTY_DICT", "DICT"):
-            self._stack.append(kind())
+            self._stack.append([] if is_list else {})
         target = self._stack[-1]
-        if type(target) is not kind:
-            raise LogError(f"the pickle operation {name} on {type(target).__name__} is refused")
-        if type(target) is list:
+        if type(target) is list and is_list:
             target.extend(items)
+        elif type(target) is dict and not is_list:
+            for key, value in zip(items[::2], items[1::2], strict=True):
+                if type(key) is not str:
+                    raise LogError(f"the dictionary key {shown(key)} is not a text")
+                target[key] = value
         else:
-            self._set(target, items)
-
-    def _set(self, target: dict[str, Any], items: list[Any]) -> None:
-        for key, value in zip(items[::2], items[1::2], strict=True):
-            if type(key) is not str:
-                raise LogError(f"the dictionary key {shown(key)} is not a text")
-            target[key] = value
+            raise LogError(f"the pickle operation {name} on {type(target).__name__} is refused")
 
     def _call(self, name: str, argument: Any) -> None:
         """Name or call a stand-in, or tell it its state."""

@@ -70,7 +70,8 @@ def _plain(value: Any, depth: int, done: dict[int, Any]) -> Any:
     if depth >= MAX_DEPTH:
         raise LogError(f"containers nested deeper than {MAX_DEPTH} are refused")
     if type(value) not in (dict, list, tuple, PickledArray):
-        raise LogError(f"the pickle holds {value if isinstance(value, Constructor) else shown(value)}, which is neither a number, a text nor a container")
+        what = value if isinstance(value, Constructor) else shown(value)
+        raise LogError(f"the pickle holds {what}, which is neither a number, a text nor a container")
     if id(value) not in done:
         done[id(value)] = _plain_container(value, depth + 1, done)
     return done[id(value)]
