@@ -171,9 +171,13 @@ def _first_bad_row(
             problem = f"row {row} has {len(cells)} cells, expected {len(head.names)}"
             return LogError(problem, where=path, remedy=remedy)
         for index, name in columns:
-            cell = cells[index].strip()
-            signs = decimal or (".," if "," not in head.delimiter else ".")
-            if not any(_NUMBER.fullmatch(cell.replace(sign, ".") if sign == "," else cell) for sign in signs):
+            cell, signs = cells[index].strip(), decimal or (".," if head.delimiter != "," else ".")
+            if not any(_is_number(cell, sign) for sign in signs):
                 return LogError(f"row {row}, {name} is {shown(cell)}, not a number", where=path, remedy=remedy)
             decimal = decimal or next((sign for sign in signs if sign in cell), "")
     return None
+
+
+def _is_number(cell: str, sign: str) -> bool:
+    plain = cell if sign == "." else cell.replace(".", "_").replace(sign, ".")
+    return _NUMBER.fullmatch(plain) is not None

@@ -11,6 +11,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.csv_stream import csv_batches, csv_head
+from motorprior.logs.growing_array import GrowingArray
 from motorprior.outside_files import require_file
 
 MAX_NUMBERS = 30_000_000
@@ -35,16 +36,21 @@ def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = Fal
     names = list(csv_head(path).names)
     if names != list(columns):
         raise LogError(_header_difference(names, list(columns)), where=path, remedy="restore the header line")
-    parts, rows = [], 0
+    table: GrowingArray | None = None
+    rows = 0
     for batch in csv_batches(path, names, may_be_cut=may_be_cut):
         rows += batch.num_rows
         if rows * len(names) > MAX_NUMBERS:
             problem = f"more than {MAX_NUMBERS // len(names)} rows of {len(names)} numbers"
             raise LogError(problem, where=path, remedy="split the recording")
-        parts.append(np.column_stack([column.to_numpy() for column in batch.columns]))
-    if not parts:
+        values = np.column_stack([column.to_numpy() for column in batch.columns])
+        if table is None:
+            table = GrowingArray(values)
+        else:
+            table.add(values)
+    if table is None:
         raise LogError("no rows after the header", where=path, remedy="copy the file again")
-    return np.concatenate(parts)
+    return table.finished()
 
 
 def read_text(path: Path, max_bytes: int) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 import zipfile
 from collections.abc import Iterator
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from motorprior.exceptions import LogError, shown
 from motorprior.logs.pickled_tensors import PickledTensor, require_inside
 from motorprior.logs.restricted_unpickler import load_tensors
-from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, element_of, unreadable
+from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, MAX_NUMBERS, element_of, unreadable
 from motorprior.outside_files import require_file
 
 MAX_FILE = 50_000_000
@@ -53,6 +54,9 @@ def read_tensors(path: Path, keys: set[str]) -> dict[str, np.ndarray]:
             if missing := sorted(keys - content.keys()):
                 known = ", ".join(map(shown, list(content)[:8]))
                 raise LogError(f"no tensor {missing[0]!r}; it has {known}", where=path, remedy=CORRECT)
+            count = sum(prod(content[key].size) for key in keys if isinstance(content[key], PickledTensor))
+            if count > MAX_NUMBERS:
+                raise LogError(f"{count} numbers, more than {MAX_NUMBERS}", where=path, remedy="split the recording")
             order = _byte_order(archive, folder, path)
             return {key: _array(archive, folder, order, key, content[key], path) for key in sorted(keys)}
     except _ZIP_ERRORS as error:
