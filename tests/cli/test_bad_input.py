@@ -419,7 +419,8 @@ def test_two_logs_of_one_name_are_not_written_over_each_other(refused: Command, 
         ("adapt {prior} {table}", ("{table}: ", "not a motor log (.parquet)", "`motorprior logs import`")),
         ("validate {table}", ("{table}: not a complete safetensors file, but a text, such as a table", "`identify`")),
         ("validate {bench}", ("{bench}: a folder, not a file",)),
-        ("transfer {table}", ("{table}", "walk")),
+        ("transfer {table}", ("{table}: not a complete safetensors file, but a text", "`walk`")),
+        ("transfer {prior}", ("{prior}: kind = 'motor prior' is not 'policy'",)),
         ("identify {copy}", ("{copy}: the log of a bench without its bench.json", "`motorprior identify FOLDER`")),
     ],
 )
@@ -449,7 +450,7 @@ def write_nan_policy(path: Path) -> None:
 
 
 BROKEN_POLICIES = {
-    "missing": (Path.unlink, ("cannot read", "check the path")),
+    "missing": (Path.unlink, ("no such file", "check the path")),
     "truncated": (truncate, ("not a complete safetensors file",)),
     "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
