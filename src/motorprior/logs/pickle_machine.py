@@ -16,7 +16,7 @@ from motorprior.exceptions import LogError, shown
 from motorprior.logs.pickled_arrays import Constructor, PickledArray, PickledDtype
 from motorprior.logs.pickled_tensors import PickledStorage, PickledTensor
 
-MAX_OPERATIONS = 3_000_000
+MAX_OPERATIONS = 5_000_000
 _VALUES = """
 INT BININT BININT1 BININT2 LONG LONG1 LONG4 FLOAT BINFLOAT STRING BINSTRING SHORT_BINSTRING
 BINBYTES SHORT_BINBYTES BINBYTES8 UNICODE BINUNICODE SHORT_BINUNICODE BINUNICODE8
@@ -70,6 +70,10 @@ class PickleMachine:
     def _obey(self, name: str, argument: Any) -> None:
         stack, made = self._stack, self._made
         match name:
+            case "EMPTY_LIST":
+                stack.append([])
+            case "EMPTY_DICT":
+                stack.append({})
             case "NONE" | "NEWTRUE" | "NEWFALSE" | "EMPTY_TUPLE":
                 stack.append(_CONSTANTS[name])
             case "BYTEARRAY8":
@@ -83,7 +87,7 @@ class PickleMachine:
             case "MARK":
                 self._below.append(stack)
                 self._stack = []
-            case "EMPTY_LIST" | "LIST" | "APPEND" | "APPENDS" | "EMPTY_DICT" | "DICT" | "SETITEM" | "SETITEMS":
+            case "LIST" | "APPEND" | "APPENDS" | "DICT" | "SETITEM" | "SETITEMS":
                 self._fill(name)
             case "TUPLE":
                 items = tuple(self._to_mark())
@@ -95,13 +99,9 @@ class PickleMachine:
 
     def _fill(self, name: str) -> None:
         """Make a list or a dictionary, or put items into the last one."""
-        items: list[Any] = []
-        if name in ("APPEND", "SETITEM"):
-            items = self._last(1 if name == "APPEND" else 2)
-        elif not name.startswith("EMPTY"):
-            items = self._to_mark()
-        is_list = name in ("EMPTY_LIST", "LIST", "APPEND", "APPENDS")
-        if name in ("EMPTY_LIST", "LIST", "EMPTY_DICT", "DICT"):
+        items = self._last(1 if name == "APPEND" else 2) if name in ("APPEND", "SETITEM") else self._to_mark()
+        is_list = name in ("LIST", "APPEND", "APPENDS")
+        if name in ("LIST", "DICT"):
             self._stack.append([] if is_list else {})
         target = self._stack[-1]
         if type(target) is list and is_list:
