@@ -14,6 +14,7 @@ WORDS = {
     "compiled",
     "kernel_cache",
     "exceptions",
+    "outside_files",
     "rotations",
     "signals",
     "artifacts",

@@ -117,9 +117,11 @@ def test_a_bench_is_that_of_the_stage(log: mp.MotorLog, tmp_path: Path):
         mp.record_bench(ROBOT, replace(fleet, robot="other"))
 
 
-def test_a_prior_is_that_of_the_stage_and_the_folder_keeps_it(log, prior: mp.MotorPrior, tmp_path: Path):
+def test_a_prior_is_that_of_the_stage_and_the_folder_keeps_it(log, tmp_path: Path):
     from motorprior.pipeline.identify import Identify, run_identify
 
+    log = replace(log, robot="own")
+    prior = mp.fit_prior(log, "paper", steps=2)
     mp.write_log(tmp_path / "log.parquet", log)
     run_identify(Identify(tmp_path / "log.parquet", tmp_path / "stage", "paper", steps=2))
     assert (tmp_path / "stage" / "prior.safetensors").read_bytes()
@@ -137,7 +139,7 @@ def test_several_files_are_one_log(log: mp.MotorLog, tmp_path: Path):
 
     files = tuple(tmp_path / f"{name}.parquet" for name in ("first", "second"))
     for file, rows in zip(files, (slice(0, 150), slice(150, 300)), strict=True):
-        mp.write_log(file, log.rows(rows))
+        mp.write_log(file, replace(log.rows(rows), robot="own"))
     run_identify(Identify(files, tmp_path / "stage", "paper", steps=2))
     both = mp.fit_prior([mp.read_log(file) for file in files], "paper", steps=2)
     assert mp.MotorPrior.load(tmp_path / "stage" / "prior.safetensors").sha256() == both.sha256()

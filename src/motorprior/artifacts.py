@@ -11,18 +11,24 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, cut
+from motorprior.outside_files import read_text, require_file
 
 _DTYPES = frozenset(["F64", "F32", "F16", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8", "BOOL"])
 """Of the arrays in an artefact; the format has others, some of which numpy lacks."""
-LONGEST_LIST = 300
-"""Characters of the keys in a message."""
+MAX_JSON = 40_000_000
+"""Bytes of a file; in memory it takes up to 25 times as much."""
+MAX_HEADER = 10_000_000
+"""Bytes of the header of a file of tensors."""
+MAX_TENSORS = 400_000_000
+"""Bytes of a file of tensors, which is for a moment in memory twice."""
+_SHOWN_KEYS = 8
 
 
 @contextlib.contextmanager
@@ -92,12 +98,10 @@ def read_json(path: Path) -> Any:
     """Read JSON.
 
     Raises:
-        ArtifactError: the file is missing or is not JSON; NaN and infinity are none.
+        ArtifactError: the file is missing, no file, longer than `MAX_JSON` or not JSON; NaN and infinity are none.
     """
     try:
-        return parse_json(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+        return parse_json(read_text(Path(path), MAX_JSON))
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it again") from error
 
@@ -122,8 +126,8 @@ def require_keys(
 
 
 def _listed(keys: set[str]) -> str:
-    text = str(sorted(keys))
-    return text if len(text) <= LONGEST_LIST else f"{text[:LONGEST_LIST]}..."
+    some = [cut(key, 60) for key in sorted(keys)[:_SHOWN_KEYS]]
+    return f"{some} and {len(keys) - len(some)} more" if len(keys) > len(some) else f"{some}"
 
 
 def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> bytes:
@@ -138,43 +142,72 @@ def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any
 def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
     """Write arrays and a JSON header as one safetensors file, atomically."""
     contents = tensors_as_bytes(tensors, header)
+    if len(contents) > MAX_TENSORS:
+        raise ArtifactError(f"{len(contents)} bytes, more than {MAX_TENSORS}", where=path, remedy="use shorter logs")
     with atomic_path(path) as temporary:
         temporary.write_bytes(contents)
 
 
-def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_tensors(
+    path: Path, check: Callable[[dict[str, Any], Path], None] = lambda header, path: None
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read what `write_tensors` wrote.
 
+    Args:
+        path: the file.
+        check: raises an ArtifactError for a header that is not wanted; no tensor is read before it is asked.
+
     Raises:
-        ArtifactError: missing, truncated, without a header, or with a value, there or in a tensor, that is not finite.
+        ArtifactError: missing, no file of tensors, truncated, too long, without a header, or with a value, there or in
+            a tensor, that is not finite.
     """
     from safetensors import SafetensorError, safe_open
 
-    if not Path(path).is_file():
-        raise ArtifactError("no such file", where=path, remedy="check the path")
+    path = Path(path)
+    _require_tensors(path)
     try:
         with safe_open(path, "numpy") as file:
             names = file.keys()
             types = {name: file.get_slice(name).get_dtype() for name in names}
             if unknown := sorted(set(types.values()) - _DTYPES):
                 raise ArtifactError(f"a tensor is of type {unknown[0]}", where=path, remedy="write it again")
-            text = (file.metadata() or {}).get("motorprior")
+            header = _header((file.metadata() or {}).get("motorprior"), path)
+            check(header, path)
             tensors = {name: file.get_tensor(name) for name in types}
     except (SafetensorError, OSError) as error:
-        problem = f"not a complete safetensors file ({str(error)[:LONGEST_LIST]})"
+        problem = f"not a complete safetensors file ({error})"
         raise ArtifactError(problem, where=path, remedy="write it again") from error
-    if text is None:
-        raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     for name, value in tensors.items():
         if (place := first_not_finite(value)) is not None:
             raise ArtifactError(f"tensor {name}{place} is not finite", where=path, remedy="train it again")
+    return tensors, header
+
+
+def _require_tensors(path: Path) -> None:
+    """Refuse, by its size and its first bytes, what is no file of tensors."""
+    size = require_file(path)
+    with open(path, "rb") as file:
+        start = file.read(9)
+    length = int.from_bytes(start[:8], "little")
+    if size > 8 and (start[8:] != b"{" or length > MAX_HEADER):
+        kind = "a text, such as a table" if start.isascii() and b"\0" not in start else "other data"
+        remedy = "give a .safetensors file that motorprior wrote: `identify` makes a prior of a log, `walk` a policy"
+        raise ArtifactError(f"not a complete safetensors file, but {kind}", where=path, remedy=remedy)
+    if size > MAX_TENSORS:
+        problem = f"{size} bytes, more than the {MAX_TENSORS} that a file of tensors may have"
+        raise ArtifactError(problem, where=path, remedy="copy it again from its source")
+
+
+def _header(text: str | None, path: Path) -> dict[str, Any]:
+    if text is None:
+        raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
     try:
         header = parse_json(text)
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"its header is not JSON ({error})", where=path, remedy="write it again") from error
     if not isinstance(header, dict):
         raise ArtifactError("its header is not a table", where=path, remedy="write it again")
-    return tensors, header
+    return header
 
 
 def first_not_finite(value: np.ndarray) -> list[int] | None:

@@ -4,6 +4,32 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
+
+LONGEST_WHERE, LONGEST_PROBLEM, LONGEST_REMEDY = 280, 400, 300
+"""Bytes of the parts of a message; with what stands between them less than 1 kB."""
+
+
+def cut(text: str, most: int) -> str:
+    """One line of at most ``most`` bytes, for people: of a longer one the beginning."""
+    data = _printable(" ".join(text[: 2 * most].split()))
+    return data.decode() if len(data) <= most else data[: most - 3].decode(errors="ignore") + "…"
+
+
+def _printable(text: str) -> bytes:
+    """Control characters, and bytes of a file's name that are no text, are spelled out."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text).encode()
+
+
+def shown(value: Any, most: int = 40) -> str:
+    """A value from outside in a message: a text or a number as Python writes it, of all else its type alone.
+
+    A small file can describe containers, and numbers, that would take hours to write out.
+    """
+    if isinstance(value, int) and value.bit_length() > 8 * most:
+        return f"a whole number of {value.bit_length()} bits"
+    known = value is None or isinstance(value, str | bytes | int | float)
+    return cut(repr(value[:most] if isinstance(value, str | bytes) else value), most) if known else type(value).__name__
 
 
 class MotorPriorError(Exception):
@@ -24,7 +50,8 @@ class MotorPriorError(Exception):
         remedy: str | None = None,
         argument: str | None = None,
     ):
-        self.problem, self.where, self.remedy, self.argument = problem, where, remedy, argument
+        self.problem, self.where, self.argument = cut(problem, LONGEST_PROBLEM), where, argument
+        self.remedy = None if remedy is None else cut(remedy, LONGEST_REMEDY)
         super().__init__(self._text())
 
     def _text(self, option: bool = False) -> str:
@@ -32,7 +59,10 @@ class MotorPriorError(Exception):
         if option and self.argument is not None:
             written = "--" + self.argument.replace("_", "-")
             text = re.sub(rf"(?<![\w.]){re.escape(self.argument)}(?!\w)", written, text, count=1)
-        return f"{self.where}: {text}" if self.where is not None else text
+        if self.where is None:
+            return text
+        where = _printable(str(self.where)[-LONGEST_WHERE:])
+        return f"{where[-LONGEST_WHERE:].decode(errors='ignore')}: {text}"
 
     def on_command_line(self) -> str:
         """The message for who typed a command: the argument ``task.max_speed`` is the option ``--task.max-speed``."""

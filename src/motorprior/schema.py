@@ -189,10 +189,8 @@ class Header:
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors, still to be checked, and header of a file that is readable and passes `check`."""
-        tensors, header = read_tensors(path)
-        self.check(header, path)
-        return tensors, header
+        """Tensors, still to be checked, and header of a file that passes `check` before any tensor is read."""
+        return read_tensors(path, self.check)
 
     def check(self, header: Mapping[str, Any], where: str | Path | None) -> None:
         """Refuse a header of another kind or version, whatever else it holds, or with an entry not as declared."""

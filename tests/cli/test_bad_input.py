@@ -221,7 +221,7 @@ def edit_json(**changes: object) -> Edit:
 
 
 BROKEN_FACTS = {
-    "missing": (Path.unlink, ("cannot read", "check the path")),
+    "missing": (Path.unlink, ("no such file", "check the path")),
     "garbled": (lambda path: path.write_text('{"fleet": '), ("not valid JSON",)),
     "not a table": (lambda path: path.write_text("[1, 2]"), ("are missing",)),
     "another key": (edit_json(colour="red"), ("unknown keys ['colour']",)),
@@ -407,6 +407,39 @@ def test_two_logs_of_one_name_are_not_written_over_each_other(refused: Command, 
     refused("logs", "import", log, twin, "--out", tmp_path / "out", words=(str(twin), str(log), "rename"))
 
 
+# A file in another one's place.
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("identify {table}", ("{table}: ", "not a motor log (.parquet)", "`motorprior logs import`")),
+        ("identify {prior}", ("{prior}: ", "not a motor log (.parquet)")),
+        ("identify {bench}/nowhere", ("{bench}/nowhere: no such file",)),
+        ("adapt {prior} {table}", ("{table}: ", "not a motor log (.parquet)", "`motorprior logs import`")),
+        ("validate {table}", ("{table}: not a complete safetensors file, but a text, such as a table", "`identify`")),
+        ("validate {bench}", ("{bench}: a folder, not a file",)),
+        ("transfer {table}", ("{table}: not a complete safetensors file, but a text", "`walk`")),
+        ("transfer {prior}", ("{prior}: kind = 'motor prior' is not 'policy'",)),
+        ("identify {copy}", ("{copy}: the log of a bench without its bench.json", "`motorprior identify FOLDER`")),
+    ],
+)
+def test_a_file_of_another_kind_is_named_with_what_would_work(
+    refused: Command, tmp_path: Path, bench: Path, prior: Path, pupper_logs: Path, line: str, words: tuple[str, ...]
+):
+    copy = Path(shutil.copy(bench / "log.parquet", tmp_path / "copy.parquet"))
+    paths = {"table": pupper_logs / "env_real_tiny_log.csv", "bench": bench, "prior": prior, "copy": copy}
+    said = tuple(word.format(**paths) for word in words)
+    refused(*line.format(**paths).split(), "--out", tmp_path / "out", words=said)
+
+
+def test_the_log_of_a_bench_is_its_folder(motorprior: Command, tmp_path: Path, bench: Path):
+    for given, out in ((bench, "folder"), (bench / "log.parquet", "log")):
+        assert motorprior("identify", given, "--steps", 1, "--out", tmp_path / out).code == 0
+    priors = [MotorPrior.load(tmp_path / out / "prior.safetensors") for out in ("folder", "log")]
+    assert priors[0].sha256() == priors[1].sha256() and priors[1].robot != "bench"
+
+
 # Policies.
 
 
@@ -417,7 +450,7 @@ def write_nan_policy(path: Path) -> None:
 
 
 BROKEN_POLICIES = {
-    "missing": (Path.unlink, ("cannot read", "check the path")),
+    "missing": (Path.unlink, ("no such file", "check the path")),
     "truncated": (truncate, ("not a complete safetensors file",)),
     "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),

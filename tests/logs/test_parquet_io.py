@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -116,4 +117,12 @@ def test_columns_that_do_not_fit_are_refused(written, change, problem):
 def test_parquet_of_others_is_refused(tmp_path, written):
     pq.write_table(pq.read_table(written).replace_schema_metadata(None), written)
     with pytest.raises(LogError, match="no motorprior header"):
+        read_parquet(written)
+
+
+def test_a_column_that_is_there_twice_is_refused(written):
+    table = pq.read_table(written)
+    twice = pa.Table.from_arrays([*table.columns, table.column(1)], names=[*table.column_names, table.column_names[1]])
+    pq.write_table(twice.replace_schema_metadata(table.schema.metadata), written)
+    with pytest.raises(LogError, match=rf"log\.parquet: more than one column {table.column_names[1]}"):
         read_parquet(written)

@@ -133,6 +133,10 @@ def test_a_damaged_gzip_file_is_refused(tmp_path, table):
         (lambda c: c["action"][2].__setitem__(5, [1.0]), r"row 2, action\[5\] is"),
         (lambda c: c["MotorAngle"][6].__setitem__(1, float("nan")), "row 6, joint_pos/FR_hip is nan"),
         (lambda c: c.__setitem__("t", 3.0), "t is float, not a list"),
+        (lambda c: c.__setitem__("t", np.array(3.0)), "t is one number, not a list"),
+        (lambda c: c.__setitem__("t", np.ones(ROWS, dtype=bool)), r"row 0, t\[0\] is True, not a number"),
+        (lambda c: c["t"].__setitem__(4, 10**400), r"row 4, t\[0\] is a whole number of 1329 bits, not a number"),
+        (lambda c: c["t"].__setitem__(4, [0.0, 1.0]), "row 4, t has 2 values, expected 1"),
         (lambda c: [c[key].clear() for key in c], "has 0 rows"),
     ],
 )

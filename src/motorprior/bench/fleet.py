@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
@@ -16,6 +15,7 @@ from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.families import FAMILIES, GEARED, Family
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
+from motorprior.outside_files import read_toml
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
 
@@ -114,12 +114,7 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
     """
     path = fleet_path(name_or_path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
-    except (ValueError, RecursionError) as error:  # also a number of more digits than Python reads
-        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=_COMPARE) from error
+    data = read_toml(path, _COMPARE)
     family = family_named(data.pop("family", GEARED.name), path, _COMPARE)
     tables = dict.fromkeys(family.units, TABLE)
     Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | tables, _COMPARE, family.optional).check(data, path)

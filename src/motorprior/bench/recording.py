@@ -21,6 +21,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
+BENCH = "bench"
+"""What a bench's log calls the robot of its motors."""
+
 
 @dataclass(frozen=True)
 class BenchPreset:
@@ -174,7 +177,7 @@ def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorL
         external_torque=np.concatenate([part.external_torque for part, _ in parts]),
         segment=segment,
         joint_names=bench_names(count),
-        robot="bench",
+        robot=BENCH,
         motor=fleet.motor,
         source=f"virtual dynamometer, fleet {fleet.name}, seed {seed}",
     )

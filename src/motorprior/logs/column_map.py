@@ -34,6 +34,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.motor_log import ENCODERS, GAIN_UNITS, PHYSICAL_GAINS
+from motorprior.outside_files import read_toml
 from motorprior.schema import TABLE, TEXT, Schema, integer, number, one_of
 
 TURN = 2.0 * math.pi
@@ -142,24 +143,16 @@ def load_column_map(name_or_path: str | Path) -> ColumnMap:
             raise ArtifactError(
                 f"no column map {str(name_or_path)!r}", remedy=f"use one of {known}, or the path of a .toml file"
             )
-        return _from_text(_folder().joinpath(f"{name_or_path}.toml").read_text(encoding="utf-8"), str(name_or_path))
-    try:
-        return _from_text(path.read_text(encoding="utf-8"), str(path))
-    except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
-    except UnicodeDecodeError as error:
-        raise ArtifactError("not a text file", where=path, remedy=_REMEDY) from error
+        text = _folder().joinpath(f"{name_or_path}.toml").read_text(encoding="utf-8")
+        return _from_table(tomllib.loads(text), str(name_or_path))
+    return _from_table(read_toml(path, _REMEDY), str(path))
 
 
 def _folder() -> Any:
     return files("motorprior.logs").joinpath("maps")
 
 
-def _from_text(text: str, where: str) -> ColumnMap:
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"not valid TOML ({error})", where=where, remedy=_REMEDY) from error
+def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _MAP.check(table, where)
     units = table.get("units", {})
     _UNITS.check(units, where)

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog
+from motorprior.outside_files import require_file
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"
@@ -37,7 +38,11 @@ class LogReader:
             LogError: it cannot be read.
         """
         name = path.name + FOLDER if path.is_dir() else path.name
-        return name.endswith(self.endings) and self.recognises(path)
+        if not name.endswith(self.endings):
+            return False
+        if not path.is_dir():
+            require_file(path, LogError)
+        return self.recognises(path)
 
 
 def require_given(robot: Robot | None, path: Path) -> Robot:

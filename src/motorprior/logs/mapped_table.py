@@ -13,14 +13,14 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
+from motorprior.logs.growing_array import GrowingArray
 from motorprior.logs.motor_log import MotorLog, checked
-from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, table_columns
+from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, MAX_NUMBERS, table_columns
 from motorprior.logs.tensor_file import tensor_columns
 from motorprior.robots.robot import Robot
 
 Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]
 """Batches of the named columns of a file or folder, each (rows,) float64."""
-MAX_ROWS = 50_000_000
 
 
 def read_mapped_log(
@@ -43,17 +43,20 @@ def read_mapped_log(
     joints = _in_order(columns, robot, path)
     wanted = {name: [text.replace(JOINT, joint.column) for joint in joints] for name, text in columns.series.items()}
     singles = [columns.time, *([columns.segment] if columns.segment else [])]
-    parts: dict[str, list[np.ndarray]] = {}
+    parts: dict[str, GrowingArray] = {}
     rows = 0
     for batch in source(path, [*singles, *(name for names in wanted.values() for name in names)]):
-        for channel, values in _channels(batch, wanted, joints, columns, rows, path).items():
-            parts.setdefault(channel, []).append(values)
+        for channel, part in _channels(batch, wanted, joints, columns, rows, path).items():
+            if channel in parts:
+                parts[channel].add(part)
+            else:
+                parts[channel] = GrowingArray(part)
         rows += len(batch[columns.time])
-        if rows > MAX_ROWS:
-            raise LogError(f"more than {MAX_ROWS} rows", where=path, remedy="split the recording")
+        if rows * len(batch) > MAX_NUMBERS:
+            raise LogError(f"more than {MAX_NUMBERS // len(batch)} rows", where=path, remedy="split the recording")
     if not rows:
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
-    values = {channel: np.concatenate(parts.pop(channel)) for channel in list(parts)}
+    values: dict[str, np.ndarray] = {channel: part.finished() for channel, part in parts.items()}
     values |= {name: np.broadcast_to(gains, (rows, len(joints))) for name, gains in columns.gains(joints).items()}
     return checked(
         MotorLog(

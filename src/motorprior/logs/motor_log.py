@@ -286,16 +286,17 @@ def _check_segments(log: MotorLog, where: str | Path | None) -> None:
 
 
 def _check_time(log: MotorLog, where: str | Path | None) -> None:
-    rows, steps = time_steps(log)
-    if np.any(steps <= 0.0):
-        row = int(rows[np.argmax(steps <= 0.0)])
-        before, now = float(log.time[row - 1]), float(log.time[row])
-        kind = "repeats" if before == now else "runs backwards"
-        raise LogError(
-            f"row {row}, time {kind}: {now!r} s after {before!r} s, it must increase",
-            where=where,
-            remedy="sort the rows and drop duplicates, or start a new segment where the clock restarted",
-        )
+    for part in log.segment_slices():  # one after another: of a long log, every array takes a lot of memory
+        stuck = np.diff(log.time[part]) <= 0.0
+        if stuck.any():
+            row = part.start + 1 + int(np.argmax(stuck))
+            before, now = float(log.time[row - 1]), float(log.time[row])
+            kind = "repeats" if before == now else "runs backwards"
+            raise LogError(
+                f"row {row}, time {kind}: {now!r} s after {before!r} s, it must increase",
+                where=where,
+                remedy="sort the rows and drop duplicates, or start a new segment where the clock restarted",
+            )
 
 
 def _check_load(log: MotorLog, where: str | Path | None) -> None:

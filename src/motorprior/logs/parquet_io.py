@@ -8,18 +8,23 @@ in the schema metadata under ``b"motorprior"``.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import atomic_path, require_keys
+from motorprior.artifacts import atomic_path, parse_json, require_keys
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
+from motorprior.logs.table_columns import MAX_NUMBERS, require_parquet
+from motorprior.outside_files import require_file
 
 SCHEMA_VERSION = 3
 METADATA_KEY = b"motorprior"
+MAX_HEADER = 1_000_000
+"""Bytes."""
 REWRITE = "write the log again with this version of motorprior"
 _OPTIONAL = (*CODES, "base_orientation")
 _HEADER_KEYS = (
@@ -59,11 +64,8 @@ def read_parquet(path: str | Path) -> MotorLog:
             unit or sign convention, or values that `checked` refuses.
     """
     path = Path(path)
-    table = _read_table(path)
-    header = _read_header(table.schema.metadata, path)
-    wanted = _column_names(header["channels"], tuple(header["joint_names"]))
-    _require_columns(table, [name for names in wanted.values() for name in names], path)
-    values: dict[str, Any] = {channel: _stack(table, channel, names) for channel, names in wanted.items()}
+    table, header, wanted = _read_table(path)
+    values: dict[str, Any] = {channel: _stack(table, channel, names, path) for channel, names in wanted.items()}
     values |= {key: header[key] for key in ("robot", "motor", "source", "encoder", "gain_unit")}
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
@@ -115,18 +117,31 @@ def _header(log: MotorLog) -> dict[str, Any]:
     }
 
 
-def _read_table(path: Path) -> Any:
+def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
+    """The table, read only if its header, its columns and its size are those of a motor log."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if not path.is_file():
-        raise LogError("no such file", where=path, remedy="check the path")
+    require_file(path, LogError)
+    if path.suffix != ".parquet":
+        remedy = "make one of it with `motorprior logs import`, and give the .parquet file that this writes"
+        raise LogError(
+            f"a file {path.suffix or 'without an ending'}, not a motor log (.parquet)", where=path, remedy=remedy
+        )
+    require_parquet(path)
     try:
         with open(path, "rb") as file:
-            return pq.ParquetFile(file).read()
+            parquet = pq.ParquetFile(file)
+            header = _read_header(parquet.schema_arrow.metadata, path)
+            wanted = _column_names(header["channels"], tuple(header["joint_names"]))
+            _require_columns(parquet.schema_arrow, [name for names in wanted.values() for name in names], path)
+            if (count := parquet.metadata.num_rows * len(parquet.schema_arrow.names)) > MAX_NUMBERS:
+                problem = f"{count} numbers, more than the {MAX_NUMBERS} of a motor log"
+                raise LogError(problem, where=path, remedy="split the recording")
+            return parquet.read(), header, wanted
     except (pa.ArrowException, OSError) as error:
         raise LogError(
-            f"not a complete Parquet file ({str(error).splitlines()[0]})",
+            f"not a complete Parquet file ({error})",
             where=path,
             remedy="copy or record it again; import raw logs with `motorprior logs import`",
         ) from error
@@ -135,10 +150,13 @@ def _read_table(path: Path) -> Any:
 def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, Any]:
     text = (metadata or {}).get(METADATA_KEY)
     if text is None:
-        raise LogError("no motorprior header", where=path, remedy="import it with `motorprior logs import`")
+        remedy = "import it with `motorprior logs import`, and say what its columns mean (docs/your-motors.md)"
+        raise LogError("a Parquet file, but no motor log: there is no motorprior header", where=path, remedy=remedy)
+    if len(text) > MAX_HEADER:
+        raise LogError(f"its header has {len(text)} bytes, more than {MAX_HEADER}", where=path, remedy=REWRITE)
     try:
-        header = json.loads(text)
-    except ValueError as error:
+        header = parse_json(text.decode())
+    except (ValueError, RecursionError) as error:
         raise LogError(f"its header is not JSON ({error})", where=path, remedy=REWRITE) from error
     version = header.get("schema_version") if isinstance(header, dict) else None
     if version != SCHEMA_VERSION:
@@ -166,26 +184,27 @@ def _check_header(header: dict[str, Any], path: Path) -> None:
         values = header[key]
         known = isinstance(values, list) and all(isinstance(value, str) for value in values)
         if not known or len(set(values)) != len(values) or (allowed and not set(values) <= set(allowed)):
-            raise LogError(f"header: {key} {values!r} is not understood", where=path, remedy=REWRITE)
+            raise LogError(f"header: {key} {repr(values)[:300]} is not understood", where=path, remedy=REWRITE)
     if missing := {"position_target", "joint_pos"} - set(header["channels"]):
         raise LogError(f"header: channels lack {sorted(missing)}", where=path, remedy=REWRITE)
 
 
-def _require_columns(table: Any, wanted: list[str], path: Path) -> None:
+def _require_columns(schema: Any, wanted: list[str], path: Path) -> None:
+    if twice := sorted({name for name, count in Counter(schema.names).items() if count > 1}):
+        raise LogError(f"more than one column {twice[0]}", where=path, remedy=REWRITE)
     try:
-        require_keys(table.column_names, wanted, path)
+        require_keys(schema.names, wanted, path)
     except ArtifactError as error:
         raise LogError(error.problem.replace("keys", "columns"), where=path, remedy=REWRITE) from error
-    for name in table.column_names:
-        column, expected = table.column(name), "int64" if name in CODES else "double"
-        if str(column.type) != expected or column.null_count:
-            raise LogError(
-                f"column {name} is {column.type} with {column.null_count} empty cells, expected {expected} without any",
-                where=path,
-                remedy=REWRITE,
-            )
+    for field in schema:
+        expected = "int64" if field.name in CODES else "double"
+        if str(field.type) != expected:
+            raise LogError(f"column {field.name} is {field.type}, not {expected}", where=path, remedy=REWRITE)
 
 
-def _stack(table: Any, channel: str, names: list[str]) -> np.ndarray:
+def _stack(table: Any, channel: str, names: list[str], path: Path) -> np.ndarray:
+    for name in names:
+        if empty := table.column(name).null_count:
+            raise LogError(f"column {name} has {empty} empty cells", where=path, remedy=REWRITE)
     columns = [table.column(name).to_numpy() for name in names]
     return columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, shown
 
 _NUMERIC = re.compile(r"(b1|[iu][1248]|f[248])")
 _MAX_DIMENSIONS = 8
+_LARGEST = 2**40
+"""Of a size: the product of longer numbers could take hours."""
 
 
 class Constructor:
@@ -60,13 +62,13 @@ class PickledDtype:
     def __init__(self, code: Any = None, align: Any = False, copy: Any = False):
         del align, copy
         if not isinstance(code, str) or not _NUMERIC.fullmatch(code):
-            raise LogError(f"a numpy array of type {code!r} is refused, only numbers are read")
+            raise LogError(f"a numpy array of type {shown(code)} is refused, only numbers are read")
         self._code, self._byte_order = code, "="
 
     def __setstate__(self, state: Any) -> None:
         plain = isinstance(state, tuple) and len(state) in (8, 9) and state[2:5] == (None, None, None)
         if not plain or state[1] not in ("<", ">", "|", "="):
-            raise LogError(f"the numpy dtype state {state!r} is refused")
+            raise LogError(f"the numpy dtype state {shown(state)} is refused")
         self._byte_order = state[1]
 
     def dtype(self) -> np.dtype[Any]:
@@ -105,7 +107,7 @@ def constructors(max_bytes: int) -> Mapping[tuple[str, str], Constructor]:
 
     def encode(text: Any, encoding: Any = "utf-8") -> bytes:
         if not isinstance(text, str) or encoding not in ("latin1", "latin-1"):
-            raise LogError(f"encoding {type(text).__name__} as {encoding!r} is refused")
+            raise LogError(f"encoding {type(text).__name__} as {shown(encoding)} is refused")
         budget.spend(len(text))
         return text.encode("latin1")
 
@@ -145,8 +147,8 @@ def _decode(budget: Budget, raw: Any, dtype: Any, shape: Any, order: Any) -> np.
     """View ``raw`` as an array after checking that it holds exactly ``shape``."""
     if not isinstance(dtype, PickledDtype) or not isinstance(shape, tuple) or order not in ("C", "F"):
         raise LogError("a numpy array with an unknown dtype, shape or order is refused")
-    if len(shape) > _MAX_DIMENSIONS or not all(type(size) is int and size >= 0 for size in shape):
-        raise LogError(f"a numpy array of shape {shape!r} is refused")
+    if len(shape) > _MAX_DIMENSIONS or not all(type(size) is int and 0 <= size < _LARGEST for size in shape):
+        raise LogError(f"a numpy array of {len(shape)} dimensions, or of a size that none can have, is refused")
     kind = dtype.dtype()
     if not isinstance(raw, str | bytes | bytearray) or len(raw) != math.prod(shape) * kind.itemsize:
         raise LogError(f"a numpy array of shape {shape!r} and type {kind} does not fit its bytes")

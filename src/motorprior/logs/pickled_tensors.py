@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import prod
 from typing import Any
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, shown
 from motorprior.logs.pickled_arrays import Constructor
 
 STORAGES = {
@@ -16,6 +16,8 @@ STORAGES = {
 }  # fmt: skip
 """PyTorch's names of arrays of one type, and numpy's codes."""
 _MAX_DIMENSIONS = 8
+_LARGEST = 2**40
+"""Of a size, a step or an offset: the product of longer numbers could take hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +50,11 @@ class PickledTensor:
 def storage_of(reference: Any) -> PickledStorage:
     """What the pickle refers to: ("storage", type, key, device, count)."""
     if not isinstance(reference, tuple) or len(reference) != 5 or reference[0] != "storage":
-        raise LogError(f"the pickle refers to {str(reference)[:60]!r}, which is no storage of a tensor")
+        raise LogError(f"the pickle refers to {shown(reference)}, which is no storage of a tensor")
     _, kind, key, _, count = reference
     code = STORAGES.get(repr(kind).removeprefix("torch.")) if isinstance(kind, Constructor) else None
-    if code is None or not isinstance(key, str) or not key.isalnum() or type(count) is not int or count < 0:
-        raise LogError(f"a storage {str(key)[:60]!r} of {str(count)[:60]} numbers of type {str(kind)[:60]} is refused")
+    if code is None or not isinstance(key, str) or not key.isalnum() or not _whole((count,)):
+        raise LogError(f"a storage {shown(key)} of {shown(count)} numbers of type {shown(kind)} is refused")
     return PickledStorage(key, code, count)
 
 
@@ -73,7 +75,9 @@ def require_inside(tensor: PickledTensor) -> None:
         LogError: names its size, its steps and the storage's length.
     """
     size, stride, count = tensor.size, tensor.stride, tensor.storage.count
-    if len(size) != len(stride) or len(size) > _MAX_DIMENSIONS or prod(size) > count:
+    if len(size) != len(stride) or len(size) > _MAX_DIMENSIONS:
+        raise LogError(f"a tensor of {len(size)} dimensions with {len(stride)} steps is refused")
+    if prod(size) > count:
         raise LogError(f"a tensor of size {size!r}, steps {stride!r} in {count} numbers is refused")
     last = tensor.offset + sum((length - 1) * step for length, step in zip(size, stride, strict=True))
     if prod(size) and last >= count:
@@ -90,7 +94,7 @@ def _tensor(storage: Any, offset: Any, size: Any, stride: Any, requires_grad: An
 
 
 def _whole(values: Any) -> bool:
-    return isinstance(values, tuple) and all(type(value) is int and value >= 0 for value in values)
+    return isinstance(values, tuple) and all(type(value) is int and 0 <= value < _LARGEST for value in values)
 
 
 def _empty_dict() -> dict[Any, Any]:

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.bounds import is_number
+from motorprior.exceptions import LogError, shown
 from motorprior.logs.checks import require_plausible_angles
 from motorprior.logs.log_reader import LogReader, require_given
 from motorprior.logs.motor_log import MotorLog, checked
@@ -120,7 +121,7 @@ def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
     """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
     content = load_plain(path)
     if not isinstance(content, dict) or not set(widths) <= set(content):
-        found = sorted(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        found = ", ".join(map(shown, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
         raise LogError(f"expected a dict of {list(widths)}, found {found}", where=path, remedy=GET_LOGS)
     columns = {key: _column_block(content[key], key, width, path) for key, width in widths.items()}
     lengths = {key: len(block) for key, block in columns.items()}
@@ -133,24 +134,25 @@ def _column_block(rows: object, key: str, width: int, path: Path) -> np.ndarray:
     """A list of T rows, or an array, as (T, width)."""
     if not isinstance(rows, list | tuple | np.ndarray):
         raise LogError(f"{key} is {type(rows).__name__}, not a list", where=path, remedy=GET_LOGS)
-    if isinstance(rows, np.ndarray) and rows.ndim == 1 and width == 1:
-        return rows.astype(np.float64)[:, None]
-    return np.array([_row(row, index, key, width, path) for index, row in enumerate(rows)]).reshape(-1, width)
+    if isinstance(rows, np.ndarray):
+        if rows.ndim == 0:
+            raise LogError(f"{key} is one number, not a list", where=path, remedy=GET_LOGS)
+        rows = rows[:, None] if rows.ndim == 1 else rows
+    block = np.empty((len(rows), width))
+    for index, row in enumerate(rows):
+        block[index] = _row(row, index, key, width, path)
+    return block
 
 
-def _row(row: object, index: int, key: str, width: int, path: Path) -> list[float]:
-    cells = row.ravel().tolist() if isinstance(row, np.ndarray) else row
-    cells = cells if isinstance(cells, list | tuple) else [cells]
-    values: list[Any] = [_unwrapped(cell) for cell in cells]
-    if len(values) != width:
-        raise LogError(f"row {index}, {key} has {len(values)} values, expected {width}", where=path, remedy=GET_LOGS)
+def _row(row: object, index: int, key: str, width: int, path: Path) -> list[Any]:
+    cells: Any = row.ravel() if isinstance(row, np.ndarray) else row if isinstance(row, list | tuple) else [row]
+    if len(cells) != width:
+        raise LogError(f"row {index}, {key} has {len(cells)} values, expected {width}", where=path, remedy=GET_LOGS)
+    values = cells.tolist() if isinstance(cells, np.ndarray) else [_unwrapped(cell) for cell in cells]
     for column, value in enumerate(values):
-        if type(value) not in (int, float):
-            raise LogError(
-                f"row {index}, {key}[{column}] is {str(value)[:40]!r}, not a number",
-                where=path,
-                remedy=GET_LOGS,
-            )
+        if type(value) is not float and not (type(value) is int and is_number(value)):
+            problem = f"row {index}, {key}[{column}] is {shown(value)}, not a number"
+            raise LogError(problem, where=path, remedy=GET_LOGS)
     return values
 
 

@@ -6,6 +6,7 @@ robot's own clock. A row holds the command in force and the measurements made at
 
 from __future__ import annotations
 
+import re
 from enum import IntEnum
 from pathlib import Path
 
@@ -52,13 +53,13 @@ def is_robot_run(path: Path) -> bool:
     Raises:
         LogError: it cannot be read.
     """
-    return _first_line(path).startswith("time,mode,")
+    return re.match(r"time([,;\t])mode\1", _first_line(path)) is not None
 
 
 def _first_line(path: Path) -> str:
     """The names of the columns; of a file that has no lines, its beginning."""
     try:
-        with open(path, encoding="utf-8", errors="replace") as file:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
             return file.readline(_LONGEST_HEADER)
     except OSError as error:
         raise LogError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error

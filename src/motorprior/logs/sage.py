@@ -17,11 +17,12 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import ColumnMap, MappedJoint, load_column_map
+from motorprior.logs.csv_stream import csv_batches, csv_head
 from motorprior.logs.log_reader import FOLDER, LogReader
 from motorprior.logs.mapped_table import if_it_has, read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_text
-from motorprior.logs.table_columns import COPY_AGAIN, csv_batches, unreadable
+from motorprior.logs.table_columns import COPY_AGAIN, present, unreadable
 from motorprior.robots.robot import Robot
 
 CONTROL, STATE, JOINTS = "control.csv", "state_motor.csv", "joint_list.txt"
@@ -90,8 +91,9 @@ def _table(path: Path, kind: str, lists: list[str], width: int) -> tuple[np.ndar
     times: list[np.ndarray] = []
     parts: list[list[np.ndarray]] = [[] for _ in lists]
     rows = 0
+    wanted = present(list(csv_head(path).names), ["type", "timestamp", *lists], path)
     try:
-        for batch in csv_batches(path, ["type", "timestamp", *lists], pa.string()):
+        for batch in csv_batches(path, wanted, as_text=True):
             _require_kind(batch.column("type"), kind, rows, path)
             times.append(_cast(batch.column("timestamp"), "timestamp", rows, path))
             for name, found in zip(lists, parts, strict=True):

@@ -13,10 +13,16 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.logs.csv_stream import csv_batches, csv_head
+from motorprior.outside_files import require_file
 
 ENDINGS = (".csv", ".csv.gz", ".parquet")
 CORRECT = "correct the column map, or the file"
 COPY_AGAIN = "copy or record it again"
+MAX_NUMBERS = 60_000_000
+"""Of a log: half a gigabyte."""
+MAX_FOOTER = 10_000_000
+"""Bytes at the end of a Parquet file that say what is in it."""
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
@@ -29,8 +35,7 @@ def table_columns(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray
     """
     import pyarrow as pa
 
-    if not path.is_file():
-        raise LogError("no such file", where=path, remedy="check the path")
+    require_file(path, LogError)
     rows = 0
     try:
         for batch in _batches(path, names):
@@ -52,31 +57,48 @@ def element_of(name: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def csv_batches(path: Path, names: list[str], kind: Any) -> Iterator[Any]:
-    """Arrow batches of some columns of a CSV file, all read as one Arrow type."""
-    import pyarrow as pa
-    import pyarrow.csv as pa_csv
-
-    packed = "gzip" if path.suffix == ".gz" else None
-    with pa.input_stream(str(path), compression=packed) as stream:
-        wanted = _present(pa_csv.open_csv(stream).schema.names, names, path)
-    with pa.input_stream(str(path), compression=packed) as stream:
-        options = pa_csv.ConvertOptions(include_columns=wanted, column_types=dict.fromkeys(wanted, kind))
-        yield from pa_csv.open_csv(stream, convert_options=options)
-
-
 def _batches(path: Path, names: list[str]) -> Iterator[Any]:
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     if path.suffix == ".parquet":
+        require_parquet(path)
         with pq.ParquetFile(path, pre_buffer=False) as file:  # or it holds the whole file in memory
-            yield from file.iter_batches(columns=_present(file.schema_arrow.names, names, path))
+            wanted = present(file.schema_arrow.names, names, path)
+            _require_few(file.metadata, set(wanted), path)
+            yield from file.iter_batches(columns=wanted)
     else:
-        yield from csv_batches(path, names, pa.float64())
+        yield from csv_batches(path, present(list(csv_head(path).names), names, path))
 
 
-def _present(have: list[str], names: list[str], path: Path) -> list[str]:
+def require_parquet(path: Path) -> None:
+    """Refuse what is no Parquet file, or says too much about itself: its last bytes tell, before it is opened.
+
+    Raises:
+        LogError: no file, not a Parquet file, or a description of more than `MAX_FOOTER` bytes.
+    """
+    size = require_file(path, LogError)
+    with open(path, "rb") as file:
+        file.seek(max(0, size - 8))
+        end = file.read(8)
+    length = int.from_bytes(end[:4], "little")
+    if end[4:] != b"PAR1" or length > size:
+        raise LogError("not a complete Parquet file (its end is no Parquet file's)", where=path, remedy=COPY_AGAIN)
+    if length > MAX_FOOTER:
+        problem = f"it has {length} bytes of description, more than {MAX_FOOTER}"
+        raise LogError(problem, where=path, remedy="write it with fewer columns and larger groups of rows")
+
+
+def _require_few(metadata: Any, wanted: set[str], path: Path) -> None:
+    """Refuse columns of lists that unfold to more numbers than a log may have."""
+    groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
+    used = [k for k in range(metadata.num_columns) if metadata.schema.column(k).path.split(".")[0] in wanted]
+    count = sum(group.column(k).num_values for group in groups for k in used)
+    if count > MAX_NUMBERS:
+        problem = f"{count} numbers in {', '.join(sorted(wanted))}, more than {MAX_NUMBERS}"
+        raise LogError(problem, where=path, remedy="split the recording")
+
+
+def present(have: list[str], names: list[str], path: Path) -> list[str]:
     """Columns of the file that hold these names, each once."""
     found = dict.fromkeys(_owner(name, have) for name in names)
     for name in found:

@@ -8,16 +8,20 @@ from __future__ import annotations
 import struct
 import zipfile
 from collections.abc import Iterator
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, shown
 from motorprior.logs.pickled_tensors import PickledTensor, require_inside
 from motorprior.logs.restricted_unpickler import load_tensors
-from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, element_of, unreadable
+from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, MAX_NUMBERS, element_of, unreadable
+from motorprior.outside_files import require_file
 
+MAX_FILE = 50_000_000
+"""Bytes; of such a file the list of contents alone may take a gigabyte."""
 MAX_PICKLE = 1_000_000
 _ZIP_ERRORS = (
     zipfile.BadZipFile, OSError, EOFError, KeyError, NotImplementedError, RuntimeError, ValueError, struct.error,
@@ -42,14 +46,17 @@ def read_tensors(path: Path, keys: set[str]) -> dict[str, np.ndarray]:
     Raises:
         LogError: as `tensor_columns`.
     """
-    if not path.is_file():
-        raise LogError("no such file", where=path, remedy="check the path")
+    if (size := require_file(path, LogError)) > MAX_FILE:
+        raise LogError(f"{size} bytes, more than {MAX_FILE}", where=path, remedy="split the recording")
     try:
         with zipfile.ZipFile(path) as archive:
             folder, content = _pickle(archive, path)
             if missing := sorted(keys - content.keys()):
-                known = ", ".join(map(str, content))[:300]
+                known = ", ".join(map(shown, list(content)[:8]))
                 raise LogError(f"no tensor {missing[0]!r}; it has {known}", where=path, remedy=CORRECT)
+            count = sum(prod(content[key].size) for key in keys if isinstance(content[key], PickledTensor))
+            if count > MAX_NUMBERS:
+                raise LogError(f"{count} numbers, more than {MAX_NUMBERS}", where=path, remedy="split the recording")
             order = _byte_order(archive, folder, path)
             return {key: _array(archive, folder, order, key, content[key], path) for key in sorted(keys)}
     except _ZIP_ERRORS as error:

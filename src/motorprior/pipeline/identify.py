@@ -14,9 +14,9 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.facts import FACTS, LOG, read_bench
-from motorprior.bench.recording import bench_names
+from motorprior.bench.recording import BENCH, bench_names
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, checked, log_digest, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
@@ -243,11 +243,17 @@ def _training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path],
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
         raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
-    if all(path.suffix == ".parquet" for path in paths):
+    paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
+    if not any(path.is_dir() for path in paths):
         log = joined([read_parquet(path) for path in paths])
+        if log.robot == BENCH:
+            raise LogError(
+                f"the log of a bench without its {FACTS}, which says of which robot its motors are", where=paths[0],
+                remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
+            )  # fmt: skip
         return log, paths, _Origin(log.robot, log.motor, {"log": log.source})
     if len(paths) > 1:
-        folder = next(path for path in paths if path.suffix != ".parquet")
+        folder = next(path for path in paths if path.is_dir())
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
     path = paths[0]
     log, facts = read_bench(path)

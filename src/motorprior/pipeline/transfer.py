@@ -65,10 +65,12 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     robot = load_robot(config.robot)
     robot.require_legs()
     fleet = load_robot_fleet(robot, config.fleet)
-    files = [folder / POLICY for folder in config.walks]
+    files = [path if path.is_file() else path / POLICY for path in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     require_count("workers", config.workers, 1, MOST_WORKERS)
+    for path in files:
+        Policy.load(path)  # its header says whether it is one, before all of it is read for its digest
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
     wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])

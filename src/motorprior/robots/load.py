@@ -25,12 +25,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from motorprior.exceptions import ArtifactError
+from motorprior.outside_files import read_toml
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.robot import Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
@@ -123,12 +123,7 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
-    except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy="see docs/your-robot.md") from error
+    table = read_toml(path, _SEE)
     _ROBOT.check(table, path)
     return table
 

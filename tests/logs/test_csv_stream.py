@@ -1,0 +1,99 @@
+"""Tables of text are read however they are written, as long as there is one way to read them; a bad row is named."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs import csv_stream, number_table
+from motorprior.logs.number_table import read_number_table
+from motorprior.logs.table_columns import table_columns
+
+NAMES = ["t", "q_0", "q_1"]
+VALUES = np.array([[0.0, 1.5, -2.0], [0.25, 1e-3, 4.0], [0.5, -0.125, 6.0]])
+PLAIN = "\n".join([",".join(NAMES), *(",".join(map(str, row)) for row in VALUES.tolist())]) + "\n"
+
+
+def both(path: Path) -> list[np.ndarray]:
+    """The table, by either reader."""
+    batches = [np.stack([batch[name] for name in NAMES], axis=1) for batch in table_columns(path, NAMES)]
+    return [read_number_table(path, NAMES), np.concatenate(batches)]
+
+
+WRITTEN = {
+    "commas": PLAIN,
+    "semicolons": PLAIN.replace(",", ";"),
+    "tabs": PLAIN.replace(",", "\t"),
+    "semicolons and decimal commas": PLAIN.replace(",", ";").replace(".", ","),
+    "tabs and decimal commas": PLAIN.replace(",", "\t").replace(".", ","),
+    "byte order mark": "\ufeff" + PLAIN,
+    "lines of Windows": PLAIN.replace("\n", "\r\n"),
+    "no end of the last line": PLAIN.rstrip("\n"),
+    "empty lines": PLAIN.replace("\n", "\n\n"),
+    "quotes": PLAIN.replace("1.5", '"1.5"'),
+    "spaces": PLAIN.replace(",", ", "),
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+@pytest.mark.parametrize("ending", [".csv", ".csv.gz"])
+def test_there_is_one_way_to_read_it(tmp_path: Path, name: str, ending: str):
+    data = WRITTEN[name].encode()
+    (tmp_path / f"x{ending}").write_bytes(gzip.compress(data) if ending == ".csv.gz" else data)
+    for table in both(tmp_path / f"x{ending}"):
+        np.testing.assert_array_equal(table, VALUES)
+
+
+@pytest.mark.parametrize("block", [10, 40, 1000])
+def test_blocks_make_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int):
+    monkeypatch.setattr(csv_stream, "_BLOCK", block)
+    values = np.round(np.random.default_rng(0).normal(size=(500, 3)), 6)
+    lines = [";".join(NAMES), *(";".join(map(str, row)).replace(".", ",") for row in values.tolist())]
+    (tmp_path / "x.csv").write_text("\n".join(lines) + "\n")
+    for table in both(tmp_path / "x.csv"):
+        np.testing.assert_array_equal(table, values)
+    lines[401] = lines[401].replace(",", ".")
+    (tmp_path / "x.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(LogError, match=r"x\.csv: row 400, t is .*, not a number"):
+        both(tmp_path / "x.csv")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("1.5", "1_5", r"row 0, q_0 is '1_5', not a number"),
+        ("0.001", "٣", r"row 1, q_0 is '٣', not a number"),
+        ("4.0", "0x1p3", r"row 1, q_1 is '0x1p3', not a number"),
+        ("4.0", "", r"row 1, q_1 is '', not a number"),
+        ("4.0", "NULL", r"row 1, q_1 is 'NULL', not a number"),
+        ("4.0", "1 000", r"row 1, q_1 is '1 000', not a number"),
+        ("-0.125", "-0,125", r"row 2 has 4 cells, expected 3"),
+        (",4.0", "", r"row 1 has 2 cells, expected 3"),
+    ],
+)
+def test_a_cell_that_can_be_read_in_no_way_or_two_is_named(tmp_path: Path, old: str, new: str, problem: str):
+    (tmp_path / "x.csv").write_text(PLAIN.replace(old, new), encoding="utf-8")
+    for read in (lambda: read_number_table(tmp_path / "x.csv", NAMES), lambda: both(tmp_path / "x.csv")):
+        with pytest.raises(LogError, match=rf"x\.csv: {problem} -> .*UTF-8, cells between commas, semicolons or tabs"):
+            read()
+
+
+def test_points_and_commas_in_one_table_are_refused(tmp_path: Path):
+    (tmp_path / "x.csv").write_text(PLAIN.replace(",", ";").replace("6.0", "6,0"))
+    with pytest.raises(LogError, match="row 2, q_1 is '6,0', not a number"):
+        both(tmp_path / "x.csv")
+
+
+def test_another_encoding_is_refused(tmp_path: Path):
+    (tmp_path / "x.csv").write_text(PLAIN, encoding="utf-16")
+    with pytest.raises(LogError, match=r"not a text file .* -> save it as UTF-8"):
+        both(tmp_path / "x.csv")
+
+
+def test_more_numbers_than_a_log_may_have_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "x.csv").write_text(PLAIN)
+    monkeypatch.setattr(number_table, "MAX_NUMBERS", 8)
+    with pytest.raises(LogError, match=r"x\.csv: more than 2 rows of 3 numbers -> split the recording"):
+        read_number_table(tmp_path / "x.csv", NAMES)
