@@ -71,7 +71,7 @@ def _acquire(lock: FileLock, folder: Path) -> None:
     except Timeout:
         raise ArtifactError(
             f"another command writes there: {_holder(folder)}", where=folder,
-            remedy="wait until it ends, or give another out", argument="out",
+            remedy="wait until it ends, or choose another folder",
         ) from None  # fmt: skip
     except OSError as error:
         raise ArtifactError(
