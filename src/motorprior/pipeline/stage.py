@@ -50,7 +50,8 @@ def digest(path: Path) -> str:
         ArtifactError: it cannot be read.
     """
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
