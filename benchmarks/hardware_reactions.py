@@ -14,17 +14,19 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from full_disk import file_sizes_restored, limit_file_sizes
-from motorprior.exceptions import MotorPriorError, RobotFault
+from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.run_facts import FACTS
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest
 from motorprior.locomotion.policy import Policy
@@ -37,24 +39,28 @@ WORDS = "words.txt"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 FAULT_AT = 7.0
 """Robot time at which injected faults begin [s]; the robot walks by then."""
-FAULTS = (
-    "frozen:FR_knee",
-    "jumping:FL_hip",
-    "stalled:RR_knee",
-    "dead:FR_knee",
-    "tilted",
-    "hot_current:RL_hip",
-    "mute",
-    "lagging",
-    "restart",
-    "hot_motor:FL_knee",
-    "flat",
-    "numb",
-    "blind",
-    "surge:FL_hip",
-    "deaf",
-    "unplugged",
-)
+_STOPPED = frozenset({"stuck", "tracking"})
+FAULTS = {
+    "frozen:FR_knee": _STOPPED,
+    "jumping:FL_hip": frozenset({"implausible telemetry"}),
+    "stalled:RR_knee": _STOPPED,
+    "dead:FR_knee": _STOPPED | {"fall"},
+    "tilted": frozenset({"fall"}),
+    "hot_current:RL_hip": frozenset({"current"}),
+    "mute": frozenset({"stale telemetry"}),
+    "lagging": frozenset({"stale telemetry"}),
+    "restart": frozenset({"implausible telemetry"}),
+    "hot_motor:FL_knee": frozenset({"temperature"}),
+    "flat": frozenset({"battery"}),
+    "numb": frozenset({"frozen IMU"}),
+    "blind": frozenset({"frozen IMU"}),
+    "surge:FL_hip": frozenset({"firmware"}),
+    "deaf": _STOPPED | {"unplugged"},
+    "unplugged": frozenset({"unplugged"}),
+}
+"""Faults of the robot, and the kinds under which the host may report each; any other one is not the reaction to it."""
+_WHOLE = ("fall", "implausible telemetry", "firmware")
+"""Kinds whose message names no joint."""
 SAID = ("surge", "deaf", "unplugged")
 """Faults in which the robot loses its current by itself or cannot be reached: the time until the host reports is
 measured."""
@@ -62,6 +68,12 @@ LATE = 0.06
 """Duration of a step that is too late for the host, but not for the watchdog [s]."""
 STATUS_BEFORE = 6
 """Number of status lines, two a second, before a fault of the host."""
+
+
+def is_meant(found: RobotFault, fault: str) -> bool:
+    """Whether the host reported the injected fault, of the joint that has it, and not a stall of this machine."""
+    joint = fault.partition(":")[2]
+    return found.kind in FAULTS[fault] and (found.kind in _WHOLE or joint in str(found))
 
 
 class NotMeasuredError(Exception):
@@ -110,7 +122,10 @@ def deploy(
 
 
 def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience: float = 0.5) -> float:
-    """Milliseconds from a signal to a walking host until the robot is idle, which takes less than ``patience`` [s]."""
+    """Milliseconds from a signal to a walking host until the robot is idle, which takes less than ``patience`` [s].
+
+    A host that another fault ended, on its way down too, is not counted.
+    """
     for _ in range(MOST_FAULTS):
         out = Path(tempfile.mkdtemp(dir=folder)) / "run"
         with virtual_robot(folder) as (port, end):
@@ -122,11 +137,20 @@ def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience:
                     before = time.monotonic()
                     os.kill(host.pid, number)
                     time.sleep(patience)
-                    return 1e3 * (first_idle(end(), before) - before)
+                    if outcome(out) == (number.name if number in SIGNALS else None):
+                        return 1e3 * (first_idle(end(), before) - before)
             finally:
                 host.kill()
                 host.wait()
-    raise NotMeasuredError("this machine is too busy")
+    raise NotMeasuredError(f"this machine is too busy: the host did not end by {number.name}")
+
+
+def outcome(out: Path) -> str | None:
+    """What ended a run, in the words of its run.json; None if nothing did that it could still write down."""
+    try:
+        return json.loads((out / FACTS).read_text()).get("outcome")
+    except (OSError, ValueError):
+        return "no facts"
 
 
 def wait_until_it_walks(host: subprocess.Popen, log: Path) -> bool:
@@ -145,21 +169,27 @@ def first_idle(life: dict, after: float) -> float:
 
 
 def reaction(folder: Path, policy: Policy, fault: str) -> float:
-    """Milliseconds from an injected fault until the robot is idle, or, unplugged, until the host says so."""
+    """Milliseconds from an injected fault until the robot is idle, or, unplugged, until the host says so.
+
+    Raises:
+        NotMeasuredError: the host walked on, or reported something else every time.
+    """
+    others: list[str] = []
     for _ in range(MOST_FAULTS):
         with virtual_robot(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
             try:
                 deploy(port, policy, 2.0 * FAULT_AT)
                 raise NotMeasuredError(f"walked on in spite of {fault}")
-            except RobotFault as found:
-                said, kind = time.monotonic(), found.kind
+            except RobotFault as error:
+                said, found = time.monotonic(), error
             time.sleep(0.1)
             life = end()
-        print(f"  {fault}: {kind}", file=sys.stderr)
+        print(f"  {fault}: {found}", file=sys.stderr)
         began = life["started"] + FAULT_AT
-        if said > began:  # otherwise this machine was too busy, and the host sat down before the fault
+        if said > began and is_meant(found, fault):  # otherwise the host sat down before the fault, or for another one
             return 1e3 * ((said if fault.partition(":")[0] in SAID else first_idle(life, began)) - began)
-    raise NotMeasuredError("this machine is too busy")
+        others.append(found.kind)
+    raise NotMeasuredError(f"this machine is too busy: {fault} was never reported, but {', '.join(others)}")
 
 
 def kill_watchdog(link: RobotLink) -> None:
@@ -194,18 +224,42 @@ def fill_the_disk(_: RobotLink) -> None:
     limit_file_sizes(0)
 
 
-HOST_FAULTS: dict[str, Callable[[RobotLink], None]] = {
-    "watchdog_dead": kill_watchdog,
-    "watchdog_asleep": stop_watchdog,
-    "exception": raise_an_exception,
-    "not_finite": command_nonsense,
-    "slow_host": come_late,
-    "full_disk": fill_the_disk,
+@dataclass(frozen=True)
+class HostFault:
+    """A fault of the host, and what the host says of it.
+
+    Attributes:
+        happens: called in the control loop.
+        error: that ends the walk.
+        kind: of a `RobotFault`; empty for other errors.
+    """
+
+    happens: Callable[[RobotLink], None]
+    error: type[Exception]
+    kind: str = ""
+
+    def is_meant(self, found: Exception) -> bool:
+        """Whether this, and nothing else, ended the walk."""
+        return isinstance(found, self.error) and (not self.kind or getattr(found, "kind", "") == self.kind)
+
+
+HOST_FAULTS = {
+    "watchdog_dead": HostFault(kill_watchdog, RobotFault, "watchdog"),
+    "watchdog_asleep": HostFault(stop_watchdog, RobotFault, "watchdog"),
+    "exception": HostFault(raise_an_exception, ZeroDivisionError),
+    "not_finite": HostFault(command_nonsense, RobotFault, "impossible command"),
+    "slow_host": HostFault(come_late, RobotFault, "slow host"),
+    "full_disk": HostFault(fill_the_disk, ArtifactError),
 }
 
 
-def host_reaction(folder: Path, policy: Policy, disaster: Callable[[RobotLink], None]) -> float:
-    """Milliseconds from something that happens in the host until the robot is idle."""
+def host_reaction(folder: Path, policy: Policy, fault: HostFault) -> float:
+    """Milliseconds from something that happens in the host until the robot is idle.
+
+    Raises:
+        NotMeasuredError: the host walked on, or something else ended the walk every time.
+    """
+    name, others = fault.happens.__name__, []
     for _ in range(MOST_FAULTS):
         calls, began = 0, float("inf")
 
@@ -214,7 +268,7 @@ def host_reaction(folder: Path, policy: Policy, disaster: Callable[[RobotLink], 
             calls += 1
             if calls == STATUS_BEFORE:
                 began = time.monotonic()
-                disaster(link)
+                fault.happens(link)
 
         log = Path(tempfile.mkdtemp(dir=folder)) / "run.csv"
         with virtual_robot(folder) as (port, end):
@@ -225,19 +279,20 @@ def host_reaction(folder: Path, policy: Policy, disaster: Callable[[RobotLink], 
                 except (MotorPriorError, ZeroDivisionError) as error:
                     found = error
             if found is None:
-                raise NotMeasuredError(f"walked on in spite of {disaster.__name__}")
-            print(f"  {disaster.__name__}: {found}", file=sys.stderr)
+                raise NotMeasuredError(f"walked on in spite of {name}")
+            print(f"  {name}: {found}", file=sys.stderr)
             time.sleep(0.1)
             life = end()
-        if began < float("inf"):  # otherwise this machine was too busy
+        if began < float("inf") and fault.is_meant(found):  # otherwise this machine was too busy
             return 1e3 * (first_idle(life, began) - began)
-    raise NotMeasuredError("this machine is too busy")
+        others.append(str(found)[:80])
+    raise NotMeasuredError(f"this machine is too busy: {name} was never reported, but {'; '.join(others)}")
 
 
 def reactions(folder: Path, path: Path) -> dict[str, Callable[[], float]]:
     """How to measure reaction_ms/FAULT of every fault, one trial each."""
     policy = Policy.load(path)
     robot = {fault.partition(":")[0]: partial(reaction, folder, policy, fault) for fault in FAULTS}
-    host = {name: partial(host_reaction, folder, policy, disaster) for name, disaster in HOST_FAULTS.items()}
+    host = {name: partial(host_reaction, folder, policy, fault) for name, fault in HOST_FAULTS.items()}
     signals = {number.name: partial(signal_to_idle, folder, path, number, patience=6.0) for number in SIGNALS}
     return {f"reaction_ms/{name}": measure for name, measure in (robot | host | signals).items()}

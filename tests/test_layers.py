@@ -53,6 +53,7 @@ HOMES = {
     **dict.fromkeys(["pyarrow", "mcap", "mcap_ros2"], "logs/"),
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
+    "filelock": "pipeline/folder_lock",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 

@@ -10,7 +10,10 @@ import contextlib
 import json
 import math
 import os
+import re
+import socket
 import tempfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +38,8 @@ _SHOWN_KEYS = 8
 def atomic_path(final: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``final``; fsync and rename it on success, delete it on failure.
 
+    A process that is killed in between leaves its temporary file; the next one that writes ``final`` removes it.
+
     Raises:
         ArtifactError: the folder cannot be created or written, or the disk is full.
     """
@@ -42,7 +47,9 @@ def atomic_path(final: Path) -> Iterator[Path]:
     temporary = None
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{final.name}.", dir=final.parent)
+        remove_half_written(final.parent, final.name)
+        ending = f"-{_this_host()}-{os.getpid()}{_HALF_WRITTEN}"
+        handle, name = tempfile.mkstemp(prefix=f".{_shortened(final.name)}.", suffix=ending, dir=final.parent)
         os.close(handle)
         temporary = Path(name)
         yield temporary
@@ -60,6 +67,54 @@ def atomic_path(final: Path) -> Iterator[Path]:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
+
+
+def remove_half_written(folder: Path, name: str | None = None) -> None:
+    """Remove temporary files of `atomic_path` in a folder whose process is gone: of one file's ``name``, or of all.
+
+    Processes of this machine are looked up. Those of others cannot be: their files count as left behind where ``name``
+    is not given, for a stage that has its folder to itself.
+    """
+    try:
+        there = list(folder.iterdir())
+    except PermissionError:  # a folder may be written that cannot be listed
+        return
+    for path in there:
+        found = _TEMPORARY.fullmatch(path.name)
+        if found is None or (name is not None and found["name"] != _shortened(name)):
+            continue
+        if _is_gone(int(found["pid"])) if found["host"] == _this_host() else name is None:
+            path.unlink(missing_ok=True)
+
+
+_HALF_WRITTEN = ".tmp"
+_TEMPORARY = re.compile(
+    rf"\.(?P<name>.+)\.[^.]+-(?P<host>[0-9a-f]{{8}})-(?P<pid>[0-9]{{1,9}}){re.escape(_HALF_WRITTEN)}", re.DOTALL
+)
+_LONGEST_NAME = 200
+"""Bytes of the final name in the temporary one, which file systems bound at 255."""
+
+
+def _shortened(name: str) -> str:
+    return os.fsencode(name)[:_LONGEST_NAME].decode(errors="ignore")
+
+
+def _this_host() -> str:
+    """Short, since file names are bounded."""
+    return f"{zlib.crc32(socket.gethostname().encode()):08x}"
+
+
+def _is_gone(pid: int) -> bool:
+    """Whether no process has that number; not known, so False, on systems other than POSIX."""
+    if os.name != "posix":
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # another user's
+        pass
+    return False
 
 
 def write_text(path: Path, text: str) -> None:

@@ -178,11 +178,16 @@ def test_a_policy_finds_its_prior_after_both_were_moved(motorprior: Command, tmp
     assert motorprior("transfer", new / "walk", "--out", new / "transfer").code == 0
 
 
-def test_a_policy_that_was_moved_alone_finds_its_prior(motorprior: Command, tmp_path: Path, prior: Path):
+def test_a_policy_that_was_moved_alone_asks_for_its_prior_and_takes_it_beside_it(
+    motorprior: Command, tmp_path: Path, prior: Path
+):
     walk, moved = tmp_path / "walk", tmp_path / "a" / "b" / "walk"
     line = ("walk", "--prior", prior, "--out", walk, "--iterations", 1, "--episode-steps", 5, "--workers", 1)
     assert motorprior(*line).code == 0
     shutil.copytree(walk, moved)
+    asked = motorprior("transfer", moved, "--out", tmp_path / "transfer")
+    assert asked.code == 2 and prior.name in asked.err and "beside the policy" in asked.err
+    shutil.copy(prior, moved)
     assert motorprior("transfer", moved, "--out", tmp_path / "transfer").code == 0
 
 

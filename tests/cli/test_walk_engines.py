@@ -149,10 +149,26 @@ def test_episodes_that_were_no_physics_are_counted_by_name(motorprior: Command, 
         "--search.num-top-directions",
         1,
     )
-    result = motorprior(*line, *wild, "--engine", engine, "--out", tmp_path)
-    assert result.code == 0
-    assert [point["faults"] for point in read_json(tmp_path / "curve.json")] == [{FAULTS[1]: 4}] * 2
-    assert f"8 of 8 episodes ended early: {FAULTS[1]}" in " ".join(result.err.split())
+    result = motorprior(*line, *wild, "--engine", engine, "--out", tmp_path / "walk")
+    said = " ".join(result.err.split())
+    assert result.code == 2 and f"8 of 8 episodes ended early: {FAULTS[1]}" in said
+    assert f"error: each of the 8 episodes broke down ({FAULTS[1]})" in said and "smaller gains" in said
+    assert not (tmp_path / "walk").exists(), "no policy of nothing"
+
+
+def test_faults_of_some_episodes_are_told_and_no_error(motorprior: Command, tmp_path: Path, monkeypatch):
+    healthy, episodes = WalkSimulator.run, iter(range(100))
+
+    def run(self: WalkSimulator, *args: Any) -> Any:
+        episode = healthy(self, *args)
+        return replace(episode, fault=1) if next(episodes) < 3 else episode
+
+    monkeypatch.setattr(WalkSimulator, "run", run)
+    line = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5, "--workers", 1)
+    few = ("--search.num-directions", 2, "--search.num-top-directions", 1)
+    result = motorprior(*line, *few, "--out", tmp_path)
+    assert result.code == 0 and f"3 of 4 episodes ended early: {FAULTS[1]}" in " ".join(result.err.split())
+    assert [point["faults"] for point in read_json(tmp_path / "curve.json")] == [{FAULTS[1]: 3}]
 
 
 def test_speed_tells_of_every_round():

@@ -2,8 +2,11 @@
 
 # pyright: reportMissingImports=false
 # Ray is an extra.
+import ipaddress
+import os
 import threading
 import time
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walk import Walk, scene
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.search import executor_ray
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, SerialExecutor, make_executor
 from motorprior.search.policy_search import Champion, new_search, train
@@ -225,6 +229,51 @@ def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, 
             make_executor(make, 1, "ray")
     finally:
         executor.close()
+
+
+def ports_of(pid: int) -> list[str]:
+    """Local addresses, as the kernel writes them, on which a process and its children of any degree listen."""
+    parents = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+    family = {pid}
+    while more := {child for child, parent in parents.items() if parent in family} - family:
+        family |= more
+    sockets = set()
+    for member in family:
+        with suppress(OSError):
+            sockets |= {os.readlink(file) for file in Path(f"/proc/{member}/fd").iterdir()}
+    lines = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()]
+    return [line[1] for line in lines if line[3] == "0A" and f"socket:[{line[9]}]" in sockets]
+
+
+LOOPBACK = ("0100007F:", "0000000000000000FFFF00000100007F:", "00000000000000000000000001000000:")
+"""127.0.0.1, the same in IPv6, ::1."""
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp6").is_file(), reason="only Linux lists open ports in /proc/net")
+def test_ray_on_this_machine_alone_listens_to_this_machine_alone(ray):
+    environment, others = dict(os.environ), ports_of(os.getpid())
+    executor = make_executor(Sleeper, 2, "ray")
+    try:
+        assert executor.map(nap, "x", range(2)) == [("x", 0), ("x", 1)]
+        ports = [port for port in ports_of(os.getpid()) if port not in others]
+        assert len(ports) > 3, "the head, the raylet, the workers"
+        assert [port for port in ports if not port.startswith(LOOPBACK)] == []
+    finally:
+        executor.close()
+    left = {name: os.environ.get(name) for name in os.environ.keys() | environment if "CLUSTER" in name}
+    assert left == {name: environment.get(name) for name in left}, "a cluster can be started or joined afterwards"
+
+
+def test_a_ray_that_others_can_reach_is_stopped(ray, monkeypatch):
+    if ipaddress.ip_address(ray.util.get_node_ip_address()).is_loopback:
+        pytest.skip("this machine has no network")
+    monkeypatch.setattr(executor_ray, "_on_loopback", lambda _: nullcontext())  # a Ray that does not heed it
+    with pytest.raises(ConfigError, match=r"listens on .*, where other machines reach it -> use the executor threads"):
+        make_executor(Sleeper, 1, "ray")
+    assert not ray.is_initialized()
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "here:there"])

@@ -1,5 +1,6 @@
 """`logs import` takes every format by its look, and puts any of them on a grid."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from foreign_files import ANGLE, JOINTS, TIME, write_bam, write_csv, write_lerob
 
 from motorprior.exceptions import ConfigError
 from motorprior.logs.parquet_io import read_parquet
+from motorprior.pipeline import raw_logs
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 
 
@@ -36,3 +38,21 @@ def test_a_log_with_a_load_hangs_nowhere(tmp_path: Path):
     with pytest.raises(ConfigError, match="says its load itself") as refusal:
         import_logs(LogsImport((write_bam(tmp_path),), tmp_path / "out", hung=True))
     assert refusal.value.argument == "hung"
+
+
+@pytest.mark.parametrize("period", [1e-9, 0.0, -0.002, 2.0, math.nan])
+def test_a_period_out_of_bounds_is_refused_before_a_log_is_read(tmp_path: Path, period: float):
+    with pytest.raises(ConfigError, match=r"period .* is not a finite number from 1e-06 to 1") as refusal:
+        import_logs(LogsImport((tmp_path / "none.csv",), tmp_path / "out", period=period))
+    assert refusal.value.argument == "period"
+
+
+def test_a_period_too_short_for_its_log_is_refused_with_the_shortest(tmp_path: Path, monkeypatch):
+    path = write_bam(tmp_path)
+    monkeypatch.setattr(raw_logs, "MOST_SAMPLES", 100)
+    with pytest.raises(ConfigError, match=r"makes .* rows of 1 joints, above 100 samples") as refusal:
+        import_logs(LogsImport((path,), tmp_path / "out", period=1e-4))
+    assert refusal.value.where == path and refusal.value.remedy is not None
+    shortest = float(refusal.value.remedy.split()[-2])
+    import_logs(LogsImport((path,), tmp_path / "out", period=shortest))
+    assert 90 <= read_parquet(tmp_path / "out" / "swing.parquet").num_rows <= 100

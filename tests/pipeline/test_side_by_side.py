@@ -11,7 +11,7 @@ import pytest
 
 from motorprior.exceptions import SimulationFault
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.side_by_side import side_by_side
+from motorprior.pipeline.side_by_side import side_by_side, threads_here
 
 
 def patient(ended: list[str], began: Event | None = None, seconds: float = 0.1) -> Callable[[Progress], None]:
@@ -31,6 +31,24 @@ def patient(ended: list[str], began: Event | None = None, seconds: float = 0.1) 
                 raise
 
     return work
+
+
+class Notes:
+    """A `Progress` that keeps its notes."""
+
+    def __init__(self):
+        self.start, self.texts = SILENT.start, []
+
+    def note(self, text: str) -> None:
+        self.texts.append(text)
+
+
+def test_threads_beyond_the_machine_are_capped_and_said(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 5, 6}, raising=False)
+    notes = Notes()
+    assert [threads_here(workers, notes) for workers in (1, 3)] == [1, 3] and notes.texts == []
+    assert threads_here(1000, notes) == 3
+    assert notes.texts == ["note: 1000 workers are more than the 3 cores of this machine: 3 are used"]
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

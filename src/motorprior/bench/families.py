@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.foreign import ForeignMotors
 from motorprior.actuator.foreign_step import FOREIGN as FOREIGN_KIND
+from motorprior.actuator.foreign_step import SUBSTEP as FOREIGN_SUBSTEP
 from motorprior.actuator.kind import ActuatorKind
-from motorprior.actuator.physical import PHYSICAL, MotorParameters
+from motorprior.actuator.physical import PHYSICAL, SUBSTEP, MotorParameters
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.exceptions import ConfigError
 
@@ -28,6 +30,8 @@ class Family:
         positive: parameters above 0.
         largest: upper bounds, of parameters that have one of their own.
         signed: parameters that may be negative.
+        substep: longest substep of the rotor [s].
+        damping: parameters [N·m·s/rad] that damp the rotor by its velocity before the substep.
         optional: parameters that may be left out, which then are 0: their term is off.
     """
 
@@ -39,6 +43,8 @@ class Family:
     positive: frozenset[str]
     largest: Mapping[str, float]
     signed: frozenset[str]
+    substep: float
+    damping: tuple[str, ...]
     optional: frozenset[str] = frozenset()
 
     def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
@@ -46,6 +52,39 @@ class Family:
         known = {**values, "kd": values["kp"] * values["kd_over_kp"]}
         missing = np.zeros(len(known["kp"]))
         return self.make(**{name: known.get(name, missing) for name in (*self.units, "kd") if name != "kd_over_kp"})
+
+    def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
+        """Refuse motors whose rotor cannot be simulated on its gear.
+
+        In substeps of h the speed of a rotor of armature J, on a gear of stiffness k and with damping d, is renewed by
+        the torques before the substep, its angle by the speed after it. In contact that is stable if and only if
+        2·d·h + k·h² < 4·J: Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J.
+
+        Args:
+            values: (n,) of every parameter.
+            where: what they are of, for the message.
+
+        Raises:
+            ConfigError: names the parameters and the bound of each.
+        """
+        h, armature, stiffness = self.substep, values["armature"], values["gear_stiffness"]
+        damping = sum((values[name] for name in self.damping if name in values), np.zeros(len(armature)))
+        least = (2.0 * damping * h + stiffness * h * h) / 4.0
+        if (armature > least).all():
+            return
+        worst = int(np.argmin(armature / least))
+        bounds = {
+            "gear_stiffness": (4.0 * armature[worst] - 2.0 * damping[worst] * h) / h**2,
+            " + ".join(self.damping): (4.0 * armature[worst] - stiffness[worst] * h * h) / (2.0 * h),
+        }
+        others = [
+            f"or {name} below {bound:.3g} {self.units[name.split()[0]]}" for name, bound in bounds.items() if bound > 0
+        ]
+        raise ConfigError(
+            f"armature = {armature[worst]:.3g} kg·m² cannot carry gear_stiffness = {stiffness[worst]:.3g} N·m/rad and "
+            f"{' + '.join(self.damping)} = {damping[worst]:.3g} N·m·s/rad in steps of {1e3 * h:g} ms",
+            where=where, remedy=", ".join((f"give armature above {least[worst]:.3g} kg·m²", *others)),
+        )  # fmt: skip
 
 
 GEARED = Family(
@@ -81,6 +120,8 @@ GEARED = Family(
     ),
     largest={"delay": 1.0, "velocity_filter": 1.0},  # [s]; a delay takes memory
     signed=frozenset({"encoder_zero"}),
+    substep=SUBSTEP,
+    damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
 """Motors of `actuator.physical`; the family of a fleet that names none."""
 
@@ -116,6 +157,8 @@ FOREIGN = Family(
     positive=_FOREIGN_NEEDS,
     largest=dict.fromkeys((*_SHARES, "delay", "servo_period", "velocity_filter"), 1.0),
     signed=frozenset({"encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase"}),
+    substep=FOREIGN_SUBSTEP,
+    damping=("gear_damping",),
     optional=frozenset(_FOREIGN_UNITS) - _FOREIGN_NEEDS - {"kd_over_kp"},
 )
 """Motors of `actuator.foreign`, whose equations no learned decoder shares."""

@@ -85,11 +85,13 @@ class Fleet:
             seed: of the draw; a generator goes on from where it is.
 
         Raises:
-            ConfigError: ``count`` is no positive whole number, or ``seed`` no seed.
+            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or a motor cannot be simulated.
         """
         require_count("count", count)
-        rng = generator_of(seed)
-        return FAMILIES[self.family].motors({name: d.sample(rng, count) for name, d in self.parameters.items()})
+        rng, family = generator_of(seed), FAMILIES[self.family]
+        values = {name: d.sample(rng, count) for name, d in self.parameters.items()}
+        family.require_stable(values, f"fleet {self.name}, a motor drawn from it")
+        return family.motors(values)
 
     def center(self, count: int) -> TrueMotors:
         """``count`` copies of the central motor."""
@@ -112,6 +114,7 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
 
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
+        ConfigError: its central motor cannot be simulated, see `Family.require_stable`.
     """
     path = fleet_path(name_or_path)
     data = read_toml(path, _COMPARE)
@@ -124,6 +127,7 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
         for name in family.units
         if name in data
     }
+    family.require_stable({name: np.array([d.center]) for name, d in parameters.items()}, f"{path}, its central motor")
     return Fleet(**{key: data[key] for key in _TEXT_KEYS}, parameters=parameters, family=family.name)
 
 

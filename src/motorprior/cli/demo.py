@@ -10,6 +10,7 @@ from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
 from motorprior.pipeline.demo import FIGURES, Demo, DemoResult, run_demo
+from motorprior.pipeline.folder_lock import taken
 
 _ALWAYS = ("seed",)
 _NO_MATTER = ("out", "workers")
@@ -18,7 +19,9 @@ _NO_MATTER = ("out", "workers")
 
 def demo(config: Demo, started: float | None = None) -> None:
     """See `run_demo`; prints what was found, and where the time went."""
-    _show(config, run_demo(config, TERMINAL, started, demo_command(config)))
+    with taken(config.out):
+        found = run_demo(config, TERMINAL, started, demo_command(config))
+    _show(config, found)
 
 
 def demo_command(config: Demo) -> str:

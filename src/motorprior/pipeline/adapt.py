@@ -17,6 +17,7 @@ from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -181,6 +182,7 @@ def run_adapt(
 
     Raises:
         LogError: the log does not fit, or is unlike anything the prior knows and ``anyway`` is not set.
+        ArtifactError: another command writes to the folder.
     """
     started = time.monotonic()
     if config.seconds is not None:
@@ -190,15 +192,16 @@ def run_adapt(
     wanted = description("adapt", asdict(config), [config.prior, config.log, *robot.files])
     if is_finished(config.out, wanted):
         return
-    with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
-        found = adapt_to(prior, config.prior, log, str(config.log))
-        outliers = outlier_test(prior, config.prior, log, str(config.log), found)
-        task.advance()
-    show(log, found, outliers, _constants(prior, log, found))
-    if not config.anyway:
-        _require_like_the_fleet(log, outliers, config.log)
-    with working(config.out, wanted, started):
-        _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
+    with taken(config.out):  # long before it is written to: a log that is refused leaves what is there
+        with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
+            found = adapt_to(prior, config.prior, log, str(config.log))
+            outliers = outlier_test(prior, config.prior, log, str(config.log), found)
+            task.advance()
+        show(log, found, outliers, _constants(prior, log, found))
+        if not config.anyway:
+            _require_like_the_fleet(log, outliers, config.log)
+        with working(config.out, wanted, started):
+            _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
 
 
 def _constants(prior: MotorPrior, log: MotorLog, found: Posterior) -> dict[str, np.ndarray]:

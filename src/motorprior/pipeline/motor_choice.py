@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -17,12 +16,10 @@ from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import PHYSICAL_GAINS
-from motorprior.pipeline.stage import digest, fleet_files
+from motorprior.pipeline.stage import fleet_files
 from motorprior.robots.robot import Robot
-from motorprior.schema import TEXT, Schema, maybe, number, one_of
 from motorprior.simulation.mujoco_backend import DrawMotors
 
-_LARGEST = 1e9
 ActuatorName: TypeAlias = Literal["prior", "pd", "fleet"]
 ACTUATORS: tuple[ActuatorName, ...] = get_args(ActuatorName)
 """What motors can be: samples of a learned prior, an ideal PD, or physical motors of a fleet."""
@@ -227,16 +224,6 @@ class MotorChoice:
         model = replace(nominal, **changes, delay=np.full(robot.num_joints, float(self.delay)))
         return lambda rng: model
 
-    def as_json(self, folder: Path) -> dict[str, Any]:
-        """For the provenance of a policy in ``folder``; prior and posterior by digest and by two paths."""
-        values = asdict(self) | dict.fromkeys(_FILE_KEYS)
-        for name, file in (("prior", self.prior), ("posterior", self.posterior)):
-            if file is not None:
-                values[name] = str(file.resolve())
-                values[f"{name}_beside"] = os.path.relpath(file.resolve(), folder.resolve())
-                values[f"{name}_sha256"] = digest(file)
-        return values
-
 
 def _of_the_robot(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
     """Motors that have the names of the robot's joints, in the robot's order; motors of a bench as they are.
@@ -256,50 +243,4 @@ def _of_the_robot(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
         posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=robot.joint_names,
         surprise=tuple(posterior.surprise[index] for index in order),
         gains=None if posterior.gains is None else posterior.gains[:, order],
-    )  # fmt: skip
-
-
-_FILE_KEYS = tuple(f"{name}{ending}" for name in ("prior", "posterior") for ending in ("", "_beside", "_sha256"))
-"""The absolute path; the path from the policy's folder, which is tried first, so that both can be moved; the digest."""
-_CHOICE = Schema(
-    {
-        "actuator": one_of(*ACTUATORS),
-        **dict.fromkeys(("fleet", *_FILE_KEYS), maybe(TEXT)),
-        **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-_LARGEST, _LARGEST))),
-        **dict.fromkeys(("armature", "delay"), number(-_LARGEST, _LARGEST)),
-    },
-    "train it again",
-    name="its motors",
-)
-
-
-def choice_from_json(data: Any, policy: Path) -> MotorChoice:
-    """Read what `MotorChoice.as_json` wrote.
-
-    Args:
-        data: the provenance of the motors.
-        policy: the file it stands in.
-
-    Raises:
-        ArtifactError: unknown or missing keys, or a value of another type.
-        ConfigError: the prior is gone or is not the one the policy was trained on.
-    """
-    if not isinstance(data, dict):
-        raise ArtifactError("it does not say which motors it walked on", where=policy, remedy="train it again")
-    _CHOICE.check(data, policy)
-    fields = MotorChoice.__dataclass_fields__
-    values: dict[str, Any] = {name: data[name] for name in fields}
-    for name in ("prior", "posterior"):
-        values[name] = None if data[name] is None else _find(name, data, policy)
-    return MotorChoice(**values)
-
-
-def _find(name: str, data: dict[str, Any], policy: Path) -> Path:
-    beside = [policy.parent / data[f"{name}_beside"]] if data[f"{name}_beside"] is not None else []
-    for path in (*beside, Path(data[name])):
-        if path.is_file() and digest(path) == data[f"{name}_sha256"]:
-            return path
-    raise ConfigError(
-        f"the {name} it was trained on, {data[name]}, is gone or has changed", where=policy,
-        remedy="put it back, or train the policy again",
     )  # fmt: skip

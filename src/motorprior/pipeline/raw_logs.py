@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog, checked, time_steps
 from motorprior.logs.parquet_io import write_log
@@ -16,6 +17,11 @@ from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1.0
+"""Of a grid [s]; a recipe's sample period has the same bounds."""
+MOST_SAMPLES = 50_000_000
+"""Largest number of samples of all joints together on a grid: 2.3 hours of twelve motors every 2 ms."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +66,12 @@ def import_logs(config: LogsImport) -> None:
     """Write one .parquet per raw log, named after it.
 
     Raises:
-        ConfigError: two logs would get the same name, or a period that is not positive.
+        ConfigError: two logs would get the same name, or a period that is out of range, or too short for a log.
         LogError, ArtifactError: a log that cannot be read, a folder that cannot be written.
     """
     require_paths(config.paths)
-    if config.period is not None and not 0.0 < config.period < 1.0:
-        raise ConfigError(
-            f"period {config.period:g} s is out of range", remedy="give for example 0.002", argument="period"
-        )
+    if config.period is not None:
+        require_number("period", config.period, SHORTEST_PERIOD, LONGEST_PERIOD)
     robot = load_robot(config.robot or DEFAULT_ROBOT)
     targets: dict[Path, Path] = {}
     for path in config.paths:
@@ -93,6 +97,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     if config.period is None and not config.hung:
         return log
     period = config.period or robot.physics_dt
+    _require_size(path, log, period)
     if not config.hung:
         return resample(log, period)
     if log.load_inertia is not None:
@@ -102,10 +107,25 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     return with_loads(_smooth_on_grid(log, period), robot)
 
 
+def _require_size(path: Path, log: MotorLog, period: float) -> None:
+    """Refuse a grid before it takes gigabytes.
+
+    Raises:
+        ConfigError: names the shortest period that is possible.
+    """
+    rows, shortest = log.duration / period, log.duration * log.num_joints / MOST_SAMPLES
+    if period < shortest:
+        raise ConfigError(
+            f"period {period:g} s makes {rows:,.0f} rows of {log.num_joints} joints, above {MOST_SAMPLES:,} samples",
+            where=path, remedy=f"give a period of at least {1.01 * shortest:.3g} s", argument="period",
+        )  # fmt: skip
+
+
 def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     if config.period is None and not config.hung:
         return read_log(path, robot)
     period = config.period or robot.physics_dt
+    _require_size(path, read_log(path, robot), period)
     if not config.hung:
         return read_robot_run(path, robot, period=period)
     from motorprior.simulation.hung_load import with_loads

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Event, Lock, Thread
@@ -10,6 +11,14 @@ from typing import TypeVar
 from motorprior.pipeline.progress import Progress, Task
 
 Made = TypeVar("Made")
+
+
+def threads_here(workers: int, progress: Progress) -> int:
+    """``workers``, or the number of cores that this process may use, which is said, if that is less."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers > cores:
+        progress.note(f"note: {workers} workers are more than the {cores} cores of this machine: {cores} are used")
+    return min(workers, cores)
 
 
 def side_by_side(works: Sequence[Callable[[Progress], Made]], threads: int, progress: Progress) -> list[Made]:

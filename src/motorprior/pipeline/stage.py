@@ -18,9 +18,10 @@ from threading import Lock
 from typing import Any
 
 from motorprior import __version__
-from motorprior.artifacts import read_json, write_json
+from motorprior.artifacts import read_json, remove_half_written, write_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ArtifactError
+from motorprior.pipeline.folder_lock import taken
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
@@ -32,7 +33,10 @@ _NEEDS = {"validate": ("adapt",)}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
-    *(f"pipeline/{name}.py" for name in ("progress", "side_by_side", "stage", "demo", "report", "speed", "raw_logs")),
+    *(
+        f"pipeline/{name}.py"
+        for name in ("progress", "side_by_side", "stage", "folder_lock", "demo", "report", "speed", "raw_logs")
+    ),
     *("pipeline/train_policy.py", "pipeline/comparison.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
 )
@@ -46,7 +50,8 @@ def digest(path: Path) -> str:
         ArtifactError: it cannot be read.
     """
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
@@ -224,32 +229,31 @@ def working(folder: Path, wanted: dict[str, Any], since: float | None = None) ->
         since: time.monotonic() when the work began; now if not given.
 
     Raises:
-        ArtifactError: the folder cannot be created or written.
+        ArtifactError: the folder cannot be created or written, or another process or thread writes there.
     """
-    begin(folder)
-    clock = Stopwatch(folder, wanted, since)
-    _SHARED_TIME.change(1)
-    try:
-        yield clock
-        seconds = clock.seconds()
-    except KeyboardInterrupt:
-        clock.note()
-        raise
-    finally:
-        _SHARED_TIME.change(-1)
-    write_json(folder / MARKER, wanted | {"seconds": seconds})
-    remove(folder, UNFINISHED)
+    with taken(folder):
+        begin(folder)
+        clock = Stopwatch(folder, wanted, since)
+        _SHARED_TIME.change(1)
+        try:
+            yield clock
+            seconds = clock.seconds()
+        except KeyboardInterrupt:
+            clock.note()
+            raise
+        finally:
+            _SHARED_TIME.change(-1)
+        write_json(folder / MARKER, wanted | {"seconds": seconds})
+        remove(folder, UNFINISHED)
 
 
 def remove(folder: Path, name: str) -> None:
-    """Remove a file that only an unfinished stage needs, and what a killed process left of writing it."""
+    """Remove a file that only an unfinished stage needs."""
     (folder / name).unlink(missing_ok=True)
-    for half_written in folder.glob(f".{name}.*"):
-        half_written.unlink()
 
 
 def begin(folder: Path) -> None:
-    """Take a folder; what was finished in it no longer is.
+    """Begin anew in a folder: what was finished in it no longer is, and what killed processes half wrote goes.
 
     Raises:
         ArtifactError: it cannot be created or written.
@@ -257,6 +261,7 @@ def begin(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / MARKER).unlink(missing_ok=True)
+        remove_half_written(folder)
         probe = folder / ".writable"
         probe.touch()
         probe.unlink()

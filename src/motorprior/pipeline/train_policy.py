@@ -14,7 +14,8 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.walk import MOST_WORKERS, as_point, note_faults, policy_of
+from motorprior.pipeline.side_by_side import threads_here
+from motorprior.pipeline.walk import MOST_WORKERS, as_point, judge_faults, policy_of
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
@@ -54,7 +55,7 @@ def train_policy(
     Raises:
         ConfigError: a robot without legs, motors that do not fit it, or a number out of range.
         ArtifactError: a robot that cannot be read.
-        SimulationFault: too many episodes broke down.
+        SimulationFault: every episode broke down.
     """
     robot = as_robot(robot)
     robot.require_legs()
@@ -71,7 +72,7 @@ def train_policy(
         start.require_robot(robot, "start")
     search, champion = new_search(config, robot.num_joints, start), Champion.none_yet(robot.num_joints)
     curve: list[dict[str, Any]] = []
-    executor = make_executor(scene.simulator, workers)
+    executor = make_executor(scene.simulator, threads_here(workers, progress))
     try:
         with progress.start(f"train: {iterations} iterations", iterations) as task:
 
@@ -84,7 +85,7 @@ def train_policy(
             champion = train(search, executor, iterations, champion, report)
     finally:
         executor.close()
-    note_faults(curve, 2 * config.num_directions, progress)
+    judge_faults(curve, 2 * config.num_directions, progress)
     provenance = {
         "motors": str(type(motors).__name__), "search": asdict(config), "task": asdict(TaskWeights()),
         "iterations": iterations, "episode_steps": episode_steps, "engine": "mujoco",

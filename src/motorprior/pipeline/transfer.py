@@ -16,9 +16,10 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
-from motorprior.pipeline.motor_choice import choice_from_json, load_robot_fleet
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.motor_provenance import choice_from_json
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.side_by_side import side_by_side
+from motorprior.pipeline.side_by_side import side_by_side, threads_here
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.pipeline.walk import MOST_WORKERS, POLICY
 from motorprior.results import Result, Results
@@ -131,7 +132,7 @@ def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: 
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
     works = [partial(_own_and_twin, robot, walker, fleet) for walker in walkers]
-    found = side_by_side(works, config.workers, progress)
+    found = side_by_side(works, threads_here(config.workers, progress), progress)
     for walker, places in zip(walkers, found, strict=True):
         for place, (walking, trace) in places.items():
             results += _results(walking, walker.condition, place, seeds[walker.condition])

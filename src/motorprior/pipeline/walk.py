@@ -14,11 +14,13 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.bounds import require_count
-from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError
+from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError, SimulationFault
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import Stopwatch, description, digest, is_finished, remove, working
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -58,7 +60,8 @@ class Walk:
     task: TaskWeights = field(default_factory=TaskWeights)
     """Reward."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Episodes at a time; the result does not depend on it."""
+    """Episodes at a time, at most as many as there are cores; on a cluster, as the executor ray says. The result does
+    not depend on it."""
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses more cores."""
     roughness: float = 0.0
@@ -78,6 +81,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
+        SimulationFault: every episode broke down.
         KeyboardInterrupt: after a checkpoint of the iterations that are complete.
     """
     require_count("iterations", config.iterations)
@@ -99,14 +103,15 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
             "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
         )
     with working(config.out, wanted) as clock:
-        executor = make_executor(make_simulator, config.workers, config.executor, config.ray_address)
+        workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
+        executor = make_executor(make_simulator, workers, config.executor, config.ray_address)
         try:
             champion, curve = _train(config, robot, executor, _Kept(config.out, wanted, clock), progress, name)
         finally:
             executor.close()
+        judge_faults(curve, 2 * config.search.num_directions, progress)
         _policy(config, robot, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
-        note_faults(curve, 2 * config.search.num_directions, progress)
         remove(config.out, CHECKPOINT)
 
 
@@ -168,16 +173,30 @@ def as_point(point: Iteration) -> dict[str, Any]:
     return asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}}
 
 
-def note_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
-    """Say which episodes of the training were no physics; each of them ended there, without reward."""
-    faults = sum((Counter(point.get("faults", {})) for point in curve), Counter())
+def judge_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
+    """Say which episodes of the training were no physics; each of them ended there, without reward.
+
+    Args:
+        curve: of the training, see `as_point`.
+        episodes: of an iteration.
+        progress: where to report to.
+
+    Raises:
+        SimulationFault: all of them.
+    """
+    faults, total = sum((Counter(point.get("faults", {})) for point in curve), Counter()), len(curve) * episodes
     for name, count in faults.items():
-        progress.note(f"{count} of {len(curve) * episodes} episodes ended early: {name}")
+        progress.note(f"{count} of {total} episodes ended early: {name}")
+    if faults.total() == total:
+        raise SimulationFault(
+            f"each of the {total} episodes broke down ({', '.join(faults)}): there is nothing to learn from",
+            remedy="the motors are too stiff or too strong for the physics step: give smaller gains, or a softer gear",
+        )
 
 
 def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
     provenance = {
-        "motors": config.motors.as_json(config.out),
+        "motors": choice_as_json(config.motors, config.out),
         "search": asdict(config.search),
         "task": asdict(config.task),
         "start_sha256": None if config.start is None else digest(config.start),

@@ -2,17 +2,20 @@
 
 Tasks are stateless, so Ray itself runs those of a lost worker or node again elsewhere; a worker keeps a
 simulator between tasks, which changes no result. Nothing is joined unasked: without an address Ray starts a
-cluster of this machine alone, whatever RAY_ADDRESS says or other clusters run.
+cluster of this machine alone, whatever RAY_ADDRESS says or other clusters run, and listens on the loopback interface
+only: who reaches a port of Ray can run code.
 """
 
 # pyright: reportMissingImports=false
 # An extra.
 from __future__ import annotations
 
+import ipaddress
 import itertools
 import os
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from motorprior.exceptions import ConfigError, SimulationFault
@@ -26,6 +29,7 @@ MANY_CHUNKS = 256
 """Number of chunks beyond which each worker gets one chunk, since starting more costs the driver more time than the
 balance saves (docs/scaling.md)."""
 _REMEDY = "read Ray's logs; finished iterations are kept"
+_CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
 _SIMULATORS: dict[str, Any] = {}
 """In a worker process: the simulator of the executor it last worked for."""
 _NUMBERS = itertools.count()
@@ -41,8 +45,8 @@ class RayExecutor:
         address: of a running cluster to join.
 
     Raises:
-        ConfigError: Ray is not installed, this process is in a cluster that was not asked for, or the one that
-            was asked for does not answer.
+        ConfigError: Ray is not installed, this process is in a cluster that was not asked for, the one that was asked
+            for does not answer, or one of this machine alone would be open to others.
     """
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
@@ -121,10 +125,47 @@ def _join(ray: Any, workers: int, address: str | None) -> None:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
     if address is None:
-        ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
+        with _on_loopback(ray):
+            ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
+        _require_loopback(ray)
         return
     _require_answer(address)
     ray.init(address=address, **quiet)
+
+
+@contextmanager
+def _on_loopback(ray: Any) -> Iterator[None]:
+    """What Ray starts while this is open listens on the loopback interface, its default on Windows and macOS.
+
+    Ray's switch for it is a variable of the environment, named after those systems, that its processes read when they
+    start, and this one read when it imported Ray (_private/services.py, get_node_ip_address, Ray 2.9 to 2.60).
+    """
+    constants, before = ray._private.ray_constants, os.environ.get(_CLUSTERS)
+    read, os.environ[_CLUSTERS] = constants.ENABLE_RAY_CLUSTER, "0"
+    constants.ENABLE_RAY_CLUSTER = False
+    try:
+        yield
+    finally:
+        constants.ENABLE_RAY_CLUSTER = read
+        if before is None:
+            del os.environ[_CLUSTERS]
+        else:
+            os.environ[_CLUSTERS] = before
+
+
+def _require_loopback(ray: Any) -> None:
+    """Stop a cluster that others can reach.
+
+    Raises:
+        ConfigError: this version of Ray does not heed its switch.
+    """
+    address = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(address).is_loopback:
+        ray.shutdown()
+        raise ConfigError(
+            f"Ray {ray.__version__} listens on {address}, where other machines reach it",
+            remedy="use the executor threads, or another version of Ray",
+        )
 
 
 def _require_answer(address: str) -> None:
