@@ -59,9 +59,9 @@ TABLE_ONLY = ("tuned_pd",)
 TOLD = 10.0
 """Seconds of a held-out log that ``adapted`` knows."""
 RECIPE = PRESETS["rollout"]
-SERVOS = {"so101": "long_runs"}
+SERVOS = {"so101": "long_runs", "xl330": "long_runs"}
 """Recipes of robots whose servos creep, instead of rollout."""
-FACTOR = {"so101": 5.0}
+FACTOR = {"so101": 5.0, "xl330": 3.0}
 """On the seconds that models are fitted to."""
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
 PROGRESS = Lines(sys.stderr)
@@ -84,7 +84,7 @@ class Settings:
     """Which of them."""
     seconds: float = 24.0
     """All models are fitted to so much of the known logs, an equal stretch of each [s]; of the arm, whose logs are of
-    forty motions, to five times as much."""
+    forty motions, to five times as much, and of the pendulum, to three times as much: all it has."""
     logs: int | None = None
     """Use the first logs of each robot only; all if not given."""
     folds: int | None = None

@@ -77,7 +77,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
 #     Bjelonic et al., 2025, whose motors have no backlash).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
-# pace: per_motor without any term of a servo's firmware, the baseline on real logs.
+# pace: per_motor without any term of a servo's firmware, the baseline on real logs; pace_long_runs beside long_runs.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
 # paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
@@ -86,6 +86,23 @@ _ROLLOUT = Preset(
     warm_up=120, noisy=False, steps=600, learning_rate=3e-3, own_latents=True, physics_first="together",
     standardise=True,
 )  # fmt: skip
+_PACE = Preset(
+    "rollout",
+    0.002,
+    (0,),
+    has_armature=False,
+    grey_box=True,
+    num_latents=14,
+    num_neurons=0,
+    kl_weight=0.0,
+    warm_up=120,
+    noisy=False,
+    steps=1,
+    own_latents=True,
+    physics_first="alone",
+    tries_terms=False,
+    standardise=True,
+)
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
@@ -98,10 +115,8 @@ PRESETS = {
         "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
         warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", standardise=True,
     ),
-    "pace": Preset(
-        "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
-        warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", tries_terms=False, standardise=True,
-    ),
+    "pace": _PACE,
+    "pace_long_runs": replace(_PACE, window=500),
     "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
     "actuator_net": Preset(
@@ -116,6 +131,7 @@ MODELS = (
     Model("one_motor", "one motor", "#7d4fa8"),
     Model("per_motor", "per motor", "#7d4fa8"),
     Model("pace", "per motor, no terms", "#7d4fa8"),
+    Model("pace_long_runs", "per motor, no terms, long runs", "#7d4fa8"),
     Model("latent_network", "latent network", "#7d4fa8"),
     Model("one_network", "one network", "#1a9a8b"),
     Model("actuator_net", "actuator net", "#7d4fa8"),

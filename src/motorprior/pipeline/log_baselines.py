@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # they import JAX
 
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 """Baselines that are recipes of identification: every motor's physics by itself, and one network for all motors."""
+LONG_RUNS = {"per_motor": "pace_long_runs"}
+"""Those beside a prior of the recipe long_runs."""
 BASELINE_PERIOD = 0.002
 """Theirs [s]; beside priors of another they are left out."""
 RESPONSES = "responses.safetensors"
@@ -57,9 +59,11 @@ def fitted_baselines(
         LogError: it lacks a channel, has another sample period, or is too short.
     """
     from motorprior.identification.baselines import TUNING, tuned_pd
+    from motorprior.identification.presets import PRESETS as named
 
     models: dict[str, LogModel] = dict(fitted_responses(log, preset, fits, progress))
-    for name, recipe in PRESETS.items() if preset.period == BASELINE_PERIOD else ():
+    recipes = PRESETS | (LONG_RUNS if preset.window == named["long_runs"].window else {})
+    for name, recipe in recipes.items() if preset.period == BASELINE_PERIOD else ():
         steps = fits.adam_steps if name == "pooled_network" else None
         known = fit_prior(log, recipe, fits.seed, steps=steps, out=fits.folder / name, progress=progress)
         models[name] = LatentActuator(known.network, known.mean)
