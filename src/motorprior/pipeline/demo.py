@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -19,8 +19,9 @@ from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.real_motors import RealMotors, Show, is_replayed, run_real_motors
 from motorprior.pipeline.replay import Replay, read_logs, run_replay
-from motorprior.pipeline.report import PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
+from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report, seconds_by_kind
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
 from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, seconds_in_stages, write_results
@@ -47,7 +48,12 @@ class Demo:
     fleet: str | None = None
     """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     logs: Path | None = None
-    """Folder with real logs of the robot to replay, for the shipped one jietan/puppersim, puppersim/data/system_id."""
+    """Folder with real logs, in any format of docs/logs.md: the demo begins with how their motors compare. Logs of the
+    shipped robot are in jietan/puppersim, puppersim/data/system_id."""
+    columns: str | None = None
+    """What columns of tables among the logs mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    hung: bool = False
+    """In the logs the robot hung in the air with its body level: so the loads of its motors are known."""
     seed: int = 0
     """Seed of everything."""
     motors: int = 32
@@ -63,7 +69,8 @@ class Demo:
     workers: int = 2
     """Stages that run at the same time, where they do not need each other; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs, the
+    shipped one takes the place, after their comparison, of one that cannot walk or comes without a fleet."""
 
 
 @dataclass(frozen=True)
@@ -81,31 +88,47 @@ class DemoResult:
     seconds: dict[str, float]
 
 
-def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = None, command: str = "") -> DemoResult:
-    """Run every stage that is not finished; the report is written after the benches, after validate and at the end.
+def run_demo(
+    config: Demo,
+    progress: Progress = SILENT,
+    started: float | None = None,
+    command: str = "",
+    show: Show = lambda found, lines: None,
+) -> DemoResult:
+    """Run every stage that is not finished; the report is written after those that say most, and at the end.
 
     Args:
         config: settings.
         progress: where to report to.
         started: time.monotonic() when the process began, so that ``seconds`` counts imports; now if not given.
         command: what makes the same page again, for the page.
+        show: called with how the motors of real logs compare, as soon as that is known.
 
     Raises:
         MotorPriorError: a stage cannot run; what is finished stays.
     """
     started = time.monotonic() if started is None else started
     earlier = seconds_in_stages()
-    _require_settings(config)
+    given, config = config, that_walks(config)
+    comparison = comparison_of(given)
+    replayed = comparison is not None and is_replayed(comparison, config.robot)
+    _require_settings(config, replayed)
     begin(config.out)
-    settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
+    settings = asdict(given) | {"out": str(given.out), "logs": None if given.logs is None else str(given.logs)}
+    settings |= {WALKER: config.robot, REPLAYED: replayed}
     _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
     for name in (RESULTS, FIGURES):  # or the page would show those of other settings
         (config.out / name).unlink(missing_ok=True)
     stages = _Stages(config.out)
+    results = Results()
+    if comparison is not None:
+        results += stages.run("real_motors", lambda: run_real_motors(comparison, progress, show))
+        _page_so_far(config.out)
+        progress.note(f"your motors: {config.out / PAGE}; from here on motors are those of a virtual {config.robot}")
     _learn(config, stages, progress)
-    results = stages.run("validate", lambda: _validate(config, progress))
+    results += stages.run("validate", lambda: _validate(config, progress))
     _page_so_far(config.out)
-    if config.logs is not None:
+    if replayed:
         results += stages.run("replay", lambda: _replay(config, config.logs, progress))
     prior = config.out / "priors" / "rollout" / PRIOR
     results += measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
@@ -120,7 +143,22 @@ def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = 
     return DemoResult(results, page, seconds)
 
 
-def _require_settings(config: Demo) -> None:
+def that_walks(config: Demo) -> Demo:
+    """With logs, the same on the shipped robot in place of one that cannot walk or comes without a fleet."""
+    robot = load_robot(config.robot)
+    walks = bool(robot.legs) and robot.base == "free" and (config.fleet is not None or bool(robot.fleets))
+    return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
+
+
+def comparison_of(config: Demo) -> RealMotors | None:
+    """What the demo begins with, if there are logs."""
+    if config.logs is None:
+        return None
+    out = config.out / "real_motors"
+    return RealMotors(config.logs, out, config.columns, config.hung, config.fleet, config.seed, config.robot)
+
+
+def _require_settings(config: Demo, replayed: bool) -> None:
     """Refuse settings before anything is written.
 
     Raises:
@@ -137,7 +175,7 @@ def _require_settings(config: Demo) -> None:
         require_count("adam_steps", config.adam_steps)
     require_seed(config.seed)
     load_robot_fleet(robot, config.fleet)
-    if config.logs is not None:
+    if replayed and config.logs is not None:
         read_logs(config.logs, robot)
 
 
@@ -221,9 +259,11 @@ def _validate(config: Demo, progress: Progress) -> Results:
 def _replay(config: Demo, logs: Path | None, progress: Progress) -> Results:
     assert logs is not None
     prior = config.out / "priors" / "rollout" / PRIOR
-    return run_replay(
-        Replay(logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot), progress
+    posture = "hung" if config.hung else "auto"
+    replay = Replay(
+        logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot, posture=posture
     )
+    return run_replay(replay, progress)
 
 
 def _walks(config: Demo) -> list[Walk]:
