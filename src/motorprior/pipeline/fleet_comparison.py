@@ -20,7 +20,7 @@ TOLD = 3
 
 
 def fleet_results(fleet: Fleet, constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Results:
-    """Quantiles of the fleet's draws, of the constants that it has."""
+    """Quantiles of the fleet's draws, of the constants in which its motors differ."""
     return Results.of(
         Result(f"{CONSTANT}{name}", units[name], float(np.quantile(values, level)), fleet.name, statistic=statistic)
         for name, values in _draws(fleet, constants).items()
@@ -53,5 +53,7 @@ def beside_each_other(constants: Mapping[str, np.ndarray], units: Mapping[str, s
 
 
 def _draws(fleet: Fleet, constants: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """(DRAWS,) of the constants that differ within the fleet."""
     rng = np.random.default_rng(0)
-    return {name: fleet.parameters[name].sample(rng, DRAWS) for name in constants if name in fleet.parameters}
+    known = {name: fleet.parameters[name] for name in constants if name in fleet.parameters}
+    return {name: found.sample(rng, DRAWS) for name, found in known.items() if found.kind != "constant"}

@@ -36,6 +36,8 @@ SHOWN = {
     "N·m·s/rad", "backlash": "rad",
 }  # fmt: skip
 """Constants that the user is told of, with their units."""
+TOLD = frozenset({"kp", "kd_over_kp"})
+"""Of them those that nobody has to find where a log states gains."""
 NO_LIMIT = 1e9
 """Torque limit of a PD of which none is known [N·m]."""
 ODD = 0.05
@@ -76,9 +78,8 @@ def look_with_loads(
         models = {"tuned_pd": tuned, "prior": _priors(prior, log)["prior"]}
         runs = whole_runs(log, with_gains_of(preset, log), log.source)
         traces += (free_run_trace(errors.logs[place[0]], known.joint_names[place[1]], place[1], runs, models),)
-    constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in SHOWN}
-    if prior.network.gain_unit not in ("", PHYSICAL_GAINS):
-        constants = {name: value for name, value in constants.items() if name not in ("kp", "kd_over_kp")}
+    shown = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())
+    constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in shown}
     lines = (errors.compared(), *_told(prior, constants, fleet, known.joint_names), errors.unlike("prior"))
     rows = errors.rows(RMSE) + short.rows(FREE_RUN) + constant_results(constants, SHOWN, known.joint_names)
     return Look(lines, rows + fleet_results(fleet, constants, SHOWN), traces)

@@ -45,8 +45,9 @@ def look_without_loads(logs: Split, seed: int, folder: Path, progress: Progress)
     constants = {name: scale * limits[fitted] for name, (fitted, scale, _) in SHOWN.items()}
     units = {name: unit for name, (_, _, unit) in SHOWN.items()}
     places = dict.fromkeys((errors.typical("servo_limits"), errors.worst("servo_limits")))
+    drawn = {name: model for name, model in models.items() if name != "pure_delay"}
     traces = tuple(
-        free_run_trace(errors.logs[log], errors.joints[joint], joint, runs[errors.logs[log]], models)
+        free_run_trace(errors.logs[log], errors.joints[joint], joint, runs[errors.logs[log]], drawn)
         for log, joint in places
     )
     lines = (errors.compared(), _told(constants, units), errors.unlike("servo_limits"))

@@ -27,10 +27,12 @@ from motorprior.report.real_motor_tables import NAMES, Trace
 
 LONGEST = 8.0
 """Shown of a trace, from its end, where a chirp is fastest [s]."""
+LOWEST = 0.05
+"""Shown of constants [times the fleet's median]; a delay may be almost nothing."""
 _LOOKS = {
     "ideal_pd": ("ideal_pd", "s"), "tuned_pd": ("tuned_pd", "D"), "prior": ("rollout", "o"),
-    "prior_mean": ("rollout", "|"), "pure_delay": ("ideal_pd", "s"), "second_order": ("tuned_pd", "D"),
-    "servo_limits": ("one_network", "o"), "physical": ("physical", "o"), "physical_draws": ("physical", "|"),
+    "prior_mean": ("rollout", "|"), "pure_delay": ("paper_wide", "x"), "second_order": ("tuned_pd", "D"),
+    "servo_limits": ("one_network", "o"), "physical": ("rollout", "o"), "physical_draws": ("rollout", "|"),
 }  # fmt: skip
 """Whose colour a model has, and its mark."""
 
@@ -49,14 +51,14 @@ def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
         color, mark = _LOOKS[model]
         rows = [joints.index(joint) for joint in values]
         milli = [1e3 * value for value in values.values()]
-        look = {"markersize": 9 if mark == "|" else 5, "markeredgewidth": 1.6 if mark == "|" else 0.5}
+        look = {"markersize": 9 if mark == "|" else 5, "markeredgewidth": 1.6 if mark in "|x" else 0.5}
         axes.plot(milli, rows, mark, color=model_color(color), label=NAMES[model], **look)
     axes.set_xscale("log")
     _plain_numbers(axes)
     axes.set_yticks(range(len(joints)), joints)
     axes.set_ylim(len(joints) - 0.5, -0.5)
     describe(axes, x="RMSE of the angle, command in and motion out [mrad]")
-    legend_below(figure, axes)
+    legend_below(figure, axes, columns=3)
     return figure
 
 
@@ -68,7 +70,7 @@ def traces(shown: Sequence[Trace]) -> Figure:
         _draw(angle, error, trace)
     for axes in grid[-1]:
         describe(axes, x=TIME)
-    legend_below(figure, grid[0, 0])
+    legend_below(figure, grid[:, 0], columns=3)
     figure.align_ylabels()
     return figure
 
@@ -80,7 +82,7 @@ def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
     angle.plot(time, measured, color=INK, linewidth=1.9, label="recorded")
     simulated = {name: trace.models[name][part] for name in NAMES if name in trace.models}
     for model, values in simulated.items():
-        color = model_color(_LOOKS[model][0] if model != "physical" else "rollout")
+        color = model_color(_LOOKS[model][0])
         angle.plot(time, values, color=color, linewidth=1.1, label=NAMES[model])
         error.plot(time, 1e3 * (values - measured), color=color, linewidth=0.9)
     fit_y(angle, [measured, trace.target[part]], list(simulated.values()))
@@ -113,8 +115,9 @@ def constants_beside_fleet(
         axes.plot(
             values, np.full(len(values), row), "o", color=model_color("rollout"), markersize=4, alpha=0.6, **label
         )
-    axes.axvline(1.0, color=MUTED, linewidth=0.8, zorder=0)
     axes.set_xscale("log")
+    axes.set_xlim(left=max(axes.get_xlim()[0], LOWEST))
+    axes.axvline(1.0, color=MUTED, linewidth=0.8, zorder=0)
     _plain_numbers(axes)
     axes.set_yticks(range(len(shown)), [constant.replace("_", " ") for constant in shown])
     axes.set_ylim(len(shown) - 0.5, -0.5)

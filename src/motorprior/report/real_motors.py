@@ -26,7 +26,13 @@ def real_motors(run: Path) -> list[Section]:
     tensors, header = read_tensors(run / "real_motors" / "traces.safetensors")
     lead = "Your logs first: the recorded commands go into models of the motors, what comes out is compared."
     columns = ("joint or log", *(NAMES[model] for model in models_in(results)))
-    tables = [Table(columns, tuple(map(tuple, error_rows(results))), "RMSE of the angle [mrad], no mean removed.")]
+    tables = [
+        Table(
+            columns,
+            tuple(map(tuple, error_rows(results))),
+            "RMSE of the angle [mrad], no mean removed. A PD has the same gains at all joints.",
+        )
+    ]
     pictures = [_errors(results), _traces(tensors, header)]
     if rows := constant_rows(results):
         caption = "Constants of your motors, and 90 % of the draws of the fleet beside which they stand."
