@@ -12,7 +12,7 @@ from motorprior.logs.joining import joined
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, time_steps
 
-MOST_LOGS = 12
+MOST_LOGS = 10
 """Of more, so many are taken, from all over the list."""
 SHORTEST = 0.5
 """Of a segment [s]; shorter ones are left out."""
