@@ -35,22 +35,22 @@ def test_stretches_are_as_long_as_each_other_and_cover_a_motion_together():
 
 
 def test_every_second_log_is_judged():
-    found = split({name: a_log(1000) for name in "abcde"}, 10.0, 100.0)
+    found = split({name: a_log(2000) for name in "abcde"}, 10.0, 100.0)
     assert list(found.known) == ["a", "c", "e"] and list(found.judged) == ["b", "d"]
 
 
-@pytest.mark.parametrize("logs", [{"a": a_log(1000)}, {"a": a_log(1000), "b": a_log(1000, 0.0, (1,))}])
+@pytest.mark.parametrize("logs", [{"a": a_log(2000)}, {"a": a_log(2000), "b": a_log(2000, 0.0, (1,))}])
 def test_halves_where_a_judged_joint_would_never_have_moved(logs: dict[str, MotorLog]):
     found = split(logs, 100.0, 100.0)
     assert list(found.known) == list(found.judged) == list(logs)
     for name in logs:
         known, judged = found.known[name].joint_pos[:, 0], found.judged[name].joint_pos[:, 0]
-        assert known.max() < judged.min() and len(known) + len(judged) == 1000
+        assert known.max() < judged.min() and len(known) + len(judged) == 2000
 
 
 def test_of_many_logs_some_from_all_over_the_list():
     names = [f"{index:02d}" for index in range(40)]
-    found = split({name: a_log(1000) for name in names}, 10.0, 10.0)
+    found = split({name: a_log(2000) for name in names}, 10.0, 10.0)
     taken = sorted([*found.known, *found.judged])
     assert len(taken) == MOST_LOGS and taken[0] == "00" and taken[-1] == "39"
     assert f"{MOST_LOGS} of 40 logs" in found.told

@@ -14,8 +14,10 @@ from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, time_ste
 
 MOST_LOGS = 10
 """Of more, so many are taken, from all over the list."""
-SHORTEST = 0.5
-"""Of a segment [s]; shorter ones are left out."""
+SHORTEST = 1.5
+"""Of a segment [s]: a free run of a second and what goes before it; shorter ones are left out."""
+LEAST = 2.0
+"""Of every log [s], however many there are."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,8 @@ def split(logs: Mapping[str, MotorLog], known_seconds: float, judged_seconds: fl
 
     Args:
         logs: of the same joints.
-        known_seconds: of log to fit to, at most, altogether.
-        judged_seconds: of log to judge by, at most, altogether.
+        known_seconds: of log to fit to, altogether, but at least LEAST of each.
+        judged_seconds: of log to judge by, the same.
 
     Raises:
         LogError: no segment is as long as SHORTEST.
@@ -90,7 +92,7 @@ def _excited(logs: Mapping[str, MotorLog]) -> set[int]:
 
 def _cut(logs: Mapping[str, MotorLog], seconds: float) -> dict[str, MotorLog]:
     found = {
-        name: long_segments(_stretch(log, seconds, index, len(logs)))
+        name: long_segments(_stretch(log, max(seconds, LEAST * len(logs)), index, len(logs)))
         for index, (name, log) in enumerate(logs.items())
     }  # fmt: skip
     if kept := {name: log for name, log in found.items() if log is not None}:

@@ -108,13 +108,11 @@ def constants_beside_fleet(
     style(axes)
     for row, constant in enumerate(shown):
         low, middle, high = fleet[constant]
-        label = {"label": f"90 % of fleet {name}"} if row == 0 else {}
-        axes.plot([low / middle, high / middle], [row, row], color=FAINT, linewidth=9, solid_capstyle="butt", **label)
-        label = {"label": "your motors"} if row == 0 else {}
-        values = np.array(motors[constant]) / middle
-        axes.plot(
-            values, np.full(len(values), row), "o", color=model_color("rollout"), markersize=4, alpha=0.6, **label
-        )
+        values, first = np.array(motors[constant]) / middle, row == 0
+        look = {"linewidth": 9, "solid_capstyle": "butt", "color": FAINT}
+        axes.plot([low / middle, high / middle], [row, row], label=f"90 % of fleet {name}" if first else None, **look)
+        look = {"markersize": 4, "alpha": 0.6, "color": model_color("rollout")}
+        axes.plot(values, np.full(len(values), row), "o", label="your motors" if first else None, **look)
     axes.set_xscale("log")
     axes.set_xlim(left=max(axes.get_xlim()[0], LOWEST))
     axes.axvline(1.0, color=MUTED, linewidth=0.8, zorder=0)
