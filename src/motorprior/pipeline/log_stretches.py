@@ -12,7 +12,7 @@ from motorprior.logs.joining import joined
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, time_steps
 
-MOST_LOGS = 10
+MOST_LOGS = 16
 """Of more, so many are taken, from all over the list."""
 SHORTEST = 1.5
 """Of a segment [s]: a free run of a second and what goes before it; shorter ones are left out."""

@@ -38,6 +38,8 @@ SHOWN = {
 """Constants that the user is told of, with their units."""
 TOLD = frozenset({"kp", "kd_over_kp"})
 """Of them those that nobody has to find where a log states gains."""
+POOR = 0.7
+"""Share of a tuned PD's error from which on the user is warned of the fit."""
 NO_LIMIT = 1e9
 """Torque limit of a PD of which none is known [N·m]."""
 ODD = 0.05
@@ -80,7 +82,12 @@ def look_with_loads(
         traces += (free_run_trace(errors.logs[place[0]], known.joint_names[place[1]], place[1], runs, models),)
     shown = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())
     constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in shown}
-    lines = (errors.compared(), *_told(prior, constants, fleet, known.joint_names), errors.unlike("prior"))
+    lines = (
+        errors.compared(),
+        *_warned(prior),
+        *_told(prior, constants, fleet, known.joint_names),
+        errors.unlike("prior"),
+    )
     rows = errors.rows(RMSE) + short.rows(FREE_RUN) + constant_results(constants, SHOWN, known.joint_names)
     return Look(lines, rows + fleet_results(fleet, constants, SHOWN), traces)
 
@@ -114,6 +121,17 @@ def _errors(
     found = (free_run_errors(runs, models) for runs in both)
     whole, short = ({name: np.asarray(within_a_turn(value)) for name, value in each.items()} for each in found)
     return whole, short
+
+
+def _warned(prior: MotorPrior) -> list[str]:
+    """A line where the fit leaves more than POOR of a tuned PD's error in the very log that it was fitted to."""
+    left = prior.metrics["unexplained"]
+    if left < POOR:
+        return []
+    return [
+        f"the quick fit leaves {100 * left:.0f} % of the tuned PD's error even in the logs that it knows: it lacks "
+        "physics, or its search was stuck; `motorprior identify` also tries the terms of a servo's firmware"
+    ]
 
 
 def _told(prior: MotorPrior, constants: dict[str, np.ndarray], fleet: Fleet, joints: tuple[str, ...]) -> list[str]:
