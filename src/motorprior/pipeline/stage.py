@@ -43,7 +43,10 @@ _NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify")}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
-    *(f"pipeline/{name}.py" for name in ("progress", "side_by_side", "stage", "demo", "report", "speed", "raw_logs")),
+    *(
+        f"pipeline/{name}.py"
+        for name in ("progress", "side_by_side", "stage", "demo", "demo_settings", "report", "speed")
+    ),
     *("pipeline/train_policy.py", "pipeline/comparison.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
 )
