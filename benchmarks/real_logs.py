@@ -9,6 +9,10 @@ first 10 s and is judged on the rest. Loads (inertia, gravity and what other joi
 motion; pure_delay and second_order use none. figures.json has means over joints and logs [rad] as ROBOT/TEST/MODEL, and
 the share of the recorded angles inside the adapted prior's 90 % bands as ROBOT/coverage90. tables.md has more: what
 every model does on the rest alone. Stages that are finished are kept.
+
+leave_one_motor_out: the prior was fitted to the motors of the other legs (recipe first_look) and is judged, as are
+``adapted`` and ``per_motor``, which know the motor's own first 10 s, on the rest of a log; ``same_place`` is the mean
+of the other legs' motors at the same place.
 """
 
 from __future__ import annotations
@@ -28,7 +32,6 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs, within_a_turn
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.logs.joining import joined
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
@@ -38,6 +41,7 @@ from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_seconds
 from motorprior.pipeline.calibrate import Calibrate, run_calibrate
 from motorprior.pipeline.identify import PRIOR, fit_prior
+from motorprior.pipeline.leave_motors_out import leave_motors_out, motor_groups
 from motorprior.pipeline.log_baselines import (
     BaselineFits,
     fitted_baselines,
@@ -45,6 +49,7 @@ from motorprior.pipeline.log_baselines import (
     with_gains_of,
     with_some_load,
 )
+from motorprior.pipeline.log_stretches import stretches
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.recipe import recipe_of
@@ -53,12 +58,14 @@ from motorprior.robots.load import load_robot
 
 MODELS = (
     "pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "physical", "prior", "adapted",
-    "tuned_pd",
+    "tuned_pd", "same_place",
 )  # fmt: skip
-TABLE_ONLY = ("tuned_pd",)
+TABLE_ONLY = ("tuned_pd", "same_place")
 TOLD = 10.0
 """Seconds of a held-out log that ``adapted`` knows."""
 RECIPE = PRESETS["rollout"]
+MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "first_look"
+"""A test, and its recipe: one that takes seconds, since it is fitted once per leg."""
 SERVOS = {"so101": "long_runs", "xl330": "long_runs"}
 """Recipes of robots whose servos creep, instead of rollout."""
 FACTOR = {"so101": 5.0, "xl330": 3.0}
@@ -102,19 +109,6 @@ class Fold:
     name: str
     known: tuple[Path, ...]
     judged: tuple[Path, ...]
-
-
-def stretches(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
-    """An equal stretch of every log, each from another part of it, ``seconds`` altogether.
-
-    Logs of the same motion are so covered from beginning to end; one that is shorter is used whole.
-    """
-    parts = []
-    for index, log in enumerate(logs):
-        rows = min(log.num_rows, round(seconds / len(logs) / RECIPE.period))
-        first = round((log.num_rows - rows) * index / max(1, len(logs) - 1))
-        parts.append(log.rows(slice(first, first + rows)))
-    return joined(parts)
 
 
 def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[Fold]:
@@ -178,9 +172,12 @@ def _means(found: Sequence[Figures]) -> Figures:
 def named(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
     """Means over all folds of a robot, by their keys in figures.json."""
     means = _means(found)
-    errors = means["whole"] | {name: value for name, value in means.get("rest", {}).items() if name == "adapted"}
+    errors = (means.get("whole") or means["rest"]) | {
+        name: value for name, value in means.get("rest", {}).items() if name == "adapted"
+    }
     keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model not in TABLE_ONLY}
-    return keys | {f"{robot}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
+    place = f"{robot}/{test}" if test == MOTORS_OUT else robot
+    return keys | {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
 
 
 def go2(settings: Settings) -> Iterator[Test]:
@@ -189,6 +186,27 @@ def go2(settings: Settings) -> Iterator[Test]:
     paths = imported(settings, "go2", "go2_identification", description_file, "*.csv.gz")
     folds = leave_out(paths, [[path] for path in paths])
     yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
+    groups = list(enumerate(motor_groups(load_robot(str(description_file)))))
+    yield MOTORS_OUT, [_motors_out(settings, description_file, paths, *each) for each in groups[: settings.folds]]
+
+
+def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
+    """The motors of one leg left out, judged on one of the logs; measured unless it is there."""
+    robot, judged = load_robot(str(file)), paths[fold % len(paths)]
+    folder = settings.out / robot.name / MOTORS_OUT / str(fold)
+    wanted = description("validate", _counted(settings), [*paths, judged, *robot.files])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            known, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(judged)
+            told = min(TOLD, log.duration / 2)
+            found = leave_motors_out(known, log, robot, group, MOTORS_RECIPE, told, folder, settings.seed, PROGRESS)
+            rest = {name: float(np.mean(values)) for name, values in found.errors.items()}
+            write_json(
+                folder / "joints.json", {"joints": found.joints} | {k: v.tolist() for k, v in found.errors.items()}
+            )
+            covered = {str(level): share for level, share in found.coverage.items()}
+            write_json(folder / FIGURES, {"rest": rest, "coverage": covered})
+    return read_json(folder / FIGURES)
 
 
 def so101(settings: Settings) -> Iterator[Test]:

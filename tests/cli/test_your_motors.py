@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator
+from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
 
@@ -13,11 +14,16 @@ import pytest
 from motorprior.cli.main import RUN, parse
 from motorprior.identification import response_fit, term_selection
 from motorprior.logs.column_map import load_column_map
+from motorprior.pipeline import demo
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
 """Of each table, header included: four seconds of the Go2."""
 WITH_STEPS = {"identify": ("--steps", "4"), "validate-log": ("--adam-steps", "4")}
+
+
+class Begun(Exception):
+    """The demo has come to its bench."""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -56,7 +62,12 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(term_selection, "ORDER", ())  # the terms are tested elsewhere, and take minutes
     monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    monkeypatch.setattr(demo, "run_bench", begun)
     return tmp_path
+
+
+def begun(*args: object) -> None:
+    raise Begun
 
 
 def expanded(words: list[str]) -> list[str]:
@@ -74,9 +85,30 @@ def test_every_command_of_the_page_runs(folder: Path, page: str):
     ran = 0
     for words in commands(page):
         parsed = parse([*expanded(words), *WITH_STEPS.get(words[0], ())])
-        RUN[type(parsed)](parsed)
+        with pytest.raises(Begun) if words[0] == "demo" else nullcontext():
+            RUN[type(parsed)](parsed)
         ran += 1
     assert ran >= 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--logs go2 --columns go2_identification --robot go2.toml --hung", ("the prior", "FL_calf_joint", "traj_3")),
+        ("--logs go2 --columns go2_identification", ("responses that need no load", "dead band")),
+        ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid body of so101", "gripper")),
+        ("--logs xl330", ("the logs state them", "pendulum")),
+    ],
+)
+def test_a_demo_begins_with_the_logs(
+    folder: Path, capsys: pytest.CaptureFixture[str], line: str, words: tuple[str, ...]
+):
+    parsed = parse(["demo", *line.split(), "--out", "run"])
+    with pytest.raises(Begun):
+        RUN[type(parsed)](parsed)
+    shown, page = capsys.readouterr().out, (folder / "run" / "report.html").read_text("utf-8")
+    assert "Your motors" in page and all(word in shown for word in words), shown
 
 
 def test_the_column_map_on_the_page_is_understood(tmp_path: Path):

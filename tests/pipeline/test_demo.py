@@ -29,6 +29,7 @@ WITHOUT_LOGS = (
     *("mj_step_share/rollout", "seconds"),
 )
 MEASURED_AGAIN = re.compile("seconds|.*mj_step_share/.*|control_steps_per_s/.*|.*_over_.*")
+WITH_LOGS = ("Your motors",)
 CHAPTERS = (
     *("Bench: excitation and response", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
     *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),
@@ -69,7 +70,7 @@ def finished(config: Demo) -> Run:
 
 def chapters(page: str) -> list[str]:
     titles = re.findall(r"<h2[^>]*>(.*?)</h2>", page, re.DOTALL)
-    return [chapter for chapter in CHAPTERS if any(chapter in title for title in titles)]
+    return [chapter for chapter in (*WITH_LOGS, *CHAPTERS) if any(chapter in title for title in titles)]
 
 
 def modified(folder: Path) -> dict[Path, int]:
@@ -86,6 +87,7 @@ def test_real_logs_have_their_figures(demo: Run):
     if demo.config.logs is None:
         pytest.skip("real motor logs are not here")
     assert {f"real_rmse/1_joint/{model}" for model in ("ideal_pd", "physical", "rollout")} <= set(demo.figures)
+    assert {f"real_motors_rmse/{model}" for model in ("ideal_pd", "physical", "second_order")} <= set(demo.figures)
 
 
 def test_shares_are_shares(demo: Run):
@@ -94,7 +96,8 @@ def test_shares_are_shares(demo: Run):
 
 
 def test_the_page_has_every_chapter(demo: Run):
-    assert chapters(demo.page) == list(CHAPTERS)
+    first = () if demo.config.logs is None else WITH_LOGS
+    assert chapters(demo.page) == [*first, *CHAPTERS]
 
 
 def test_the_page_needs_nothing_but_itself(demo: Run):

@@ -6,11 +6,11 @@ import shlex
 from dataclasses import fields
 
 from motorprior.cli.console import TERMINAL, table
+from motorprior.cli.real_motors import show_real_motors
 from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
 from motorprior.pipeline.demo import FIGURES, Demo, DemoResult, run_demo
-from motorprior.pipeline.folder_lock import taken
 
 _ALWAYS = ("seed",)
 _NO_MATTER = ("out", "workers")
@@ -19,9 +19,7 @@ _NO_MATTER = ("out", "workers")
 
 def demo(config: Demo, started: float | None = None) -> None:
     """See `run_demo`; prints what was found, and where the time went."""
-    with taken(config.out):
-        found = run_demo(config, TERMINAL, started, demo_command(config))
-    _show(config, found)
+    _show(config, run_demo(config, TERMINAL, started, demo_command(config), show_real_motors))
 
 
 def demo_command(config: Demo) -> str:
@@ -31,15 +29,17 @@ def demo_command(config: Demo) -> str:
         value = getattr(config, field.name)
         if field.name in _NO_MATTER or (value == field.default and field.name not in _ALWAYS):
             continue
-        words += [f"--{field.name.replace('_', '-')}", "FOLDER" if field.name == "logs" else str(value)]
+        words.append(f"--{field.name.replace('_', '-')}")
+        if value is not True:
+            words.append("FOLDER" if field.name == "logs" else str(value))
     return shlex.join(words)
 
 
 def _show(config: Demo, found: DemoResult) -> None:
     show_fidelity(found.results)
-    if config.logs is not None:
+    if found.results.where(quantity="real_rmse"):
         show_replay(found.results)
-    else:
+    if config.logs is None:
         print(
             "No real logs were given. Those of the shipped robot are in jietan/puppersim, puppersim/data/system_id "
             "(Apache-2.0): --logs FOLDER"

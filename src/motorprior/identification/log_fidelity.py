@@ -79,12 +79,12 @@ def within_a_turn(errors: np.ndarray | float) -> np.ndarray:
 
 def _joined_errors(runs: Sequence[WindowRuns], model: LogModel) -> np.ndarray:
     """(M, samples) angle errors [rad], float64."""
-    parts = [_angle_errors(one, model).reshape(one.num_motors, -1) for one in runs]
+    parts = [angle_errors(one, model).reshape(one.num_motors, -1) for one in runs]
     return np.concatenate(parts, axis=1, dtype=np.float64)
 
 
-def _angle_errors(runs: WindowRuns, model: LogModel) -> np.ndarray:
-    """(M, N, W) [rad]."""
+def angle_errors(runs: WindowRuns, model: LogModel) -> np.ndarray:
+    """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
     return model.errors(runs) if isinstance(model, ResponseMotors) else POSITION_SCALE * runs.errors(model)[:, :, 0]
 
 
@@ -133,7 +133,7 @@ def log_traces(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRun
     """Whole free runs of the posterior's mean and of draws from it, of the longest of ``runs``."""
     longest = max(runs, key=lambda one: one.preset.window)
     time, target, recorded = (longest.recorded(channel)[:, 0].T for channel in (SECONDS, TARGET, POS))
-    model = recorded + _angle_errors(longest, LatentActuator(prior.network, posterior.mean))[:, 0].T
+    model = recorded + angle_errors(longest, LatentActuator(prior.network, posterior.mean))[:, 0].T
     draws = _drawn_errors(prior, posterior, longest, np.random.default_rng(_STREAM))[:, :, 0]
     edges = {level: band(draws, level) for level in LEVELS}
     bands = {level: (recorded + low.T, recorded + high.T) for level, (low, high) in edges.items()}

@@ -72,6 +72,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
 #     joint is hardly seen in an eighth of a second. Without the residual network, whose training would take as much
 #     longer.
+# first_look: long_runs without trying the terms of a servo's firmware, which takes minutes.
 # Baselines.
 # one_motor: rollout without latents, the best single set of constants.
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
@@ -107,6 +108,7 @@ PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
     "long_runs": replace(_ROLLOUT, window=500, num_neurons=0),
+    "first_look": replace(_ROLLOUT, window=500, num_neurons=0, tries_terms=False),
     "one_motor": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
         learning_rate=1e-2,
@@ -128,6 +130,7 @@ MODELS = (
     Model("paper", "paper", "#cf3b3b"),
     Model("rollout", "rollout", "#2563c9"),
     Model("long_runs", "long runs", "#2563c9"),
+    Model("first_look", "first look", "#2563c9"),
     Model("one_motor", "one motor", "#7d4fa8"),
     Model("per_motor", "per motor", "#7d4fa8"),
     Model("pace", "per motor, no terms", "#7d4fa8"),

@@ -197,18 +197,21 @@ def run_adapt(
             found = adapt_to(prior, config.prior, log, str(config.log))
             outliers = outlier_test(prior, config.prior, log, str(config.log), found)
             task.advance()
-        show(log, found, outliers, _constants(prior, log, found))
+        show(log, found, outliers, motor_constants(prior, log, found.mean))
         if not config.anyway:
             _require_like_the_fleet(log, outliers, config.log)
         with working(config.out, wanted, started):
             _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
 
 
-def _constants(prior: MotorPrior, log: MotorLog, found: Posterior) -> dict[str, np.ndarray]:
-    """(M,) constants of the motors at the gains that the log states; multiples where these are in firmware units."""
+def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> dict[str, np.ndarray]:
+    """(M,) constants by name [SI] of motors (M, Z) at the gains that the log of them states; none of a network.
+
+    Where these are in units of a firmware, kp and kd_over_kp are multiples of them.
+    """
     if prior.network.motor is None:
         return {}
-    values, gains = prior.network.constants(found.mean), stated_gains_of(log)
+    values, gains = prior.network.constants(latents), stated_gains_of(log)
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_stated_gains(values, *gains)
     return values

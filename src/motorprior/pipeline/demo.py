@@ -12,58 +12,30 @@ from threading import Lock
 from typing import Any, TypeVar
 
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.facts import require_bench_size
-from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.demo_settings import Demo, comparison_of, require_settings, that_walks
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
+from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.replay import Replay, read_logs, run_replay
-from motorprior.pipeline.report import PAGE, SETTINGS, STAGES, build_report, seconds_by_kind
+from motorprior.pipeline.real_motors import RealMotors, Show, is_replayed, run_real_motors
+from motorprior.pipeline.replay import Replay, run_replay
+from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report, seconds_by_kind
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
 from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, seconds_in_stages, write_results
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.pipeline.walk import MOST_WORKERS, Walk, run_walk
+from motorprior.pipeline.walk import Walk, run_walk
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 
 SEEDS_APART = 1000
 """Policies of different demo seeds share no search seed."""
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True)
-class Demo:
-    """The whole story, small: minutes on two cores. A rerun continues where it stopped."""
-
-    out: Path = Path("runs/demo")
-    """Run folder: every artefact, figures.json and report.html."""
-    fleet: str | None = None
-    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
-    logs: Path | None = None
-    """Folder with real logs of the robot to replay, for the shipped one jietan/puppersim, puppersim/data/system_id."""
-    seed: int = 0
-    """Seed of everything."""
-    motors: int = 32
-    """Motors on the bench."""
-    bench_steps: int = 10_000
-    """Samples per motor and preset."""
-    adam_steps: int | None = None
-    """Adam steps of each identification; the preset's own number if not given."""
-    iterations: int = 100
-    """ARS iterations per policy."""
-    seeds: int = 2
-    """Policies per condition."""
-    workers: int = 2
-    """Stages that run at the same time, where they do not need each other; the result does not depend on it."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 @dataclass(frozen=True)
@@ -81,64 +53,66 @@ class DemoResult:
     seconds: dict[str, float]
 
 
-def run_demo(config: Demo, progress: Progress = SILENT, started: float | None = None, command: str = "") -> DemoResult:
-    """Run every stage that is not finished; the report is written after the benches, after validate and at the end.
+def run_demo(
+    config: Demo,
+    progress: Progress = SILENT,
+    started: float | None = None,
+    command: str = "",
+    show: Show = lambda found, lines: None,
+) -> DemoResult:
+    """Run every stage that is not finished; the report is written after those that say most, and at the end.
 
     Args:
         config: settings.
         progress: where to report to.
         started: time.monotonic() when the process began, so that ``seconds`` counts imports; now if not given.
         command: what makes the same page again, for the page.
+        show: called with how the motors of real logs compare, as soon as that is known.
 
     Raises:
         MotorPriorError: a stage cannot run; what is finished stays.
     """
     started = time.monotonic() if started is None else started
     earlier = seconds_in_stages()
-    _require_settings(config)
-    begin(config.out)
-    settings = asdict(config) | {"out": str(config.out), "logs": None if config.logs is None else str(config.logs)}
-    _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
+    given, config = config, that_walks(config)
+    comparison = comparison_of(given)
+    replayed = comparison is not None and is_replayed(comparison, config.robot)
+    require_settings(config, replayed)
+    settings = asdict(given) | {"out": str(given.out), "logs": None if given.logs is None else str(given.logs)}
+    settings |= {WALKER: config.robot, REPLAYED: replayed}
+    with taken(config.out):
+        begin(config.out)
+        _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
+        results = _all_stages(config, comparison, replayed, progress, show)
+        page = build_report(config.out)
+        elsewhere = time.monotonic() - started - (seconds_in_stages() - earlier)
+        seconds = seconds_by_kind(config.out) | {"everything else": elsewhere}
+        results += Results((Result("seconds", "s", sum(seconds.values())),))
+        write_results(config.out, results)
+    return DemoResult(results, page, seconds)
+
+
+def _all_stages(config: Demo, comparison: RealMotors | None, replayed: bool, progress: Progress, show: Show) -> Results:
+    """Of the run folder; all results are written before the page is, which shows some."""
     for name in (RESULTS, FIGURES):  # or the page would show those of other settings
         (config.out / name).unlink(missing_ok=True)
     stages = _Stages(config.out)
+    results = Results()
+    if comparison is not None:
+        results += stages.run("real_motors", lambda: run_real_motors(comparison, progress, show))
+        _page_so_far(config.out)
+        progress.note(f"your motors: {config.out / PAGE}; from here on motors are those of a virtual {config.robot}")
     _learn(config, stages, progress)
-    results = stages.run("validate", lambda: _validate(config, progress))
+    results += stages.run("validate", lambda: _validate(config, progress))
     _page_so_far(config.out)
-    if config.logs is not None:
+    if replayed:
         results += stages.run("replay", lambda: _replay(config, config.logs, progress))
     prior = config.out / "priors" / "rollout" / PRIOR
     results += measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
     _train_policies(config, stages, progress)
     results += stages.run("transfer", lambda: _transfer(config, progress))
-    write_results(config.out, results)  # the page shows some
-    page = build_report(config.out)
-    elsewhere = time.monotonic() - started - (seconds_in_stages() - earlier)
-    seconds = seconds_by_kind(config.out) | {"everything else": elsewhere}
-    results += Results((Result("seconds", "s", sum(seconds.values())),))
     write_results(config.out, results)
-    return DemoResult(results, page, seconds)
-
-
-def _require_settings(config: Demo) -> None:
-    """Refuse settings before anything is written.
-
-    Raises:
-        MotorPriorError: names the setting.
-    """
-    robot = load_robot(config.robot)
-    robot.require_legs()
-    require_count("motors", config.motors, robot.num_joints)
-    require_bench_size(config.motors, config.bench_steps, "bench_steps")
-    for name in ("iterations", "seeds"):
-        require_count(name, getattr(config, name))
-    require_count("workers", config.workers, 1, MOST_WORKERS)
-    if config.adam_steps is not None:
-        require_count("adam_steps", config.adam_steps)
-    require_seed(config.seed)
-    load_robot_fleet(robot, config.fleet)
-    if config.logs is not None:
-        read_logs(config.logs, robot)
+    return results
 
 
 class _Stages:
@@ -221,9 +195,11 @@ def _validate(config: Demo, progress: Progress) -> Results:
 def _replay(config: Demo, logs: Path | None, progress: Progress) -> Results:
     assert logs is not None
     prior = config.out / "priors" / "rollout" / PRIOR
-    return run_replay(
-        Replay(logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot), progress
+    posture = "hung" if config.hung else "auto"
+    replay = Replay(
+        logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot, posture=posture
     )
+    return run_replay(replay, progress)
 
 
 def _walks(config: Demo) -> list[Walk]:

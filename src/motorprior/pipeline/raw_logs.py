@@ -104,7 +104,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         raise ConfigError("hung: it says its load itself", where=path, remedy="leave hung out", argument="hung")
     from motorprior.simulation.hung_load import with_loads
 
-    return with_loads(_smooth_on_grid(log, period), robot)
+    return with_loads(smooth_on_grid(log, period), robot)
 
 
 def _require_size(path: Path, log: MotorLog, period: float) -> None:
@@ -147,7 +147,7 @@ def _with_gains(log: MotorLog, config: LogsImport) -> MotorLog:
     return checked(replace(log, **stated), where=log.source) if stated else log
 
 
-def _smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
+def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     """The log at steps of ``period`` [s], its commands held, its angles splines through smoothed readings.
 
     Velocities are the splines' own: recorded ones are often filtered, and loads need accelerations.

@@ -15,8 +15,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog, stated_gains_of
-from motorprior.logs.puppersim import read_puppersim_logs
-from motorprior.logs.registry import read_log
+from motorprior.pipeline.log_folder import read_log_folder
 from motorprior.pipeline.log_postures import PostureName, replayers_of
 from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd, told_gains
 from motorprior.pipeline.progress import SILENT, Progress, Task
@@ -82,12 +81,7 @@ def read_logs(path: Path, robot: Robot) -> tuple[dict[str, MotorLog], dict[str, 
     Raises:
         LogError: a log that cannot be read or replayed.
     """
-    if path.is_file():
-        logs = {path.name.split(".")[0]: read_log(path, robot)}
-    elif found := sorted(path.glob("*.parquet")):
-        logs = {file.stem: read_log(file, robot) for file in found}
-    else:
-        logs = read_puppersim_logs(path, robot)
+    logs = read_log_folder(path, robot).logs
     return logs, {name: prepare(log, robot, f"{path}, log {name}") for name, log in logs.items()}
 
 

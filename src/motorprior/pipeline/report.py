@@ -13,6 +13,8 @@ from motorprior.pipeline.stage import MARKER, RESULTS, digest, read_results, sec
 from motorprior.robots.load import load_robot
 
 PAGE, SETTINGS, STAGES, CURVE = "report.html", "demo.json", "stages.json", "curve.json"
+WALKER, REPLAYED = "robot_that_walks", "logs_replayed"
+"""Settings that follow from the others: the robot of all but the first chapter, and whether it replays the logs."""
 Made = TypeVar("Made")
 
 
@@ -25,6 +27,7 @@ def build_report(run: Path) -> Path:
     """
     from motorprior.report import sections  # here: they import matplotlib, a second that nothing else needs
     from motorprior.report.page import Report, Section, write_report
+    from motorprior.report.real_motors import real_motors
 
     def walk(run: Path) -> list[Section]:
         return sections.walk([run / folder for folder in belonging if _kind(folder) == "walk"])
@@ -33,16 +36,18 @@ def build_report(run: Path) -> Path:
         raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the folder that `motorprior demo` wrote")
     settings, command = _settings(run / SETTINGS)
     stages: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Section]]]] = {
+        "real_motors": (("real_motors",), real_motors),
         "bench": (("bench/rollout", "bench/paper"), sections.bench),
         "identify": (("priors/rollout",), sections.identify),
         "validate": (("validate",), sections.validate),
         "replay": (("replay",), sections.replay),
         "walk": (("walk/rollout_0",), walk),
-        "transfer": (("transfer",), lambda run: sections.transfer(run, load_robot(settings["robot"]))),
+        "transfer": (("transfer",), lambda run: sections.transfer(run, load_robot(settings[WALKER]))),
     }  # the folders that must belong to the settings, and what they add to the page
     belonging = belonging_stages(run)
     ready = [name for name, (folders, _) in stages.items() if set(folders) <= set(belonging)]
-    pending = [name for name in stages if name not in ready and (name != "replay" or settings["logs"] is not None)]
+    wanted = {"real_motors": settings["logs"] is not None, "replay": settings[REPLAYED]}
+    pending = [name for name in stages if name not in ready and wanted.get(name, True)]
     highlights = _highlights(run) if not pending and (run / RESULTS).is_file() else ()
     found: list[Section] = []
     for name in ready:
@@ -112,7 +117,11 @@ def _settings(path: Path) -> tuple[dict[str, Any], str]:
     """Settings of a demo, and the command that was given."""
     found = read_json(path)
     settings, command = (found.get(name) if isinstance(found, dict) else None for name in ("settings", "command"))
-    if not isinstance(settings, dict) or not {"logs", "robot"} <= settings.keys() or not isinstance(command, str):
+    if (
+        not isinstance(settings, dict)
+        or not {"logs", WALKER, REPLAYED} <= settings.keys()
+        or not isinstance(command, str)
+    ):
         raise ArtifactError("not the settings of a demo", where=path, remedy="run `motorprior demo` there again")
     return settings, command
 

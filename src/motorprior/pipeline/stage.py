@@ -28,14 +28,25 @@ from motorprior.robots.robot import Robot
 RESULTS, FIGURES = "results.json", "figures.json"
 MARKER, UNFINISHED = "stage.json", "unfinished.json"
 """The second holds the seconds of a stage that was interrupted."""
-_STAGES = ("bench", "calibrate", "identify", "adapt", "validate", "simulate", "replay", "walk", "transfer")
-_NEEDS = {"validate": ("adapt",)}
+_STAGES = (
+    "bench",
+    "calibrate",
+    "identify",
+    "adapt",
+    "validate",
+    "simulate",
+    "replay",
+    "real_motors",
+    "walk",
+    "transfer",
+)
+_NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify")}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
     *(
         f"pipeline/{name}.py"
-        for name in ("progress", "side_by_side", "stage", "folder_lock", "demo", "report", "speed", "raw_logs")
+        for name in ("progress", "side_by_side", "stage", "folder_lock", "demo", "demo_settings", "report", "speed")
     ),
     *("pipeline/train_policy.py", "pipeline/comparison.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),

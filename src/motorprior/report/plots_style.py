@@ -5,6 +5,7 @@ Everything is set on the artists themselves: nothing global changes, so two thre
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from io import BytesIO
 from typing import Any, Literal
 
@@ -133,11 +134,12 @@ def target_line(axes: Axes, time: np.ndarray, position_target: np.ndarray) -> Li
     return axes.plot(time, position_target, label="position target", **style)[0]
 
 
-def legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
-    """One legend for the whole figure, under it: it never covers data."""
-    handles, labels = axes.get_legend_handles_labels()
+def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) -> None:
+    """One legend for the whole figure, under it: it never covers data. Of several axes, every label once."""
+    every = [axes] if isinstance(axes, Axes) else axes
+    found = {text: mark for each in every for mark, text in zip(*each.get_legend_handles_labels(), strict=True)}
     figure.legend(
-        handles, labels, loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False,
+        list(found.values()), list(found), loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False,
         labelcolor=INK, handlelength=2.2, columnspacing=1.6,
     )  # fmt: skip
 

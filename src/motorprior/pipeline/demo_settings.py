@@ -1,0 +1,85 @@
+"""What a demo is told, which robot it walks on, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from motorprior.bench.facts import require_bench_size
+from motorprior.bounds import require_count, require_seed
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.real_motors import RealMotors
+from motorprior.pipeline.replay import read_logs
+from motorprior.pipeline.walk import MOST_WORKERS
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+
+@dataclass(frozen=True)
+class Demo:
+    """The whole story, small: minutes on two cores. A rerun continues where it stopped."""
+
+    out: Path = Path("runs/demo")
+    """Run folder: every artefact, figures.json and report.html."""
+    fleet: str | None = None
+    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
+    logs: Path | None = None
+    """Folder with real logs, in any format of docs/logs.md: the demo begins with how their motors compare. Logs of the
+    shipped robot are in jietan/puppersim, puppersim/data/system_id."""
+    columns: str | None = None
+    """What columns of tables among the logs mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    hung: bool = False
+    """In the logs the robot hung in the air with its body level: so the loads of its motors are known."""
+    seed: int = 0
+    """Seed of everything."""
+    motors: int = 32
+    """Motors on the bench."""
+    bench_steps: int = 10_000
+    """Samples per motor and preset."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    iterations: int = 100
+    """ARS iterations per policy."""
+    seeds: int = 2
+    """Policies per condition."""
+    workers: int = 2
+    """Stages that run at the same time, where they do not need each other; the result does not depend on it."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs, the
+    shipped one takes the place, after their comparison, of one that cannot walk or comes without a fleet."""
+
+
+def that_walks(config: Demo) -> Demo:
+    """With logs, the same on the shipped robot in place of one that cannot walk or comes without a fleet."""
+    robot = load_robot(config.robot)
+    walks = bool(robot.legs) and robot.base == "free" and (config.fleet is not None or bool(robot.fleets))
+    return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
+
+
+def comparison_of(config: Demo) -> RealMotors | None:
+    """What the demo begins with, if there are logs."""
+    if config.logs is None:
+        return None
+    out = config.out / "real_motors"
+    return RealMotors(config.logs, out, config.columns, config.hung, config.fleet, config.seed, config.robot)
+
+
+def require_settings(config: Demo, replayed: bool) -> None:
+    """Refuse settings before anything is written.
+
+    Raises:
+        MotorPriorError: names the setting.
+    """
+    robot = load_robot(config.robot)
+    robot.require_legs()
+    require_count("motors", config.motors, robot.num_joints)
+    require_bench_size(config.motors, config.bench_steps, "bench_steps")
+    for name in ("iterations", "seeds"):
+        require_count(name, getattr(config, name))
+    require_count("workers", config.workers, 1, MOST_WORKERS)
+    if config.adam_steps is not None:
+        require_count("adam_steps", config.adam_steps)
+    require_seed(config.seed)
+    load_robot_fleet(robot, config.fleet)
+    if replayed and config.logs is not None:
+        read_logs(config.logs, robot)

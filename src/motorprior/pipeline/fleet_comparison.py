@@ -1,0 +1,59 @@
+"""Constants of real motors beside those of a fleet, and beside each other, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from motorprior.bench.fleet import Fleet
+from motorprior.report.real_motor_tables import CONSTANT
+from motorprior.results import Result, Results
+
+DRAWS = 400
+"""Of the fleet."""
+LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
+ALIKE = 1.05
+"""Most over least of a constant in which motors count as alike."""
+TOLD = 3
+"""Most constants in which motors are said to differ from each other."""
+
+
+def fleet_results(fleet: Fleet, constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Results:
+    """Quantiles of the fleet's draws, of the constants in which its motors differ."""
+    return Results.of(
+        Result(f"{CONSTANT}{name}", units[name], float(np.quantile(values, level)), fleet.name, statistic=statistic)
+        for name, values in _draws(fleet, constants).items()
+        for statistic, level in LEVELS.items()
+    )
+
+
+def beside_the_fleet(fleet: Fleet, constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    """A sentence: of which constants the motors' median is outside the 90 % of the fleet's draws."""
+    outside, inside = [], []
+    for name, values in _draws(fleet, constants).items():
+        (low, high), median = np.quantile(values, [0.05, 0.95]), float(np.median(constants[name]))
+        if low <= median <= high:
+            inside.append(name)
+        else:
+            outside.append(f"{name} {median:.3g} {units[name]} (there {low:.3g} to {high:.3g})")
+    said = f"beside the shipped fleet {fleet.name!r}, your median motor is outside 90 % of it in "
+    said += "; ".join(outside) if outside else "nothing"
+    return said + (f"; inside in {', '.join(inside)}" if inside else "")
+
+
+def beside_each_other(constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    """A sentence: the constants in which the motors differ most, and those in which the logs do not tell them apart."""
+    ratios = {name: float(np.max(values) / max(np.min(values), 1e-12)) for name, values in constants.items()}
+    most = sorted((name for name in ratios if ratios[name] > ALIKE), key=lambda name: -ratios[name])[:TOLD]
+    differ = [f"{name} ({np.min(constants[name]):.3g} to {np.max(constants[name]):.3g} {units[name]})" for name in most]
+    same = [name for name, ratio in ratios.items() if ratio <= ALIKE]
+    said = f"your motors differ most in {', '.join(differ)}" if differ else "your motors are alike"
+    return said + (f"; the logs do not tell them apart in {', '.join(same)}" if differ and same else "")
+
+
+def _draws(fleet: Fleet, constants: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """(DRAWS,) of the constants that differ within the fleet."""
+    rng = np.random.default_rng(0)
+    known = {name: fleet.parameters[name] for name in constants if name in fleet.parameters}
+    return {name: found.sample(rng, DRAWS) for name, found in known.items() if found.kind != "constant"}

@@ -1,0 +1,104 @@
+"""What a comparison of real motors is made of, and the rows of its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motorprior.results import Results
+
+RMSE, FREE_RUN = "real_motors_rmse", "real_motors_free_run_rmse"
+"""Errors of free runs of whole stretches of log, and of a second."""
+CONSTANT = "real_motors_"
+"""Begins the quantity of a constant: of the joint that `Result.part` names, or, as statistics, of a fleet's draws."""
+NAMES = {
+    "ideal_pd": "an ideal PD", "tuned_pd": "one tuned PD", "prior": "the prior", "prior_mean": "its central motor",
+    "pure_delay": "a pure delay", "second_order": "second order + delay", "servo_limits": "the same with limits",
+    "physical": "the central motor of the fleet", "physical_draws": "draws of the fleet",
+}  # fmt: skip
+"""Models in the order of tables, in words."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One joint of one log.
+
+    Attributes:
+        log: its name.
+        joint: its name.
+        time: (T,) [s].
+        target: (T,) [rad].
+        measured: (T,) [rad].
+        models: (T,) by model [rad].
+    """
+
+    log: str
+    joint: str
+    time: np.ndarray
+    target: np.ndarray
+    measured: np.ndarray
+    models: dict[str, np.ndarray]
+
+
+def as_tensors(traces: tuple[Trace, ...]) -> tuple[dict[str, np.ndarray], list[list[str]]]:
+    """Arrays by name, and log and joint of each trace."""
+    arrays = {}
+    for index, trace in enumerate(traces):
+        arrays |= {f"{index}/{name}": getattr(trace, name) for name in ("time", "target", "measured")}
+        arrays |= {f"{index}/model/{name}": values for name, values in trace.models.items()}
+    return arrays, [[trace.log, trace.joint] for trace in traces]
+
+
+def from_tensors(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> list[Trace]:
+    """The traces that `as_tensors` wrote; ``header`` has its second value as ``traces``."""
+    found = []
+    for index, (log, joint) in enumerate(header["traces"]):
+        prefix = f"{index}/model/"
+        models = {name.removeprefix(prefix): values for name, values in tensors.items() if name.startswith(prefix)}
+        time, target, measured = (tensors[f"{index}/{name}"] for name in ("time", "target", "measured"))
+        found.append(Trace(log, joint, time, target, measured, models))
+    return found
+
+
+def models_in(results: Results, quantity: str = RMSE) -> list[str]:
+    """Models of a comparison, in the order of NAMES."""
+    found = results.where(quantity=quantity).distinct("model")
+    return [name for name in NAMES if name in found]
+
+
+def error_rows(results: Results) -> list[list[str]]:
+    """RMSE [mrad] per joint, mean over its logs, of all `models_in` the results; then per log, and the mean of all."""
+    errors, rows = results.where(quantity=RMSE), []
+    models = models_in(results)
+    for column in ("part", "log"):
+        for name in errors.distinct(column):
+            if name is not None:
+                rows.append([name, *(_milli(errors.where(**{column: name, "model": model})) for model in models)])
+    whole = errors.where(part=None, log=None)
+    return [*rows, ["mean", *(_milli(whole.where(model=model)) for model in models)]]
+
+
+def _milli(found: Results) -> str:
+    return f"{1e3 * found.rows[0].value:.1f}" if len(found) else "–"
+
+
+def constant_rows(results: Results) -> list[list[str]]:
+    """Constant with its unit, least, median and most of the motors, 5 % and 95 % of the fleet's draws."""
+    rows = []
+    for quantity in results.distinct("quantity"):
+        if quantity in (RMSE, FREE_RUN) or not quantity.startswith(CONSTANT):
+            continue
+        of = results.where(quantity=quantity)
+        values = [row.value for row in of if row.part is not None]
+        fleet = [of.where(statistic=statistic) for statistic in ("p05", "p95")]
+        ends = [f"{each.value():.3g}" if len(each) else "–" for each in fleet]
+        name, unit = quantity.removeprefix(CONSTANT).replace("_", " "), of.rows[0].unit
+        shown = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])]
+        rows.append([f"{name} [{unit}]" if unit != "1" else name, *shown, *ends])
+    return rows
+
+
+CONSTANT_COLUMNS = ("constant", "least", "median", "most", "fleet 5 %", "fleet 95 %")

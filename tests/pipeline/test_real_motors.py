@@ -1,0 +1,152 @@
+"""The first look at real logs, on small synthetic ones: what made them is told, whatever is known of their loads."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.artifacts import read_tensors
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS, record
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification import response_fit
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_parquet, write_log
+from motorprior.pipeline.demo import Demo, that_walks
+from motorprior.pipeline.first_look import Errors
+from motorprior.pipeline.real_motors import TRACES, RealMotors, read_logs_of, run_real_motors
+from motorprior.report.page import Report, render
+from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_rows, error_rows, from_tensors
+from motorprior.report.real_motors import real_motors
+from motorprior.results import Results
+
+JOINTS = ("hip", "knee", "ankle")
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    """A folder with two logs of the same three motors of fleet ``mixed``, their loads known."""
+    fleet = load_fleet("mixed")
+    motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
+    for seed, name in enumerate(("first", "second")):
+        log = record(motors, PRESETS["rollout"], 6000, seed, fleet)
+        write_log(tmp_path / "logs" / f"{name}.parquet", replace(log, joint_names=JOINTS, joint_torque=None))
+    return tmp_path / "logs"
+
+
+def looked_at(logs: Path, out: Path) -> tuple[Results, list[str]]:
+    said: list[str] = []
+    found = run_real_motors(RealMotors(logs, out), show=lambda results, lines: said.extend(lines))
+    return found, said
+
+
+def test_the_prior_is_nearer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
+    out = tmp_path / "run" / "real_motors"
+    found, said = looked_at(logs, out)
+    for quantity in (RMSE, FREE_RUN):
+        prior, pd = (
+            found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
+        )
+        assert prior < 0.4 * pd
+    assert {row.part for row in found.where(quantity=f"{CONSTANT}armature", model=None)} == set(JOINTS)
+    assert [row[0] for row in error_rows(found)] == [*JOINTS, "second", "mean"]
+    assert any("armature" in row[0] for row in constant_rows(found))
+    text = "\n".join(said)
+    for words in (
+        "the logs state them",
+        "known: first; judged: second",
+        "one tuned PD",
+        "unlike the prior",
+        "'pupper_v2'",
+    ):
+        assert words in text
+    assert from_tensors(*read_tensors(out / TRACES))[0].log == "second"
+    page = render(Report("t", "s", tuple(real_motors(tmp_path / "run")), {}, "c"))
+    assert "Your motors" in page and page.count("<img") == 3
+    before = (out / TRACES).stat().st_mtime_ns
+    assert looked_at(logs, out) == (found, said)
+    assert (out / TRACES).stat().st_mtime_ns == before, "once"
+
+
+def test_logs_without_loads_get_responses_and_a_line(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    for path in sorted(logs.iterdir()):
+        log = read_parquet(path)
+        write_log(path, replace(log, load_inertia=None, external_torque=None))
+    found, said = looked_at(logs, tmp_path / "out")
+    assert set(found.where(quantity=RMSE).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
+    assert any(line.startswith("loads: unknown, since no description") for line in said)
+    assert any("bandwidth" in line for line in said)
+    total = {row.model: row.value for row in found.where(quantity=RMSE, part=None, log=None)}
+    assert total["second_order"] < total["pure_delay"]
+
+
+def test_logs_of_different_joints_are_refused(logs: Path, tmp_path: Path):
+    path = logs / "second.parquet"
+    write_log(path, replace(read_parquet(path), joint_names=("hip", "knee", "toe")))
+    with pytest.raises(LogError, match="log second has joints hip, knee, toe; others hip, knee, ankle"):
+        read_logs_of(RealMotors(logs, tmp_path / "out"))
+
+
+def test_logs_in_which_nothing_moves_are_refused(logs: Path, tmp_path: Path):
+    for path in sorted(logs.iterdir()):
+        log = read_parquet(path)
+        write_log(path, replace(log, position_target=np.zeros(log.joint_pos.shape)))
+    with pytest.raises(LogError, match="first, second: no joint is excited"):
+        read_logs_of(RealMotors(logs, tmp_path / "out"))
+
+
+ARM = """
+name = "arm"
+motor = "servo"
+model = "arm.xml"
+base = "fixed"
+nominal_pose = 0.0
+kp = 10.0
+kd = 0.5
+torque_limit = 3.0
+"""
+MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<joint name="hip" axis="0 1 0" range="-1 1" limited="true"/>
+<body pos="0 0 -0.2"><inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>
+<joint name="knee" axis="0 1 0" range="-1 1" limited="true"/>
+</body></body></worldbody></mujoco>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    (tmp_path / "arm.toml").write_text(ARM, "utf-8")
+    (tmp_path / "arm.xml").write_text(MODEL, "utf-8")
+    return str(tmp_path / "arm.toml")
+
+
+def test_an_arm_does_not_hang(logs: Path, tmp_path: Path, arm: str):
+    with pytest.raises(ConfigError, match="the base of 'arm' is fixed"):
+        read_logs_of(RealMotors(logs, tmp_path / "out", hung=True, robot=arm))
+
+
+def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):
+    given = Demo(robot=arm, logs=logs)
+    assert that_walks(given) == replace(given, robot=Demo().robot)
+    assert that_walks(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
+    assert that_walks(Demo(logs=logs)) == Demo(logs=logs)
+
+
+def a_log(name: str, moving: list[bool]) -> MotorLog:
+    target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
+    return MotorLog(
+        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=JOINTS[:2], robot="r",
+        motor="m", source=name,
+    )  # fmt: skip
+
+
+def test_joints_that_did_not_move_are_not_counted():
+    logs = {"a": a_log("a", [True, False]), "b": a_log("b", [True, True])}
+    found = {"a": {"prior": np.array([0.002, 9.0])}, "b": {"prior": np.array([0.004, 0.009])}}
+    errors = Errors.of(logs, found)
+    rows = errors.rows("e")
+    assert rows.value(part=None, log=None) == pytest.approx(0.005)
+    assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
+    assert errors.worst("prior") == (1, 1) and errors.typical("prior") == (1, 0)
+    assert "knee in b, 9.0 mrad off" in errors.unlike("prior")
