@@ -11,7 +11,7 @@ import pytest
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.prior_bounds import CENTRAL_MOTOR, FASTEST_GEAR, check_central_motor
+from motorprior.actuator.prior_bounds import CENTRAL_MOTOR, check_central_motor
 from motorprior.actuator.servo_terms import FAINT, SIGNED, TERMS
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.exceptions import ArtifactError
@@ -52,12 +52,6 @@ def test_a_constant_beyond_its_bounds_is_refused_by_name_and_value(name: str):
         assert error.value.remedy
 
 
-def test_a_rotor_too_light_for_the_damping_of_its_gear_is_refused():
-    check_central_motor(center_of(SERVO | {"armature": 1e-4, "gear_damping": 0.999e-4 * FASTEST_GEAR}), NAMES, PATH)
-    with pytest.raises(ArtifactError, match="gear_damping/armature = 525 1/s is above 500 1/s"):
-        check_central_motor(center_of(SERVO | {"armature": 1e-4, "gear_damping": 1.05e-4 * FASTEST_GEAR}), NAMES, PATH)
-
-
 def corner(rng: np.random.Generator, names: tuple[str, ...]) -> np.ndarray:
     """(P,) every constant at one of its bounds or anywhere between them."""
     low, high = (center_of({name: bounds[side] for name, bounds in CENTRAL_MOTOR.items()}, names) for side in (0, 1))
@@ -70,17 +64,12 @@ def corner(rng: np.random.Generator, names: tuple[str, ...]) -> np.ndarray:
 def test_a_central_motor_within_bounds_can_be_simulated(
     grey_network: Callable[..., LatentNetwork], terms: tuple[str, ...]
 ):
-    network, names, rng, simulated = grey_network(), parameters_of(terms), np.random.default_rng(0), 0
+    network, names, rng = grey_network(), parameters_of(terms), np.random.default_rng(0)
     target = np.tile(0.3 * np.sign(np.sin(6 * np.arange(0, SECONDS, DT)))[:, None], (1, 3))
     trial = Trial(target, np.zeros_like(target), np.array([1e-4, 2e-3, 3e-2]), DT)
-    while simulated < 150:
+    for _ in range(150):
         center = corner(rng, names)
-        try:
-            check_central_motor(center, names, PATH)
-        except ArtifactError as error:
-            assert "gear_damping/armature" in error.problem
-            continue
+        check_central_motor(center, names, PATH)
         motor = GearedMotor(center, np.zeros((3, len(names))), terms)
         found = run(LatentActuator(replace(network, motor=motor), np.zeros((3, 3))), trial)
         assert np.abs(found.joint_pos).max() < 1e5, dict(zip(names, center.tolist(), strict=True))
-        simulated += 1

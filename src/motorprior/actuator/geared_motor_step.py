@@ -46,6 +46,8 @@ EXTRA_DAMPING = 0.1
 """Of the gear, so that a bare shank does not chatter [steps of its stiffness]."""
 RESOLVED = 1.5
 """Largest gear_stiffness·h²/armature: a stiffer gear is simulated as if it were only so stiff, or it would explode."""
+DAMPED = 1.0
+"""Largest gear_damping·h/armature: from 2 on a rotor so light swings up on what its joint gives back."""
 LONGEST_DELAY = 0.04
 """[s]; a motor keeps its commands for so long."""
 LOG_REACH = 2.5
@@ -212,6 +214,7 @@ def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[st
         "delay": values["delay"] / h,
         "gear_stiffness": xp.minimum(values["gear_stiffness"], RESOLVED * values["armature"] / h**2),
         "half_backlash": 0.5 * values["backlash"],
+        "gear_damping": xp.minimum(values["gear_damping"], DAMPED * values["armature"] / h),
         "mean_filter_gain": 1.0 - gain / steps,
     }
     if terms:

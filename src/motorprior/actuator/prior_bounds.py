@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.servo_terms import SIGNED
-from motorprior.exceptions import ArtifactError
 from motorprior.schema import number, require
 
 NOTHING = math.exp(-30.0)
@@ -25,8 +24,6 @@ CENTRAL_MOTOR = {
     "heat_time": (1e-3, 1e6),
 }  # fmt: skip
 """(least, most) of a grey box's constants at z = 0, in SI units."""
-FASTEST_GEAR = 500.0
-"""Of gear_damping/armature [1/s]: at 2 ms, from 1000 on, a rotor so light swings up on what its joint gives back."""
 LARGEST_SLOPE = 10.0
 """Of the logarithm of a motor's constant over a latent of N(0, 1)."""
 LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
@@ -45,14 +42,9 @@ def check_central_motor(center: np.ndarray, names: tuple[str, ...], path: Path) 
     Raises:
         ArtifactError: names the constant, its value in SI units and its bounds.
     """
-    values: dict[str, float] = {}
     for name, raw in zip(names, center.tolist(), strict=True):
-        value = values[name] = SIGNED[name] * raw if name in SIGNED else math.exp(raw)
+        value = SIGNED[name] * raw if name in SIGNED else math.exp(raw)
         require(name, value, number(*CENTRAL_MOTOR[name]), path, _REMEDY, "motor_center")
-    rate = values["gear_damping"] / values["armature"]
-    if rate > FASTEST_GEAR:
-        problem = f"motor_center: gear_damping/armature = {rate:.3g} 1/s is above {FASTEST_GEAR:g} 1/s"
-        raise ArtifactError(problem, where=path, remedy=_REMEDY)
 
 
 def check_metrics(metrics: dict[str, object], path: Path) -> None:
