@@ -18,6 +18,7 @@ from motorprior.identification.windows import (
     VEL,
     draw,
     some_stretches,
+    that_fits,
     training_data,
 )
 from motorprior.logs.motor_log import MotorLog
@@ -166,6 +167,13 @@ def test_a_log_of_another_period_is_refused_with_both():
 def test_segments_shorter_than_a_window_are_refused_with_its_length():
     with pytest.raises(LogError, match="longest segment has 9 rows, a window 11"):
         training_data(a_log(lengths=(9, 9)), PRESET, "log")
+
+
+@pytest.mark.parametrize(("longest", "window"), [(900, 500), (300, 295), (40, 64)])
+def test_windows_are_no_longer_than_the_longest_segment_allows_and_never_very_short(longest: int, window: int):
+    long_runs = replace(PRESET, window=500)  # four rows of history, and one that the last row leads to
+    assert that_fits(long_runs, a_log(lengths=(20, longest))).window == window
+    assert that_fits(replace(PRESET, objective="torque"), a_log(lengths=(3,))).window == PRESET.window
 
 
 def test_an_unknown_preset_is_refused_with_the_known_ones():

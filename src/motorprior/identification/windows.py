@@ -107,6 +107,17 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     )
 
 
+SHORTEST_WINDOW = 64
+"""Steps of a free run; in a shorter one a joint hardly moves."""
+
+
+def that_fits(preset: Preset, log: MotorLog) -> Preset:
+    """The recipe, its windows as long as the log's longest segment allows, if that is less than theirs."""
+    longest = max(part.stop - part.start for part in log.segment_slices())
+    room = max(SHORTEST_WINDOW, longest - preset.history - 1)
+    return replace(preset, window=min(preset.window, room)) if preset.objective == "rollout" else preset
+
+
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     """(2, R, M) of `stated_gain_rows`; ones for a recipe that knows of none."""
     if not preset.gain_unit:

@@ -128,9 +128,9 @@ def _prepared(
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics of its outlier test."""
     from motorprior.identification.reference import ending, has_reference_metrics
-    from motorprior.identification.windows import training_data
+    from motorprior.identification.windows import that_fits, training_data
 
-    preset = recipe_of(prior, path)
+    preset = that_fits(recipe_of(prior, path), log)
     if prior.network.num_latents == 0 or not has_reference_metrics(prior.metrics, preset.objective == "rollout"):
         raise ArtifactError(
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"
