@@ -4,9 +4,10 @@ Decoder outputs are the logarithms of the constants (linear where they may be ne
 latent is one output. Alone, motors are fitted by a random search, Gauss-Newton steps and restarts. Together, restarts
 also begin at what other motors have, and a Gaussian over the motors is estimated with them by turns (empirical Bayes):
 
-    m = median over motors, v = variance over motors;   precision = T / (N·v),   T the mean loss
+    m = median over M motors,   v = (M + 1)/(M - 1)·mean of (z - m)²;   precision = T / (N·v),   T the mean loss
 
-so that a window, of N, fitted as well as the average one counts as an observation.
+v is the variance of a further motor, as M motors tell it, and a window, of N, fitted as well as the average one counts
+as an observation. One motor is fitted alone.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def fit_fleet(
         turns: of the empirical Bayes.
         report: called 1 + RESTARTS + len(turns) times.
     """
-    rng = np.random.default_rng([seed, _STREAM])
+    rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
     fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _held(terms, runs)
     belief = weak_belief(len(center)).holding(held)
@@ -174,7 +175,9 @@ def weak_belief(size: int) -> Belief:
 def _belief(found: Fit, windows: int) -> Belief:
     """What the motors say about one more."""
     mean = np.median(found.z, axis=0)
-    variance = np.maximum(np.mean((found.z - mean) ** 2, axis=0), _LEAST_SPREAD**2)
+    motors = len(found.z)
+    spread = (motors + 1) / (motors - 1) * np.mean((found.z - mean) ** 2, axis=0)
+    variance = np.maximum(spread, _LEAST_SPREAD**2)
     return Belief(mean, found.loss.mean() / windows / variance)
 
 
