@@ -57,8 +57,8 @@ from motorprior.pipeline.stage import FIGURES, description, is_finished, working
 from motorprior.robots.load import load_robot
 
 MODELS = (
-    "pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "physical", "prior", "adapted",
-    "tuned_pd", "same_place",
+    "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",
+    "physical", "prior", "adapted", "tuned_pd", "same_place",
 )  # fmt: skip
 TABLE_ONLY = ("tuned_pd", "same_place")
 TOLD = 10.0

@@ -108,6 +108,20 @@ def test_motors_beyond_the_decoders_reach_are_stored_as_they_were_fitted(
     np.testing.assert_array_equal(MotorFit(stored.network(bare()), runs).losses(stored.offsets), stored.loss)
 
 
+def test_a_recipe_may_lack_a_friction(decoder_data: Data):
+    preset = replace(PRESET, lacks=("load_friction",))
+    runs = WindowRuns(decoder_data(bare(), truth(), segments=5, rows=300), preset)
+    raw = fit_fleet(bare(), runs, (), True, 0, turns=((WIDE, 2),)).raw
+    np.testing.assert_allclose(np.exp(raw[:, PARAMETERS.index("load_friction")]), 1e-9)
+    assert np.ptp(raw[:, PARAMETERS.index("coulomb")]) > 1e-3
+
+
+def test_one_motor_is_fitted_alone(decoder_data: Data):
+    runs = WindowRuns(decoder_data(bare(), truth()[:1], segments=5, rows=300), PRESET)
+    together, alone = (fit_fleet(bare(), runs, (), way, 0, turns=((WIDE, 2),) * 2) for way in (True, False))
+    np.testing.assert_array_equal(together.raw, alone.raw)
+
+
 def test_what_encoders_on_the_rotors_do_not_show_is_left_alone(decoder_data: Data):
     data = decoder_data(bare(), truth(), segments=5, rows=300)
     seen = WindowRuns(replace(data, measured=Measured(False, at_rotor=True)), PRESET)

@@ -160,8 +160,8 @@ def _unlimited(fit: MotorFit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(P,) constants that are not fitted: stated ones, and those that the log's encoders hide (`window_runs`)."""
-    held = HIDDEN_FROM_ROTOR if runs.at_rotor else ()
+    """(P,) constants that are not fitted: absent and stated ones, and those that the log's encoders hide."""
+    held = runs.preset.lacks + (HIDDEN_FROM_ROTOR if runs.at_rotor else ())
     if runs.gain_unit == PHYSICAL_GAINS:
         held += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
     return np.array([name in held for name in parameters_of(terms)])

@@ -32,6 +32,8 @@ _TORQUES = (
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
 """Constants that scale with the size of a motor."""
+_NOTHING = 1e-9
+"""A constant that motors of a recipe lack."""
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
 """Logarithms of the factors that are tried."""
 _MUCH_LESS = 0.5
@@ -44,6 +46,8 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     Where gains are stated in N·m/rad, every torque of the initial motor is that of a motor with such gains.
     """
     motor = INITIAL_MOTOR
+    if runs is not None:
+        motor = motor | dict.fromkeys(runs.preset.lacks, _NOTHING)
     if runs is not None and runs.fastest:
         motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
     if runs is None or not runs.gain_unit:

@@ -36,6 +36,7 @@ class Preset:
             is trained at once.
         terms: of `servo_terms` that the motors have; a fit that puts physics first chooses them.
         tries_terms: whether it does.
+        lacks: constants that the motors of a recipe that puts physics first do not have: frictions, for instance.
         gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
@@ -59,6 +60,7 @@ class Preset:
     physics_first: str = ""
     terms: tuple[str, ...] = ()
     tries_terms: bool = True
+    lacks: tuple[str, ...] = ()
     gain_unit: str = ""
     standardise: bool = False
 
@@ -79,6 +81,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 #     Bjelonic et al., 2025, whose motors have no backlash).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
 # pace: per_motor without any term of a servo's firmware, the baseline on real logs; pace_long_runs beside long_runs.
+# coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
 # paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
@@ -88,22 +91,9 @@ _ROLLOUT = Preset(
     standardise=True,
 )  # fmt: skip
 _PACE = Preset(
-    "rollout",
-    0.002,
-    (0,),
-    has_armature=False,
-    grey_box=True,
-    num_latents=14,
-    num_neurons=0,
-    kl_weight=0.0,
-    warm_up=120,
-    noisy=False,
-    steps=1,
-    own_latents=True,
-    physics_first="alone",
-    tries_terms=False,
-    standardise=True,
-)
+    "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
+    warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", tries_terms=False, standardise=True,
+)  # fmt: skip
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
@@ -119,6 +109,8 @@ PRESETS = {
     ),
     "pace": _PACE,
     "pace_long_runs": replace(_PACE, window=500),
+    "coulomb_viscous": replace(_PACE, window=500, lacks=("load_friction", "stribeck_torque")),
+    "stribeck": replace(_PACE, window=500, lacks=("load_friction",)),
     "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
     "actuator_net": Preset(
@@ -135,6 +127,8 @@ MODELS = (
     Model("per_motor", "per motor", "#7d4fa8"),
     Model("pace", "per motor, no terms", "#7d4fa8"),
     Model("pace_long_runs", "per motor, no terms, long runs", "#7d4fa8"),
+    Model("coulomb_viscous", "Coulomb and viscous friction", "#7d4fa8"),
+    Model("stribeck", "Stribeck friction", "#7d4fa8"),
     Model("latent_network", "latent network", "#7d4fa8"),
     Model("one_network", "one network", "#1a9a8b"),
     Model("actuator_net", "actuator net", "#7d4fa8"),

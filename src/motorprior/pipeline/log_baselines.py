@@ -22,8 +22,8 @@ if TYPE_CHECKING:  # they import JAX
 
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 """Baselines that are recipes of identification: every motor's physics by itself, and one network for all motors."""
-LONG_RUNS = {"per_motor": "pace_long_runs"}
-"""Those beside a prior of the recipe long_runs."""
+LONG_RUNS = {"per_motor": "pace_long_runs", "coulomb_viscous": "coulomb_viscous", "stribeck": "stribeck"}
+"""Those beside a prior of the recipe long_runs: servos with much friction."""
 BASELINE_PERIOD = 0.002
 """Theirs [s]; beside priors of another they are left out."""
 RESPONSES = "responses.safetensors"

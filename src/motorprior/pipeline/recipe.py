@@ -6,6 +6,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import ArtifactError
@@ -26,6 +27,7 @@ RECIPE = Schema(
         "gain_unit": one_of("", *GAIN_UNITS),
         "tries_terms": TRUTH,
         "terms": many(one_of(*TERMS)),
+        "lacks": many(one_of(*PARAMETERS)),
         "num_latents": integer(0, 1000),
         "num_neurons": integer(0, 10_000),
         "kl_weight": number(0.0, 1e6),
@@ -53,7 +55,8 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     if not isinstance(recipe, dict):
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_REMEDY)
     RECIPE.check(recipe, where)
-    preset = Preset(**{**recipe, "taps": tuple(recipe["taps"]), "terms": tuple(recipe.get("terms", ()))})
+    series = {name: tuple(recipe.get(name, ())) for name in ("taps", "terms", "lacks")}
+    preset = Preset(**{**recipe, **series})
     _require_fit(preset, prior, where)
     return preset
 
