@@ -208,6 +208,12 @@ def test_a_prior_becomes_motors_of_a_model_of_ones_own(prior: mp.MotorPrior, tmp
     assert data.qpos[0] != 0.0
 
 
+def test_a_grey_box_that_was_never_written_adapts():
+    log = mp.record_bench(ROBOT, motors=3, steps=600, preset="rollout")
+    found = mp.adapt(mp.fit_prior(log, "pace"), log, anyway=True)
+    assert found.mean.shape[0] == 3
+
+
 def test_adapted_motors_need_nothing_else(prior: mp.MotorPrior, tmp_path: Path):
     new = mp.record_bench(ROBOT, motors=ROBOT.num_joints, steps=200, preset="paper", seed=5)
     posterior = mp.adapt(prior, new, anyway=True)

@@ -52,6 +52,15 @@ def test_a_constant_beyond_its_bounds_is_refused_by_name_and_value(name: str):
         assert error.value.remedy
 
 
+@pytest.mark.parametrize("unit", [1.0, 16.0, 40_000.0])
+def test_the_bounds_of_a_multiple_of_stated_gains_are_those_of_the_gain(unit: float):
+    gains = np.array([[unit, unit], [unit, unit]])
+    check_central_motor(center_of(SERVO | {"kp": 10.0 / unit}), NAMES, PATH, gains)
+    with pytest.raises(ArtifactError, match="motor_center: kp = 1e-05"):
+        check_central_motor(center_of(SERVO | {"kp": 1e-5 / unit}), NAMES, PATH, gains)
+    check_central_motor(center_of(SERVO | {"kp": 10.0 / unit}), NAMES, PATH, gains * [[1.0], [0.0]])
+
+
 def corner(rng: np.random.Generator, names: tuple[str, ...]) -> np.ndarray:
     """(P,) every constant at one of its bounds or anywhere between them."""
     low, high = (center_of({name: bounds[side] for name, bounds in CENTRAL_MOTOR.items()}, names) for side in (0, 1))

@@ -256,7 +256,7 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     known = {"inputs": 2 * len(header["taps"]), "constants": len(names)}
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
     if header["grey_box"]:
-        check_central_motor(tensors["motor_center"], names, path)
+        check_central_motor(tensors["motor_center"], names, path, tensors.get("gains"))
     wrong = {
         "grey_box and has_armature are both true: the rotor would count twice": header["grey_box"]
         and header["has_armature"],

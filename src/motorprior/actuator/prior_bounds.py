@@ -31,19 +31,25 @@ LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
 _REMEDY, _LONGEST_NAME = "identify it again", 80
 
 
-def check_central_motor(center: np.ndarray, names: tuple[str, ...], path: Path) -> None:
+def check_central_motor(
+    center: np.ndarray, names: tuple[str, ...], path: Path, gains: np.ndarray | None = None
+) -> None:
     """Refuse a grey box whose central motor is none.
 
     Args:
         center: (P,) of `GearedMotor`.
         names: of its constants.
         path: for the message.
+        gains: (2, M) stated kp and kd of the training motors, of which kp and kd are multiples; none if not given.
 
     Raises:
         ArtifactError: names the constant, its value in SI units and its bounds.
     """
+    told = {} if gains is None else {"kp": gains[0], "kd_over_kp": gains[1] / gains[0]}
+    units = {name: float(np.median(values)) for name, values in told.items()}
     for name, raw in zip(names, center.tolist(), strict=True):
         value = SIGNED[name] * raw if name in SIGNED else math.exp(raw)
+        value *= units.get(name) or 1.0  # a motor that is told no damping may have any multiple of it
         require(name, value, number(*CENTRAL_MOTOR[name]), path, _REMEDY, "motor_center")
 
 

@@ -86,7 +86,7 @@ def fit_fleet(
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
     fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _held(terms, runs)
-    belief = weak_belief(len(center)).holding(held)
+    belief, began = weak_belief(len(center)).holding(held), center
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
         first = fit.search(rng, nowhere, belief, SEARCH_RADII, SEARCH_DRAWS)
@@ -100,8 +100,8 @@ def fit_fleet(
         report()
     for reach, steps in turns:
         fit, found = _recentred(fit, found, held)
-        if together:
-            belief = _belief(found, fit.windows).holding(held)
+        belief = _belief(found, fit.windows) if together else replace(belief, mean=began - _center(fit))
+        belief = belief.holding(held)
         found = replace(found, energy=found.loss + belief.energy(found.z))
         again = fit.polish(found.z, belief, steps, reach)
         other = restart(rng, fit, again, belief, together)

@@ -36,13 +36,16 @@ MOTORS, ROWS, WINDOWS = 8, 10_000, 60
 """Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
 SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
 """What the servos of hobby robots have."""
+SOME = 16
+"""Stretches of a log of few segments."""
 ORDER = (
     "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
     "torque_speed", "profile",
 )  # fmt: skip
 """In which terms are left out."""
 _LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
-"""Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these."""
+"""Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these: from
+fewer no term is chosen."""
 _TURNS = (*TURNS[:3], *TURNS[-2:])
 _STEPS = 10
 
@@ -62,7 +65,7 @@ class Selection:
 class _State:
     """Fits (m, P) of motors with these terms, as decoder outputs, and their losses.
 
-    ``fitted`` and ``held_out`` (m,), and ``parts`` (m, s), those held out by segment.
+    ``fitted`` and ``held_out`` (m,), and ``parts`` (m, s), those held out by stretch.
     """
 
     terms: tuple[str, ...]
@@ -111,13 +114,15 @@ def _saved(before: _State, after: _State) -> float:
 
 
 def _worth(before: _State, after: _State, level: float) -> bool:
-    """Whether it saves its price, and the ranks of the motors' gains are no accident where there are enough motors."""
+    """Whether it saves its price and the ranks of the gains are no accident: of motors, or of few motors' stretches."""
     if len(before.held_out) >= _RANKS_TELL:
         gains = np.log(before.held_out / after.held_out)
     else:
         gains = np.log(before.parts / after.parts).ravel()
-    sure = bool(gains.any()) and float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue) < level
-    return _saved(before, after) > PRICE and (sure or len(gains) < _RANKS_TELL)
+    if len(gains) < _RANKS_TELL or not gains.any():
+        return False
+    pvalue = float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue)
+    return _saved(before, after) > PRICE and pvalue < level
 
 
 class _Trial:
@@ -155,7 +160,7 @@ class _Trial:
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
         raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-        held_out, groups = losses[:, self._unseen], self._runs.groups()[self._unseen]
+        held_out, groups = losses[:, self._unseen], stretches(self._runs)[self._unseen]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
         return _State(terms, raw, losses[:, self._seen].mean(axis=1), held_out.mean(axis=1), parts)
 
@@ -168,9 +173,14 @@ def _better(one: _State, other: _State) -> _State:
     return _State(one.terms, *values)
 
 
-def held_out_windows(runs: WindowRuns) -> np.ndarray:
-    """(N,) whether a window is judged, not fitted: every second segment, or, of few segments, stretches of windows."""
+def stretches(runs: WindowRuns) -> np.ndarray:
+    """(N,) number of the stretch that each window is in: its segment, or, of few segments, one of SOME of windows."""
     groups = runs.groups()
     if groups[-1] < 3:
-        groups = np.arange(len(groups)) * min(8, len(groups)) // len(groups)
-    return groups % 2 == 1  # presets have five excitations in turn: over two rounds each is in both halves
+        groups = np.arange(len(groups)) * min(SOME, len(groups)) // len(groups)
+    return groups
+
+
+def held_out_windows(runs: WindowRuns) -> np.ndarray:
+    """(N,) whether a window is judged, not fitted: every second of the `stretches`."""
+    return stretches(runs) % 2 == 1  # presets have five excitations in turn: over two rounds each is in both halves

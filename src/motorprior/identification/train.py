@@ -127,10 +127,8 @@ def _physics_first(
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     network = found.network(without_residual(data.scales, preset))
     metrics = {f"saved_{name}": value for name, value in saved.items()}
-    notes, losses = (
-        [f"terms: {', '.join(found.terms) or 'none'} beyond the geared motor"],
-        np.array([found.loss.mean()]),
-    )
+    chosen = ", ".join(found.terms) or ("none" if saved else "none was tried")
+    notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
     judged = held_out_windows(runs)
     if preset.num_neurons and (judged.all() or not judged.any()):
         preset = replace(preset, num_neurons=0)

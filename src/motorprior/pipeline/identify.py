@@ -230,7 +230,7 @@ def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQu
 
 def _as_json(recipe: Preset) -> dict[str, Any]:
     """With lists in place of tuples, as JSON gives them back."""
-    return asdict(recipe) | {"taps": list(recipe.taps), "terms": list(recipe.terms)}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(recipe).items()}
 
 
 def _training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], _Origin]:
