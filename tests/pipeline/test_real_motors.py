@@ -15,6 +15,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.demo import Demo, that_walks
 from motorprior.pipeline.first_look import Errors
+from motorprior.pipeline.look_by_replay import beginning
 from motorprior.pipeline.real_motors import TRACES, RealMotors, read_logs_of, run_real_motors
 from motorprior.report.page import Report, render
 from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_rows, error_rows, from_tensors
@@ -139,6 +140,14 @@ def a_log(name: str, moving: list[bool]) -> MotorLog:
         time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=JOINTS[:2], robot="r",
         motor="m", source=name,
     )  # fmt: skip
+
+
+def test_a_replay_begins_before_something_moves():
+    log = a_log("a", [True, False])
+    target = np.concatenate([np.zeros((30, 2)), log.position_target[:20]])
+    still_first = replace(log, position_target=target)
+    assert beginning(still_first, 0.1).time[0] == pytest.approx(0.3)
+    assert beginning(still_first, 0.4).time[0] == 0.0 and beginning(log, 0.1).num_rows == 10
 
 
 def test_joints_that_did_not_move_are_not_counted():
