@@ -13,7 +13,7 @@ from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import response_fit
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet, write_log
-from motorprior.pipeline.demo import Demo, that_walks
+from motorprior.pipeline.demo import Demo, require_settings, that_walks
 from motorprior.pipeline.first_look import Errors, constant_results
 from motorprior.pipeline.fleet_comparison import beside_each_other, not_shown_results, shown_by_logs
 from motorprior.pipeline.look_by_replay import beginning
@@ -135,6 +135,12 @@ def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: st
     assert that_walks(given) == replace(given, robot=Demo().robot)
     assert that_walks(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
     assert that_walks(Demo(logs=logs)) == Demo(logs=logs)
+
+
+@pytest.mark.parametrize("given", [Demo(hung=True), Demo(columns="so101_sage")])
+def test_what_is_said_of_logs_is_refused_without_logs(given: Demo):
+    with pytest.raises(ConfigError, match="but no logs"):
+        require_settings(given, False)
 
 
 def a_log(name: str, moving: list[bool]) -> MotorLog:
