@@ -15,7 +15,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.demo import Demo, require_settings, that_walks
 from motorprior.pipeline.first_look import Errors, constant_results
-from motorprior.pipeline.fleet_comparison import beside_each_other, not_shown_results, shown_by_logs
+from motorprior.pipeline.fleet_comparison import beside_each_other, fleet_results, not_shown_results, shown_by_logs
 from motorprior.pipeline.look_by_replay import beginning
 from motorprior.pipeline.look_with_loads import SHOWN
 from motorprior.pipeline.real_motors import TRACES, RealMotors, fleet_of, read_logs_of, run_real_motors
@@ -164,6 +164,15 @@ def test_a_constant_in_which_motors_are_alike_is_not_shown_by_the_logs():
     said = beside_each_other(constants, units)
     assert "differ most in armature (1 to 2 u)" in said and said.endswith("not shown by the logs: delay")
     assert "delay" in beside_each_other({"delay": np.array([0.01])}, units), "of one motor nothing tells"
+
+
+def test_draws_of_a_constant_are_the_same_whatever_else_is_drawn():
+    fleet, units = load_fleet("mixed"), dict.fromkeys(SHOWN, "u")
+    both, alone = (
+        fleet_results(fleet, {name: np.ones(2) for name in names}, units)
+        for names in (("coulomb", "delay"), ("delay",))
+    )
+    assert len(alone) == 3 and both.where(quantity=f"{CONSTANT}delay") == alone
 
 
 def test_only_a_robots_own_fleet_stands_beside_it(arm: str, tmp_path: Path):

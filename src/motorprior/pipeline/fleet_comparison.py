@@ -73,7 +73,10 @@ def _ratio(values: np.ndarray) -> float:
 
 
 def _draws(fleet: Fleet, constants: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """(DRAWS,) of the constants that differ within the fleet."""
-    rng = np.random.default_rng(0)
+    """(DRAWS,) of the constants that differ within the fleet; those of one do not depend on what others there are."""
     known = {name: fleet.parameters[name] for name in constants if name in fleet.parameters}
-    return {name: found.sample(rng, DRAWS) for name, found in known.items() if found.kind != "constant"}
+    return {
+        name: found.sample(np.random.default_rng([*name.encode()]), DRAWS)
+        for name, found in known.items()
+        if found.kind != "constant"
+    }
