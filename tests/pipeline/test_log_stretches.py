@@ -76,6 +76,11 @@ def test_what_stands_still_is_not_known(spans: list[tuple[float, float]]):
     assert moving_joints(found.known) == moving_joints(found.judged) != []
 
 
+def test_a_short_motion_in_a_long_log_is_cut_in_two():
+    found = split({"a": waves((4.0, 6.0), seconds=10.0)}, 9.0, 9.0)
+    assert moving_joints(found.known) == moving_joints(found.judged) == [0]
+
+
 def test_of_many_logs_some_from_all_over_the_list():
     names = [f"{index:02d}" for index in range(40)]
     found = split({name: a_log(2000) for name in names}, 10.0, 10.0)

@@ -63,7 +63,7 @@ def split(logs: Mapping[str, MotorLog], known_seconds: float, judged_seconds: fl
 
     Halves where there is one log only, or where a joint moved in judged logs that did not in known ones; pieces where
     other joints move in one half than in the other, as where they are moved one after the other. What stands still at
-    the ends of a log is never taken.
+    the ends of a log is not taken, unless too little else is left.
 
     Args:
         logs: of the same joints, in which some move.
@@ -76,6 +76,7 @@ def split(logs: Mapping[str, MotorLog], known_seconds: float, judged_seconds: fl
     names = list(logs)
     names = [names[round(place)] for place in np.linspace(0, len(names) - 1, min(len(names), MOST_LOGS))]
     taken = {name: awake(logs[name]) for name in names}
+    taken = {name: log if log.duration >= 2.0 * LEAST else logs[name] for name, log in taken.items()}
     known, judged = ({name: taken[name] for name in names[first::2]} for first in (0, 1))
     told = f"known: {', '.join(known)}; judged: {', '.join(judged)}"
     if judged:
