@@ -1,5 +1,6 @@
 """A folder of logs: every format, what is no log left out with a reason, and an error that says what would help."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -51,5 +52,6 @@ def test_tables_without_a_map_ask_for_one(folder: Path):
 def test_a_folder_without_logs_says_where_some_are(tmp_path: Path):
     with pytest.raises(LogError, match="no log of a real robot"):
         read_log_folder(tmp_path, ROBOT)
-    with pytest.raises(LogError, match="no log in it"):
-        read_log_folder(tmp_path, None)
+    for robot in (None, replace(ROBOT, name="other")):
+        with pytest.raises(LogError, match="no log in it"):
+            read_log_folder(tmp_path, robot)

@@ -48,6 +48,39 @@ def test_halves_where_a_judged_joint_would_never_have_moved(logs: dict[str, Moto
         assert known.max() < judged.min() and len(known) + len(judged) == 2000
 
 
+def waves(*spans: tuple[float, float], seconds: float = 20.0) -> MotorLog:
+    """A log at 100 Hz whose joints move in a span of time each [s]."""
+    time = 0.01 * np.arange(round(100 * seconds))
+    target = np.stack([np.where((time >= a) & (time < b), np.sin(6 * time), 0.0) for a, b in spans], axis=1)
+    names = ("hip", "knee", "toe")[: len(spans)]
+    return MotorLog(
+        time=time, position_target=target, joint_pos=target, joint_names=names, robot="r", motor="m", source="waves"
+    )
+
+
+def test_joints_that_move_one_after_the_other_are_known_and_judged():
+    found = split({"a": waves((0.0, 10.0), (10.0, 20.0), (20.0, 60.0), seconds=60.0)}, 5.0, 5.0)
+    assert moving_joints(found.known) == moving_joints(found.judged) == [0, 1, 2]
+    assert not set(found.known["a"].joint_pos[:, 2]) & set(found.judged["a"].joint_pos[:, 2]) - {0.0}
+    assert "in turns" in found.told
+
+
+def test_joints_that_move_in_one_piece_each_are_named():
+    with pytest.raises(LogError, match=r"hip moves from 0\.0 to 1\.\d s of a; knee moves from 1\.6 to"):
+        split({"a": waves((0.0, 1.6), (1.6, 3.2), seconds=3.2)}, 5.0, 5.0)
+
+
+@pytest.mark.parametrize("spans", [[(100.0, 120.0)], [(40.0, 50.0), (100.0, 120.0)]])
+def test_what_stands_still_is_not_known(spans: list[tuple[float, float]]):
+    found = split({"a": waves(*spans, seconds=130.0)}, 5.0, 5.0)
+    assert moving_joints(found.known) == moving_joints(found.judged) != []
+
+
+def test_a_short_motion_in_a_long_log_is_cut_in_two():
+    found = split({"a": waves((4.0, 6.0), seconds=10.0)}, 9.0, 9.0)
+    assert moving_joints(found.known) == moving_joints(found.judged) == [0]
+
+
 def test_of_many_logs_some_from_all_over_the_list():
     names = [f"{index:02d}" for index in range(40)]
     found = split({name: a_log(2000) for name in names}, 10.0, 10.0)

@@ -13,13 +13,17 @@ from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import response_fit
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet, write_log
-from motorprior.pipeline.demo import Demo, that_walks
-from motorprior.pipeline.first_look import Errors
-from motorprior.pipeline.real_motors import TRACES, RealMotors, read_logs_of, run_real_motors
+from motorprior.pipeline.demo import Demo, require_settings, that_walks
+from motorprior.pipeline.first_look import Errors, constant_results
+from motorprior.pipeline.fleet_comparison import beside_each_other, fleet_results, not_shown_results, shown_by_logs
+from motorprior.pipeline.look_by_replay import beginning
+from motorprior.pipeline.look_with_loads import SHOWN
+from motorprior.pipeline.real_motors import TRACES, RealMotors, fleet_of, read_logs_of, run_real_motors
 from motorprior.report.page import Report, render
 from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_rows, error_rows, from_tensors
 from motorprior.report.real_motors import real_motors
 from motorprior.results import Results
+from motorprior.robots.load import load_robot
 
 JOINTS = ("hip", "knee", "ankle")
 
@@ -35,21 +39,21 @@ def logs(tmp_path: Path) -> Path:
     return tmp_path / "logs"
 
 
-def looked_at(logs: Path, out: Path) -> tuple[Results, list[str]]:
+def looked_at(logs: Path, out: Path, fleet: str | None = None) -> tuple[Results, list[str]]:
     said: list[str] = []
-    found = run_real_motors(RealMotors(logs, out), show=lambda results, lines: said.extend(lines))
+    found = run_real_motors(RealMotors(logs, out, fleet=fleet), show=lambda results, lines: said.extend(lines))
     return found, said
 
 
 def test_the_prior_is_nearer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
     out = tmp_path / "run" / "real_motors"
-    found, said = looked_at(logs, out)
+    found, said = looked_at(logs, out, "mixed")
     for quantity in (RMSE, FREE_RUN):
         prior, pd = (
             found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
         )
         assert prior < 0.4 * pd
-    assert {row.part for row in found.where(quantity=f"{CONSTANT}armature", model=None)} == set(JOINTS)
+    assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", model=None)} == set(JOINTS)
     assert [row[0] for row in error_rows(found)] == [*JOINTS, "second", "mean"]
     assert any("armature" in row[0] for row in constant_rows(found))
     text = "\n".join(said)
@@ -58,14 +62,14 @@ def test_the_prior_is_nearer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
         "known: first; judged: second",
         "one tuned PD",
         "unlike the prior",
-        "'pupper_v2'",
+        "beside fleet 'mixed'",
     ):
         assert words in text
     assert from_tensors(*read_tensors(out / TRACES))[0].log == "second"
     page = render(Report("t", "s", tuple(real_motors(tmp_path / "run")), {}, "c"))
     assert "Your motors" in page and page.count("<img") == 3
     before = (out / TRACES).stat().st_mtime_ns
-    assert looked_at(logs, out) == (found, said)
+    assert looked_at(logs, out, "mixed") == (found, said)
     assert (out / TRACES).stat().st_mtime_ns == before, "once"
 
 
@@ -133,12 +137,60 @@ def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: st
     assert that_walks(Demo(logs=logs)) == Demo(logs=logs)
 
 
+@pytest.mark.parametrize("given", [Demo(hung=True), Demo(columns="so101_sage")])
+def test_what_is_said_of_logs_is_refused_without_logs(given: Demo):
+    with pytest.raises(ConfigError, match="but no logs"):
+        require_settings(given, False)
+
+
 def a_log(name: str, moving: list[bool]) -> MotorLog:
     target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
     return MotorLog(
         time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=JOINTS[:2], robot="r",
         motor="m", source=name,
     )  # fmt: skip
+
+
+def test_a_constant_in_which_motors_are_alike_is_not_shown_by_the_logs():
+    constants, units = (
+        {"delay": np.array([0.0100, 0.0104]), "armature": np.array([1.0, 2.0])},
+        dict.fromkeys(SHOWN, "u"),
+    )
+    rows = constant_rows(not_shown_results(constants, units) + constant_results(shown_by_logs(constants), units, "ab"))
+    assert rows == [
+        ["delay [u]", "–", "not shown by the logs", "–", "–", "–"],
+        ["armature [u]", "1", "1.5", "2", "–", "–"],
+    ]
+    said = beside_each_other(constants, units)
+    assert "differ most in armature (1 to 2 u)" in said and said.endswith("not shown by the logs: delay")
+    assert "delay" in beside_each_other({"delay": np.array([0.01])}, units), "of one motor nothing tells"
+
+
+def test_draws_of_a_constant_are_the_same_whatever_else_is_drawn():
+    fleet, units = load_fleet("mixed"), dict.fromkeys(SHOWN, "u")
+    both, alone = (
+        fleet_results(fleet, {name: np.ones(2) for name in names}, units)
+        for names in (("coulomb", "delay"), ("delay",))
+    )
+    assert len(alone) == 3 and both.where(quantity=f"{CONSTANT}delay") == alone
+
+
+def test_only_a_robots_own_fleet_stands_beside_it(arm: str, tmp_path: Path):
+    config = RealMotors(tmp_path, tmp_path)
+    own = fleet_of(config, load_robot(config.robot), True)
+    assert own is not None and own.robot == config.robot
+    assert fleet_of(config, load_robot(config.robot), False) is None
+    assert fleet_of(config, load_robot(arm), True) is None
+    asked = fleet_of(replace(config, fleet="mixed"), load_robot(arm), True)
+    assert asked is not None and asked.name == "mixed"
+
+
+def test_a_replay_begins_before_something_moves():
+    log = a_log("a", [True, False])
+    target = np.concatenate([np.zeros((30, 2)), log.position_target[:20]])
+    still_first = replace(log, position_target=target)
+    assert beginning(still_first, 0.1).time[0] == pytest.approx(0.3)
+    assert beginning(still_first, 0.4).time[0] == 0.0 and beginning(log, 0.1).num_rows == 10
 
 
 def test_joints_that_did_not_move_are_not_counted():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from motorprior.bench.facts import require_bench_size
 from motorprior.bounds import require_count, require_seed
+from motorprior.exceptions import ConfigError
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.real_motors import RealMotors
 from motorprior.pipeline.replay import read_logs
@@ -70,6 +71,7 @@ def require_settings(config: Demo, replayed: bool) -> None:
     Raises:
         MotorPriorError: names the setting.
     """
+    _require_logs_of_options(config)
     robot = load_robot(config.robot)
     robot.require_legs()
     require_count("motors", config.motors, robot.num_joints)
@@ -83,3 +85,10 @@ def require_settings(config: Demo, replayed: bool) -> None:
     load_robot_fleet(robot, config.fleet)
     if replayed and config.logs is not None:
         read_logs(config.logs, robot)
+
+
+def _require_logs_of_options(config: Demo) -> None:
+    """Without logs, nothing may be said about them."""
+    said = {"hung": config.hung, "columns": config.columns is not None}
+    for name in [name for name, is_given in said.items() if is_given and config.logs is None]:
+        raise ConfigError(f"{name}, but no logs", remedy="give logs too, or leave it out", argument=name)

@@ -7,14 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from motorprior.bench.fleet import Fleet
-from motorprior.report.real_motor_tables import CONSTANT
+from motorprior.report.real_motor_tables import CONSTANT, NOT_SHOWN
 from motorprior.results import Result, Results
 
 DRAWS = 400
 """Of the fleet."""
 LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 ALIKE = 1.05
-"""Most over least of a constant in which motors count as alike."""
+"""Most over least of a constant that logs do not show: where motors are no farther apart, the fit left it where its
+search ended by chance; of one motor alone, nothing tells."""
 TOLD = 3
 """Most constants in which motors are said to differ from each other."""
 
@@ -37,23 +38,45 @@ def beside_the_fleet(fleet: Fleet, constants: Mapping[str, np.ndarray], units: M
             inside.append(name)
         else:
             outside.append(f"{name} {median:.3g} {units[name]} (there {low:.3g} to {high:.3g})")
-    said = f"beside the shipped fleet {fleet.name!r}, your median motor is outside 90 % of it in "
+    said = f"beside fleet {fleet.name!r}, your median motor is outside 90 % of it in "
     said += "; ".join(outside) if outside else "nothing"
     return said + (f"; inside in {', '.join(inside)}" if inside else "")
 
 
+def shown_by_logs(constants: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The constants in which the motors differ by more than ALIKE."""
+    return {name: values for name, values in constants.items() if _ratio(values) > ALIKE}
+
+
+def not_shown_results(constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Results:
+    """A row for each of the others, with the motors' median."""
+    shown = shown_by_logs(constants)
+    return Results.of(
+        Result(f"{CONSTANT}{name}", units[name], float(np.median(values)), statistic=NOT_SHOWN)
+        for name, values in constants.items()
+        if name not in shown
+    )
+
+
 def beside_each_other(constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
-    """A sentence: the constants in which the motors differ most, and those in which the logs do not tell them apart."""
-    ratios = {name: float(np.max(values) / max(np.min(values), 1e-12)) for name, values in constants.items()}
-    most = sorted((name for name in ratios if ratios[name] > ALIKE), key=lambda name: -ratios[name])[:TOLD]
-    differ = [f"{name} ({np.min(constants[name]):.3g} to {np.max(constants[name]):.3g} {units[name]})" for name in most]
-    same = [name for name, ratio in ratios.items() if ratio <= ALIKE]
-    said = f"your motors differ most in {', '.join(differ)}" if differ else "your motors are alike"
-    return said + (f"; the logs do not tell them apart in {', '.join(same)}" if differ and same else "")
+    """A sentence: the constants in which the motors differ most, and those that the logs do not show."""
+    shown = shown_by_logs(constants)
+    most = sorted(shown, key=lambda name: -_ratio(shown[name]))[:TOLD]
+    differ = [f"{name} ({np.min(shown[name]):.3g} to {np.max(shown[name]):.3g} {units[name]})" for name in most]
+    said = f"your motors differ most in {', '.join(differ)}" if differ else "no constant tells your motors apart"
+    hidden = [name for name in constants if name not in shown]
+    return said + (f"; not shown by the logs: {', '.join(hidden)}" if hidden else "")
+
+
+def _ratio(values: np.ndarray) -> float:
+    return float(np.max(values) / max(np.min(values), 1e-12))
 
 
 def _draws(fleet: Fleet, constants: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """(DRAWS,) of the constants that differ within the fleet."""
-    rng = np.random.default_rng(0)
+    """(DRAWS,) of the constants that differ within the fleet; those of one do not depend on what others there are."""
     known = {name: fleet.parameters[name] for name in constants if name in fleet.parameters}
-    return {name: found.sample(rng, DRAWS) for name, found in known.items() if found.kind != "constant"}
+    return {
+        name: found.sample(np.random.default_rng([*name.encode()]), DRAWS)
+        for name, found in known.items()
+        if found.kind != "constant"
+    }

@@ -33,9 +33,9 @@ class MotorsOut:
     Attributes:
         joints: their names.
         errors: (J,) root mean square errors [rad] by model: ``prior``, the central motor of the others, told nothing
-            but stated gains; ``same_place``, the mean of the others at the same place of their legs; ``adapted``, the
-            prior adapted to the seconds told; ``per_motor``, the physics of each motor fitted to them alone; and
-            ``tuned_pd``, one PD tuned on the others.
+            but stated gains; ``same_place``, the mean of the others at the same place of their legs, if there are any;
+            ``adapted``, the prior adapted to the seconds told; ``per_motor``, the physics of each motor fitted to them
+            alone; and ``tuned_pd``, one PD tuned on the others.
         coverage: level [%] -> share of the recorded angles in the bands of the adapted prior.
     """
 
@@ -90,11 +90,12 @@ def leave_motors_out(
     found = adapt_to(prior, out / "others" / PRIOR, told, told.source)
     models: dict[str, LogModel] = {
         "prior": LatentActuator(prior.network, prior.expected(of_group.joint_names)),
-        "same_place": LatentActuator(prior.network, _same_place(prior, robot, group)),
         "adapted": LatentActuator(prior.network, found.mean),
         PER_MOTOR: LatentActuator(alone.network, alone.mean),
         "tuned_pd": repeated(tuned_pd(left), len(group)),
     }
+    if robot.legs:
+        models["same_place"] = LatentActuator(prior.network, _same_place(prior, robot, group))
     runs = whole_runs(rest, with_gains_of(recipe_of(prior, out / "others" / PRIOR), rest), rest.source)
     errors = {name: np.asarray(within_a_turn(value)) for name, value in free_run_errors(runs, models).items()}
     return MotorsOut(of_group.joint_names, errors, log_coverage(prior, found, runs))

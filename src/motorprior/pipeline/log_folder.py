@@ -11,6 +11,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.puppersim import read_puppersim_logs, short_name
 from motorprior.logs.registry import READERS, read_log
 from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
 """Endings of files that a column map can be for."""
@@ -67,7 +68,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         return LogFolder(read_puppersim_logs(path, robot), tuple(found))
     if found := [entry for entry in entries if any(reader.takes(entry) for reader in READERS)]:
         return _readable(path, found, robot, None)
-    if robot is not None:
+    if robot is not None and robot.name == DEFAULT_ROBOT:
         read_puppersim_logs(path, robot)  # which says where logs are found
     raise LogError("no log in it", where=path, remedy="give a log, or a folder of logs (docs/logs.md)")
 

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from motorprior.bench.fleet import Fleet
+from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.first_look import Errors, Look
 from motorprior.pipeline.log_postures import PostureName, replayers_of
+from motorprior.pipeline.log_stretches import awake
 from motorprior.pipeline.motor_choice import nominal_pd
 from motorprior.pipeline.progress import Progress
 from motorprior.report.real_motor_tables import RMSE, Trace
@@ -39,7 +41,7 @@ def look_by_replay(
     Raises:
         LogError: a log that cannot be replayed.
     """
-    logs = {name: _beginning(log, LONGEST / len(logs)) for name, log in logs.items()}
+    logs = {name: beginning(log, LONGEST / len(logs)) for name, log in logs.items()}
     prepared = {name: prepare(log, robot, f"{log.source}, log {name}") for name, log in logs.items()}
     replayers = replayers_of(logs, prepared, robot, fleet, posture, progress)
     rng, joints = np.random.default_rng(seed), robot.num_joints
@@ -54,9 +56,13 @@ def look_by_replay(
     return _look(found, replayers, robot, fleet)
 
 
-def _beginning(log: MotorLog, seconds: float) -> MotorLog:
-    """Rows until the recorded time of ``seconds``, pauses included."""
-    return log.rows(slice(0, max(2, int(np.searchsorted(log.time, log.time[0] + seconds)))))
+def beginning(log: MotorLog, seconds: float) -> MotorLog:
+    """Rows until the recorded time of ``seconds``, pauses included; if nothing moves in them, from where it does."""
+    found = log.rows(slice(0, max(2, int(np.searchsorted(log.time, log.time[0] + seconds)))))
+    moving = awake(log)
+    if excited_joints(found).size or moving.num_rows == log.num_rows:
+        return found
+    return beginning(moving, seconds)
 
 
 def _look(

@@ -15,7 +15,13 @@ from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.pipeline.adapt import motor_constants
 from motorprior.pipeline.first_look import Errors, Look, constant_results, free_run_trace
-from motorprior.pipeline.fleet_comparison import beside_each_other, beside_the_fleet, fleet_results
+from motorprior.pipeline.fleet_comparison import (
+    beside_each_other,
+    beside_the_fleet,
+    fleet_results,
+    not_shown_results,
+    shown_by_logs,
+)
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.log_baselines import with_gains_of
 from motorprior.pipeline.log_stretches import Split
@@ -23,6 +29,7 @@ from motorprior.pipeline.motor_choice import described_pd
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.report.real_motor_tables import FREE_RUN, RMSE
+from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:  # they import JAX
@@ -47,14 +54,14 @@ ODD = 0.05
 
 
 def look_with_loads(
-    logs: Split, robot: Robot | None, fleet: Fleet, seed: int, folder: Path, progress: Progress
+    logs: Split, robot: Robot | None, fleet: Fleet | None, seed: int, folder: Path, progress: Progress
 ) -> Look:
     """Fit to the known stretches, judge by the others.
 
     Args:
         logs: with loads, on the prior's grid, of joints that moved.
         robot: that the logs are of, if there is a description of it.
-        fleet: population whose constants stand beside those of these motors.
+        fleet: population whose constants stand beside those of these motors, if they have one.
         seed: of the fit.
         folder: for the prior.
         progress: where to report to.
@@ -80,16 +87,18 @@ def look_with_loads(
         models = {"tuned_pd": tuned, "prior": _priors(prior, log)["prior"]}
         runs = whole_runs(log, with_gains_of(preset, log), log.source)
         traces += (free_run_trace(errors.logs[place[0]], known.joint_names[place[1]], place[1], runs, models),)
-    shown = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())
-    constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in shown}
+    names = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())
+    constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in names}
     lines = (
         errors.compared(),
         *_warned(prior),
         *_told(prior, constants, fleet, known.joint_names),
         errors.unlike("prior"),
     )
-    rows = errors.rows(RMSE) + short.rows(FREE_RUN) + constant_results(constants, SHOWN, known.joint_names)
-    return Look(lines, rows + fleet_results(fleet, constants, SHOWN), traces)
+    shown = shown_by_logs(constants)
+    rows = errors.rows(RMSE) + short.rows(FREE_RUN) + constant_results(shown, SHOWN, known.joint_names)
+    rows += not_shown_results(constants, SHOWN) + (Results() if fleet is None else fleet_results(fleet, shown, SHOWN))
+    return Look(lines, rows, traces)
 
 
 def _pd(log: MotorLog, robot: Robot | None) -> dict[str, LogModel]:
@@ -134,16 +143,20 @@ def _warned(prior: MotorPrior) -> list[str]:
     ]
 
 
-def _told(prior: MotorPrior, constants: dict[str, np.ndarray], fleet: Fleet, joints: tuple[str, ...]) -> list[str]:
-    """How the motors differ from each other and from the fleet."""
+def _told(
+    prior: MotorPrior, constants: dict[str, np.ndarray], fleet: Fleet | None, joints: tuple[str, ...]
+) -> list[str]:
+    """How the motors differ from each other and from a fleet of theirs."""
     from motorprior.identification.stand_out import stand_out
 
     odd, lines = stand_out(prior), []
-    if len(joints) > 1:
+    if constants:
         lines.append(beside_each_other(constants, SHOWN))
     if odd is not None:
         lines.append(_stands_out(odd, joints))
-    return [*lines, beside_the_fleet(fleet, constants, SHOWN)]
+    if fleet is not None and (shown := shown_by_logs(constants)):
+        lines.append(beside_the_fleet(fleet, shown, SHOWN))
+    return lines
 
 
 def _stands_out(odd: Outliers, joints: tuple[str, ...]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.fleet import load_fleet
+from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
@@ -48,7 +48,7 @@ class RealMotors:
     hung: bool = False
     """A robot with a free base hung in the air with its body level."""
     fleet: str | None = None
-    """Population to compare with; the shipped one if not given."""
+    """Population to compare with; if not given, that of the robot, if it comes with one."""
     seed: int = 0
     """Of the fits and draws."""
     robot: str = DEFAULT_ROBOT
@@ -124,10 +124,10 @@ def _is_of(folder: LogFolder, robot: Robot) -> bool:
 
 def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> Look:
     known_robot, logs = _is_of(folder, robot), folder.logs
-    fleet = load_fleet(config.fleet or (robot if robot.fleets else load_robot(DEFAULT_ROBOT)).default_fleet)
+    fleet = fleet_of(config, robot, known_robot)
     found = Look(tuple(f"left out {line}" for line in folder.left_out))
     loads, why = _loads(config, logs, robot if known_robot else None)
-    if loads is None and known_robot and fleet.robot == robot.name:
+    if loads is None and known_robot and fleet is not None and fleet.robot == robot.name:
         from motorprior.pipeline.look_by_replay import look_by_replay
 
         found += look_by_replay(logs, robot, fleet, "hung" if config.hung else "auto", config.seed, progress)
@@ -141,6 +141,13 @@ def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progres
 
     described = robot if known_robot else None
     return found + look_with_loads(parts, described, fleet, config.seed, config.out / "prior", progress)
+
+
+def fleet_of(config: RealMotors, robot: Robot, known_robot: bool) -> Fleet | None:
+    """The one asked for, or that of the very robot; an arm has nothing to do with the motors of another robot."""
+    if config.fleet is not None:
+        return load_fleet(config.fleet)
+    return load_fleet(robot.default_fleet) if known_robot and robot.fleets else None
 
 
 def _seconds(logs: dict[str, MotorLog], responses: bool) -> float:

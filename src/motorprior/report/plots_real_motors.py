@@ -28,7 +28,7 @@ from motorprior.report.real_motor_tables import NAMES, Trace
 LONGEST = 8.0
 """Shown of a trace, from its end, where a chirp is fastest [s]."""
 LOWEST = 0.05
-"""Shown of constants [times the fleet's median]; a delay may be almost nothing."""
+"""Shown of constants [times the fleet's median]; a delay may be almost nothing, of which an arrow tells."""
 _LOOKS = {
     "ideal_pd": ("ideal_pd", "s"), "tuned_pd": ("tuned_pd", "D"), "prior": ("rollout", "o"),
     "prior_mean": ("rollout", "|"), "pure_delay": ("paper_wide", "x"), "second_order": ("tuned_pd", "D"),
@@ -109,10 +109,15 @@ def constants_beside_fleet(
     for row, constant in enumerate(shown):
         low, middle, high = fleet[constant]
         values, first = np.array(motors[constant]) / middle, row == 0
+        lost = values < LOWEST
         look = {"linewidth": 9, "solid_capstyle": "butt", "color": FAINT}
         axes.plot([low / middle, high / middle], [row, row], label=f"90 % of fleet {name}" if first else None, **look)
         look = {"markersize": 4, "alpha": 0.6, "color": model_color("rollout")}
-        axes.plot(values, np.full(len(values), row), "o", label="your motors" if first else None, **look)
+        axes.plot(values[~lost], np.full((~lost).sum(), row), "o", label="your motors" if first else None, **look)
+        if lost.any():
+            axes.plot([LOWEST], [row], marker="<", clip_on=False, **look)
+            text = {"xytext": (7, 0), "textcoords": "offset points", "va": "center", "fontsize": 7, "color": MUTED}
+            axes.annotate(f"{lost.sum()} below {LOWEST:g}", (LOWEST, row), **text)
     axes.set_xscale("log")
     axes.set_xlim(left=max(axes.get_xlim()[0], LOWEST))
     axes.axvline(1.0, color=MUTED, linewidth=0.8, zorder=0)

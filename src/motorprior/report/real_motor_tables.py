@@ -14,6 +14,8 @@ RMSE, FREE_RUN = "real_motors_rmse", "real_motors_free_run_rmse"
 """Errors of free runs of whole stretches of log, and of a second."""
 CONSTANT = "real_motors_"
 """Begins the quantity of a constant: of the joint that `Result.part` names, or, as statistics, of a fleet's draws."""
+NOT_SHOWN = "not_shown"
+"""Statistic of a constant that the logs do not show: its value is that of a fit, not of the motors."""
 NAMES = {
     "ideal_pd": "an ideal PD", "tuned_pd": "one tuned PD", "prior": "the prior", "prior_mean": "its central motor",
     "pure_delay": "a pure delay", "second_order": "second order + delay", "servo_limits": "the same with limits",
@@ -96,7 +98,10 @@ def constant_rows(results: Results) -> list[list[str]]:
         fleet = [of.where(statistic=statistic) for statistic in ("p05", "p95")]
         ends = [f"{each.value():.3g}" if len(each) else "–" for each in fleet]
         name, unit = quantity.removeprefix(CONSTANT).replace("_", " "), of.rows[0].unit
-        shown = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])]
+        if of.where(statistic=NOT_SHOWN):
+            shown = ["–", "not shown by the logs", "–"]
+        else:
+            shown = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])]
         rows.append([f"{name} [{unit}]" if unit != "1" else name, *shown, *ends])
     return rows
 
