@@ -18,13 +18,11 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
 from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines, with_gains_of
-from motorprior.pipeline.motor_choice import load_prior
+from motorprior.pipeline.motor_choice import prior_and_robot
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
-from motorprior.robots.load import load_robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.latent_fit import Posterior
@@ -56,8 +54,9 @@ class ValidateLog:
     """Adam steps of the pooled network; the preset's own number if not given."""
     seed: int = 0
     """Seed of the baselines' searches and weights."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior must
+    be of the robot that the log names."""
 
 
 def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Results:
@@ -72,10 +71,10 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     Raises:
         LogError, ArtifactError: a log or a prior that cannot be used.
     """
-    robot = load_robot(config.robot)
-    prior, log = load_prior(config.prior, robot), read_parquet(config.log)
+    log = read_parquet(config.log)
+    prior, robot = prior_and_robot(config.prior, log, config.robot)
     known, judged = _known_and_judged(config, log)
-    inputs = [config.prior, config.log, *config.fitted_on, *robot.files]
+    inputs = [config.prior, config.log, *config.fitted_on, *(robot.files if robot else ())]
     wanted = description("validate-log", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
