@@ -51,8 +51,8 @@ class Adapt:
     anyway: bool = False
     """Write the posterior even if the log is unlike anything the prior knows."""
     robot: str | None = None
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior must
-    be of the robot that the log names."""
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior
+    must be of the robot that the log names."""
 
 
 Show: TypeAlias = "Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]"

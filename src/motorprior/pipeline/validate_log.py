@@ -55,8 +55,8 @@ class ValidateLog:
     seed: int = 0
     """Seed of the baselines' searches and weights."""
     robot: str | None = None
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior must
-    be of the robot that the log names."""
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior
+    must be of the robot that the log names."""
 
 
 def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Results:
