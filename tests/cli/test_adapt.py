@@ -93,6 +93,15 @@ def test_prior_and_log_may_be_of_any_robot_that_both_name(folder: Path, tmp_path
     assert motorprior("adapt", prior, log, "--anyway", *out).code == 0
 
 
+def test_known_logs_that_are_too_short_are_named_before_anything_is_fitted(folder: Path, tmp_path: Path, refused):
+    prior, judged = folder / "prior" / "prior.safetensors", folder / "held_out" / "log.parquet"
+    known = tmp_path / "short.parquet"
+    log = read_parquet(judged).rows(slice(0, 600))
+    write_log(known, replace(log, segment=np.arange(600) // 150, source="elsewhere.csv"))
+    line = ("validate-log", prior, judged, "--fitted-on", known, "--out", tmp_path / "out")
+    refused(*line, words=(f"{known}: its longest segment has 150 rows, a window",))
+
+
 @pytest.mark.slow
 def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
     volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")
