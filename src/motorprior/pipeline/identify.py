@@ -239,7 +239,7 @@ def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQu
 
 def _as_json(recipe: Preset) -> dict[str, Any]:
     """With lists in place of tuples, as JSON gives them back."""
-    return asdict(recipe) | {"taps": list(recipe.taps), "terms": list(recipe.terms)}
+    return asdict(recipe) | {name: list(getattr(recipe, name)) for name in ("taps", "terms", "lacks")}
 
 
 def _training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], _Origin]:
