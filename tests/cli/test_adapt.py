@@ -79,6 +79,29 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
     refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 
 
+def test_prior_and_log_may_be_of_any_robot_that_both_name(folder: Path, tmp_path: Path, motorprior, refused):
+    prior, log, out = tmp_path / "pendulum.safetensors", tmp_path / "pendulum.parquet", ("--out", tmp_path / "out")
+    replace(MotorPrior.load(folder / "prior" / "prior.safetensors"), robot="pendulum").save(prior)
+    recorded = read_parquet(folder / "few" / "log.parquet")
+    write_log(log, replace(recorded, robot="pendulum"))
+    refused("validate-log", prior, log, *out, words=("pendulum.parquet", "longest segment"))
+    write_log(tmp_path / "arm.parquet", replace(recorded, robot="arm"))
+    words = ("pendulum.safetensors", "of robot 'pendulum', the log of 'arm'")
+    for command in ("adapt", "validate-log"):
+        refused(command, prior, tmp_path / "arm.parquet", *out, words=words)
+        refused(command, prior, log, "--robot", "pupper_v2", *out, words=("pendulum.safetensors", "not 'pupper_v2'"))
+    assert motorprior("adapt", prior, log, "--anyway", *out).code == 0
+
+
+def test_known_logs_that_are_too_short_are_named_before_anything_is_fitted(folder: Path, tmp_path: Path, refused):
+    prior, judged = folder / "prior" / "prior.safetensors", folder / "held_out" / "log.parquet"
+    known = tmp_path / "short.parquet"
+    log = read_parquet(judged).rows(slice(0, 600))
+    write_log(known, replace(log, segment=np.arange(600) // 150, source="elsewhere.csv"))
+    line = ("validate-log", prior, judged, "--fitted-on", known, "--out", tmp_path / "out")
+    refused(*line, words=(f"{known}: its longest segment has 150 rows, a window",))
+
+
 @pytest.mark.slow
 def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
     volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")

@@ -99,7 +99,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         series = _centred(series, log)
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
-        starts=_window_starts(log, preset, where),
+        starts=window_starts(log, preset, where),
         parts=tuple(log.segment_slices()),
         scales=_scales(log, where),
         gain_unit=preset.gain_unit,
@@ -189,7 +189,12 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         )
 
 
-def _window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
+def window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
+    """(S,) first rows of the windows that lie inside one segment.
+
+    Raises:
+        LogError: every segment is shorter than a window.
+    """
     length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
     starts = [np.arange(part.start, part.stop - length + 1) for part in log.segment_slices()]
     every = np.concatenate(starts)

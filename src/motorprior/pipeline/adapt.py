@@ -18,12 +18,10 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.motor_choice import load_prior
+from motorprior.pipeline.motor_choice import prior_and_robot
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working
-from motorprior.robots.load import load_robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.grey_box_fit import Expected
@@ -52,8 +50,9 @@ class Adapt:
     """Use the first seconds of the log only [s]; all of it if not given."""
     anyway: bool = False
     """Write the posterior even if the log is unlike anything the prior knows."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior
+    must be of the robot that the log names."""
 
 
 Show: TypeAlias = "Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]"
@@ -187,9 +186,9 @@ def run_adapt(
     started = time.monotonic()
     if config.seconds is not None:
         require_number("seconds", config.seconds)
-    robot = load_robot(config.robot)
-    prior, log = load_prior(config.prior, robot), first_seconds(read_parquet(config.log), config.seconds)
-    wanted = description("adapt", asdict(config), [config.prior, config.log, *robot.files])
+    log = first_seconds(read_parquet(config.log), config.seconds)
+    prior, robot = prior_and_robot(config.prior, log, config.robot)
+    wanted = description("adapt", asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
     if is_finished(config.out, wanted):
         return
     with taken(config.out):  # long before it is written to: a log that is refused leaves what is there

@@ -82,14 +82,23 @@ def fit_prior(
     """
     _require_numbers(steps, seed)
     recipe = _recipe(preset, steps)
-    log = _one_log(logs)
+    return fit_recipe(_one_log(logs), preset, recipe, seed, None if out is None else Path(out), progress)
+
+
+def fit_recipe(
+    log: MotorLog, preset: str, recipe: Preset, seed: int, out: Path | None, progress: Progress = SILENT
+) -> MotorPrior:
+    """`fit_prior` of one log, of the preset's recipe or a changed one.
+
+    Raises:
+        LogError, ArtifactError: see `fit_prior`.
+    """
     recipe = _for_stated_gains(recipe, log)
     job = _Job(log, log.source, preset, recipe, seed, _Origin(log.robot, log.motor, {"log": log.source}))
     if out is None:
         return _fitted(job, _data(job), progress, None)
-    settings = {"preset": preset, "seed": seed, "steps": steps}
-    wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(log)]}
-    return _fitted_in(Path(out), wanted, job, progress)
+    wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
+    return _fitted_in(out, wanted | {"inputs": [log_digest(log)]}, job, progress)
 
 
 def run_identify(config: Identify, progress: Progress = SILENT) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.logs.motor_log import MotorLog, log_digest
-from motorprior.pipeline.identify import fit_prior
+from motorprior.pipeline.identify import fit_recipe
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, working
 
@@ -59,17 +59,39 @@ def fitted_baselines(
         LogError: it lacks a channel, has another sample period, or is too short.
     """
     from motorprior.identification.baselines import TUNING, tuned_pd
-    from motorprior.identification.presets import PRESETS as named
 
+    recipes = baseline_recipes(log, preset)
     models: dict[str, LogModel] = dict(fitted_responses(log, preset, fits, progress))
-    recipes = PRESETS | (LONG_RUNS if preset.window == named["long_runs"].window else {})
-    for name, recipe in recipes.items() if preset.period == BASELINE_PERIOD else ():
-        steps = fits.adam_steps if name == "pooled_network" else None
-        known = fit_prior(log, recipe, fits.seed, steps=steps, out=fits.folder / name, progress=progress)
+    for name, (named, recipe) in recipes.items():
+        if name == "pooled_network" and fits.adam_steps is not None:
+            recipe = replace(recipe, steps=fits.adam_steps)
+        known = fit_recipe(log, named, recipe, fits.seed, fits.folder / name, progress)
         models[name] = LatentActuator(known.network, known.mean)
     with progress.start("tune one PD", TUNING) as task:
         models["tuned_pd"] = tuned_pd(log, task.advance)
     return models
+
+
+def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
+    """Preset and recipe of every baseline that is one, by name; its windows are no longer than the log allows.
+
+    Args:
+        log: what they are fitted to.
+        preset: recipe of the prior.
+
+    Raises:
+        LogError: every segment is too short for one of them; it names the log's source.
+    """
+    from motorprior.identification.presets import PRESETS as NAMED
+    from motorprior.identification.windows import that_fits, window_starts
+
+    if preset.period != BASELINE_PERIOD:
+        return {}
+    names = PRESETS | (LONG_RUNS if preset.window == NAMED["long_runs"].window else {})
+    recipes = {name: (preset, that_fits(NAMED[preset], log)) for name, preset in names.items()}
+    for _, recipe in recipes.values():
+        window_starts(log, recipe, log.source)
+    return recipes
 
 
 def with_gains_of(preset: Preset, log: MotorLog) -> Preset:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,19 +12,18 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
+from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
-from motorprior.pipeline.log_baselines import BaselineFits, fitted_baselines, with_gains_of
-from motorprior.pipeline.motor_choice import load_prior
+from motorprior.pipeline.log_baselines import BaselineFits, baseline_recipes, fitted_baselines, with_gains_of
+from motorprior.pipeline.motor_choice import prior_and_robot
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
-from motorprior.robots.load import load_robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.latent_fit import Posterior
@@ -56,8 +55,9 @@ class ValidateLog:
     """Adam steps of the pooled network; the preset's own number if not given."""
     seed: int = 0
     """Seed of the baselines' searches and weights."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, the prior
+    must be of the robot that the log names."""
 
 
 def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Results:
@@ -71,11 +71,15 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
     Raises:
         LogError, ArtifactError: a log or a prior that cannot be used.
+        ConfigError: a number out of range, or a prior of another robot.
     """
-    robot = load_robot(config.robot)
-    prior, log = load_prior(config.prior, robot), read_parquet(config.log)
+    require_seed(config.seed)
+    if config.adam_steps is not None:
+        require_count("adam_steps", config.adam_steps)
+    log = read_parquet(config.log)
+    prior, robot = prior_and_robot(config.prior, log, config.robot)
     known, judged = _known_and_judged(config, log)
-    inputs = [config.prior, config.log, *config.fitted_on, *robot.files]
+    inputs = [config.prior, config.log, *config.fitted_on, *(robot.files if robot else ())]
     wanted = description("validate-log", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
@@ -86,6 +90,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
     from motorprior.identification.log_fidelity import known_half
 
+    log = replace(log, source=str(config.log))
     if not config.fitted_on:
         return known_half(log)
     known = joined([read_parquet(path) for path in config.fitted_on])
@@ -94,18 +99,19 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
             f"joints {', '.join(known.joint_names)}; {config.log} has {', '.join(log.joint_names)}",
             where=config.fitted_on[0], remedy="give logs of the same joints in the same order",
         )  # fmt: skip
-    return known, log
+    return replace(known, source=", ".join(map(str, config.fitted_on))), log
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: MotorLog, progress: Progress) -> Results:
     from motorprior.identification.log_fidelity import free_runs, log_traces, whole_runs
 
-    where, preset = str(config.log), with_gains_of(recipe_of(prior, config.prior), judged)
+    where, preset = judged.source, with_gains_of(recipe_of(prior, config.prior), judged)
     spans = {
         "free_run_rmse": [free_runs(judged, preset, where)], "whole_run_rmse": whole_runs(judged, preset, where),
     }  # fmt: skip
+    baseline_recipes(known, preset)  # too short a log is refused before anything is fitted
     with progress.start(f"adapt to {known.num_joints} motors", 1) as task:
-        found = adapt_to(prior, config.prior, known, where)
+        found = adapt_to(prior, config.prior, known, known.source)
         task.advance()
     models: dict[str, LogModel] = {
         prior.preset: LatentActuator(prior.network, found.mean),
