@@ -80,6 +80,22 @@ def test_a_cell_that_can_be_read_in_no_way_or_two_is_named(tmp_path: Path, old: 
             read()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("0.001", '"0.001', "a quote is opened in row 1 and not closed"),
+        ("0.001", 200_000 * "1" + "x", "row 1 cannot be read .*131072"),
+        ("0.001", "0.0\r01", "row 1 has a line end that is CR alone"),
+    ],
+)
+def test_a_row_that_is_no_row_is_named(tmp_path: Path, old: str, new: str, problem: str):
+    lines = PLAIN.replace(old, new) + 20_000 * "1.0,2.0,3.0\n"
+    (tmp_path / "x.csv").write_bytes(lines.replace("\n", "\r\n").encode())
+    for read in (lambda: read_number_table(tmp_path / "x.csv", NAMES), lambda: both(tmp_path / "x.csv")):
+        with pytest.raises(LogError, match=rf"x\.csv: {problem}"):
+            read()
+
+
 def test_points_and_commas_in_one_table_are_refused(tmp_path: Path):
     (tmp_path / "x.csv").write_text(PLAIN.replace(",", ";").replace("6.0", "6,0"))
     with pytest.raises(LogError, match="row 2, q_1 is '6,0', not a number"):

@@ -20,6 +20,7 @@ from motorprior.outside_files import require_file
 
 READ = "UTF-8, cells between commas, semicolons or tabs, numbers like -1.5e-3 (or -1,5e-3 between semicolons or tabs)"
 """What is read, for messages."""
+CR_ALONE = "a line end that is CR alone: save with LF or CRLF"
 _AGAIN = "copy the file again from its source"
 _BLOCK, _LONGEST_LINE = 4_000_000, 1_000_000
 _MOST_COLUMNS = 10_000
@@ -162,20 +163,43 @@ def _first_bad_row(
     block: bytes, head: CsvHead, numbers: list[str] | tuple[()], decimal: str, before: int, path: Path
 ) -> LogError | None:
     """The error for the first row that is not as many cells as there are columns, or whose cell is no number."""
-    remedy = f"correct the row; read are {READ}"
-    lines = block.decode("utf-8", errors="replace").split("\n")
-    rows = (cells for cells in csv.reader(lines, delimiter=head.delimiter) if cells)
     columns = [(head.names.index(name), name) for name in numbers]
-    for row, cells in enumerate(rows, start=before):
-        if len(cells) != len(head.names):
-            problem = f"row {row} has {len(cells)} cells, expected {len(head.names)}"
-            return LogError(problem, where=path, remedy=remedy)
-        for index, name in columns:
-            cell, signs = cells[index].strip(), decimal or (".," if head.delimiter != "," else ".")
-            if not any(_is_number(cell, sign) for sign in signs):
-                return LogError(f"row {row}, {name} is {shown(cell)}, not a number", where=path, remedy=remedy)
-            decimal = decimal or next((sign for sign in signs if sign in cell), "")
+    row = before
+    for cells, lines, problem in _rows(block, head.delimiter):
+        if not problem:
+            problem, decimal = _problem(cells, head, columns, decimal)
+        if problem:
+            problem = f"a quote is opened in row {row} and not closed" if lines > 1 else f"row {row}{problem}"
+            return LogError(problem, where=path, remedy=f"correct the row; read are {READ}")
+        row += 1
     return None
+
+
+def _rows(block: bytes, delimiter: str) -> Iterator[tuple[list[str], int, str]]:
+    """Cells of every row, the lines that it takes, and what makes it unreadable; nothing follows such a row."""
+    lines = block.decode("utf-8", errors="replace").split("\n")
+    reader = csv.reader([*lines, ""], delimiter=delimiter)  # the last: a quote that stays open takes a line more
+    before = 0
+    try:
+        for cells in reader:
+            if cells:
+                yield cells, reader.line_num - before, ""
+            before = reader.line_num
+    except csv.Error as error:
+        alone = "\r" in lines[before].rstrip("\r")
+        yield [], reader.line_num - before, f" has {CR_ALONE}" if alone else f" cannot be read ({error})"
+
+
+def _problem(cells: list[str], head: CsvHead, columns: list[tuple[int, str]], decimal: str) -> tuple[str, str]:
+    """What is wrong with a row, nothing if nothing is, and the sign before decimals as far as it is known."""
+    if len(cells) != len(head.names):
+        return f" has {len(cells)} cells, expected {len(head.names)}", decimal
+    for index, name in columns:
+        cell, signs = cells[index].strip(), decimal or (".," if head.delimiter != "," else ".")
+        if not any(_is_number(cell, sign) for sign in signs):
+            return f", {name} is {shown(cell)}, not a number", decimal
+        decimal = decimal or next((sign for sign in signs if sign in cell), "")
+    return "", decimal
 
 
 def _is_number(cell: str, sign: str) -> bool:
