@@ -288,7 +288,7 @@ BROKEN_PRIORS = {
         resave(schema_version=SCHEMA_VERSION + 1),
         (f"schema_version = {SCHEMA_VERSION + 1} is not {SCHEMA_VERSION}",),
     ),
-    "a policy": (resave(kind="policy"), ("'policy'", "identify")),
+    "a policy": (resave(kind="policy"), ("a policy, not a motor prior", "identify")),
     "other units": (resave(units={"position": "deg"}), ("deg", "rad")),
     "other period": (resave(period=0.003), ("0.003",)),
 }
@@ -429,15 +429,26 @@ def test_two_logs_of_one_name_are_not_written_over_each_other(refused: Command, 
         ("validate {table}", ("{table}: not a complete safetensors file, but a text, such as a table", "`identify`")),
         ("validate {bench}", ("{bench}: a folder, not a file",)),
         ("transfer {table}", ("{table}: not a complete safetensors file, but a text", "`walk`")),
-        ("transfer {prior}", ("{prior}: kind = 'motor prior' is not 'policy'",)),
+        (
+            "validate {walk}/policy.safetensors",
+            ("policy.safetensors: a policy, not a motor prior -> give the prior.safetensors that `identify` wrote",),
+        ),
+        ("validate {folder}", ("{folder}: a folder, not a file -> give {prior}",)),
+        ("walk --prior {folder}", ("{folder}: a folder, not a file -> give {prior}",)),
+        (
+            "transfer {prior}",
+            ("{prior}: a motor prior, not a policy -> give the policy.safetensors that `walk` wrote",),
+        ),
         ("identify {copy}", ("{copy}: the log of a bench without its bench.json", "`motorprior identify FOLDER`")),
     ],
 )
 def test_a_file_of_another_kind_is_named_with_what_would_work(
-    refused: Command, tmp_path: Path, bench: Path, prior: Path, pupper_logs: Path, line: str, words: tuple[str, ...]
-):
+    refused: Command, tmp_path: Path, bench: Path, prior: Path, walk: Path, pupper_logs: Path, line: str,
+    words: tuple[str, ...],
+):  # fmt: skip
     copy = Path(shutil.copy(bench / "log.parquet", tmp_path / "copy.parquet"))
     paths = {"table": pupper_logs / "env_real_tiny_log.csv", "bench": bench, "prior": prior, "copy": copy}
+    paths |= {"walk": walk, "folder": prior.parent}
     said = tuple(word.format(**paths) for word in words)
     refused(*line.format(**paths).split(), "--out", tmp_path / "out", words=said)
 
