@@ -131,14 +131,17 @@ def test_a_tensor_that_is_not_the_declared_one_is_named(changes: dict[str, np.nd
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"kind": "policy"}, "kind = 'policy' is not 'test'"),
+        ({"kind": "policy"}, "a policy, not a test -> give the x.safetensors that `make` wrote"),
+        ({"kind": 1}, "kind = 1 is not 'test'"),
         ({"schema_version": 4}, "schema_version = 4 is not 3"),
         ({"schema_version": True}, "schema_version = True is not 1"),
         ({"name": 1}, "name = 1 is not a text"),
     ],
 )
 def test_a_header_says_what_it_is(change: dict[str, Any], words: str):
-    header = Header("test", 1 if change.get("schema_version") is True else 3, {"name": TEXT}, REMEDY)
+    header = Header(
+        "test", 1 if change.get("schema_version") is True else 3, {"name": TEXT}, REMEDY, "x.safetensors", "make"
+    )
     header.check(header.write(name="x"), PATH)
     with pytest.raises(ArtifactError, match=words):
         header.check(header.write(name="x") | change, PATH)

@@ -16,7 +16,7 @@ import numpy as np
 
 from motorprior.artifacts import first_not_finite, read_tensors, require_keys
 from motorprior.bounds import LARGEST, is_number
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, cut
 
 _SHOWN = 40
 """Characters of a bad value in a message."""
@@ -177,23 +177,44 @@ def _problem(value: np.ndarray, tensor: Tensor, known: dict[str, int]) -> str:
 
 @dataclass(frozen=True)
 class Header:
-    """The JSON header of an artefact: its kind, its version, and its entries."""
+    """The JSON header of an artefact.
+
+    Attributes:
+        kind: what the artefact is.
+        version: of its entries.
+        fields: its entries.
+        remedy: what to do about one that is refused.
+        file: name of the file.
+        command: that writes it.
+    """
 
     kind: str
     version: int
     fields: Mapping[str, Field]
     remedy: str
+    file: str
+    command: str
 
     def write(self, **entries: Any) -> dict[str, Any]:
         """The header of a file with these entries."""
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors, still to be checked, and header of a file that passes `check` before any tensor is read."""
+        """Tensors, still to be checked, and header of a file that passes `check` before any tensor is read.
+
+        Raises:
+            ArtifactError: as `read_tensors` and `check`; of a folder that holds such a file, its path.
+        """
+        if (path / self.file).is_file():
+            raise ArtifactError("a folder, not a file", where=path, remedy=f"give {path / self.file}")
         return read_tensors(path, self.check)
 
     def check(self, header: Mapping[str, Any], where: str | Path | None) -> None:
         """Refuse a header of another kind or version, whatever else it holds, or with an entry not as declared."""
+        found = header.get("kind")
+        if isinstance(found, str) and found != self.kind:
+            remedy = f"give the {self.file} that `{self.command}` wrote"
+            raise ArtifactError(f"a {cut(found, _SHOWN)}, not a {self.kind}", where=where, remedy=remedy)
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
         for key, field in identity.items():
             require(key, header.get(key), field, where, self.remedy)

@@ -5,12 +5,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from motorprior.artifacts import read_json, read_tensors, write_json
+from motorprior.pipeline import identify
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import CHECKPOINT, PRIOR
 from motorprior.pipeline.stage import MARKER, UNFINISHED, seconds_of
 
@@ -92,3 +95,14 @@ def test_the_seconds_of_another_training_do_not_count(motorprior: Command, bench
     line = [word if word != str(STEPS) else "100" for word in words(bench, out)]
     assert motorprior(*line).code == 0
     assert seconds_of(out) < 500.0
+
+
+def test_a_folder_where_another_command_writes_is_refused_before_the_log_is_worked_on(
+    refused: Command, bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(identify, "_data", lambda job: pytest.fail("it was worked on"))
+    other = taken(tmp_path / "out")
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(other.__enter__).result()
+        refused(*words(bench, tmp_path / "out"), words=("another command writes there",))
+        thread.submit(other.__exit__, None, None, None).result()

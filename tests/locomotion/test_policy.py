@@ -131,7 +131,7 @@ def test_another_robots_policy_is_refused():
     ("change", "words"),
     [
         (lambda tensors, header: header.update(schema_version=2), "schema_version = 2 is not 1"),
-        (lambda tensors, header: header.update(kind="prior"), "'prior'"),
+        (lambda tensors, header: header.update(kind="prior"), "a prior, not a policy"),
         (lambda tensors, header: header.update(colour=1), r"unknown keys \['colour'\]"),
         (lambda tensors, header: header.pop("robot"), r"missing keys \['robot'\]"),
         (lambda tensors, header: header.update(robot=7), "robot = 7 is not a text"),

@@ -34,6 +34,7 @@ WRITTEN = {
     "empty lines": PLAIN.replace("\n", "\n\n"),
     "quotes": PLAIN.replace("1.5", '"1.5"'),
     "spaces": PLAIN.replace(",", ", "),
+    "spaces before quotes": PLAIN.replace("t,q_0,q_1", '"t", "q_0", "q_1"'),
 }
 
 
@@ -80,16 +81,57 @@ def test_a_cell_that_can_be_read_in_no_way_or_two_is_named(tmp_path: Path, old: 
             read()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("0.001", '"0.001', "a quote is opened in row 1 and not closed"),
+        ("0.001", 200_000 * "1" + "x", "row 1 cannot be read .*131072"),
+        ("0.001", "0.0\r01", "row 1 has a line end that is CR alone"),
+    ],
+)
+def test_a_row_that_is_no_row_is_named(tmp_path: Path, old: str, new: str, problem: str):
+    lines = PLAIN.replace(old, new) + 20_000 * "1.0,2.0,3.0\n"
+    (tmp_path / "x.csv").write_bytes(lines.replace("\n", "\r\n").encode())
+    for read in (lambda: read_number_table(tmp_path / "x.csv", NAMES), lambda: both(tmp_path / "x.csv")):
+        with pytest.raises(LogError, match=rf"x\.csv: {problem}"):
+            read()
+
+
 def test_points_and_commas_in_one_table_are_refused(tmp_path: Path):
     (tmp_path / "x.csv").write_text(PLAIN.replace(",", ";").replace("6.0", "6,0"))
     with pytest.raises(LogError, match="row 2, q_1 is '6,0', not a number"):
         both(tmp_path / "x.csv")
 
 
-def test_another_encoding_is_refused(tmp_path: Path):
-    (tmp_path / "x.csv").write_text(PLAIN, encoding="utf-16")
-    with pytest.raises(LogError, match=r"not a text file .* -> save it as UTF-8"):
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (PLAIN.encode("utf-16"), "not UTF-8"),
+        (PLAIN.replace("t", "µ").encode("latin-1"), "not UTF-8"),
+        (PLAIN.replace("\n", "\r").encode(), "it has a line end that is CR alone: save with LF or CRLF"),
+        (200_000 * PLAIN.replace("\n", "\r").encode(), "it has a line end that is CR alone: save with LF or CRLF"),
+        (b"", "the file is empty"),
+    ],
+)
+def test_another_kind_of_text_is_refused_by_its_name(tmp_path: Path, data: bytes, problem: str):
+    (tmp_path / "x.csv").write_bytes(data)
+    with pytest.raises(LogError, match=rf"x\.csv: {problem}"):
         both(tmp_path / "x.csv")
+
+
+def test_what_stands_between_cells_is_seen_outside_of_quotes(tmp_path: Path):
+    (tmp_path / "x.csv").write_text('"t [s;;]",q\n1.5,2.5\n')
+    (batch,) = table_columns(tmp_path / "x.csv", ["t [s;;]"])
+    np.testing.assert_array_equal(batch["t [s;;]"], [1.5])
+
+
+def test_rows_are_not_swallowed_by_a_quote_in_a_column_that_nobody_wants(tmp_path: Path):
+    rows = "t,note\n" + 3 * "0,x\n" + '1,"open\n' + 3 * "2,x\n"
+    (tmp_path / "x.csv").write_text(rows)
+    with pytest.raises(LogError, match="a quote is opened in row 3 and not closed"):
+        list(table_columns(tmp_path / "x.csv", ["t"]))
+    (tmp_path / "x.csv").write_text(rows.replace('"open', '5" long'))
+    assert sum(len(batch["t"]) for batch in table_columns(tmp_path / "x.csv", ["t"])) == 7
 
 
 def test_more_numbers_than_a_log_may_have_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -151,6 +151,25 @@ def test_size_and_operations_are_bounded(monkeypatch, tmp_path):
         load_plain(path)
 
 
+def test_containers_are_bounded(monkeypatch):
+    monkeypatch.setattr(pickle_machine, "MAX_CONTAINERS", 10)
+    assert len(load_plain(b"](" + 9 * b"]" + b"e.")) == 9
+    for one in (b"]", b"}", b"(l", b"(d", b"(t", b"N\x85", b"NN\x86", b"NNN\x87"):
+        with pytest.raises(LogError, match="more than 10 lists, dictionaries and tuples"):
+            load_plain(b"](" + 10 * one + b"e.")
+
+
+def test_of_a_dict_only_what_is_wanted_is_copied(monkeypatch):
+    content = b"\x80\x02}(X\x01\x00\x00\x00t]X\x04\x00\x00\x00more" + 100 * b"]" + 99 * b"a" + b"u."
+    assert load_plain(content, keys=["t"]) == {"t": []}
+    with pytest.raises(LogError, match="nested deeper"):
+        load_plain(content)
+    monkeypatch.setattr(restricted_unpickler, "_plain", lambda *_: pytest.fail("it was copied"))
+    for other, found in ((content, "'t', 'more'"), (b"](" + 9 * b"]" + b"e.", "list")):
+        with pytest.raises(LogError, match=rf"expected a dict of \['t', 'x'\], found {found} -> "):
+            load_plain(other, keys=["t", "x"])
+
+
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_every_truncation_is_refused(protocol):
     content = pickle.dumps({"t": [0.5, 1.5], "a": np.arange(3.0)}, protocol)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,6 +56,28 @@ def test_the_second_command_is_refused_while_the_first_runs_and_changes_nothing(
     said = refused.value.on_command_line()
     assert said.startswith(f"{tmp_path}: another command writes there: process {first.pid} on ")
     assert said.endswith(" -> wait until it ends, or choose another folder") and len(said) < 1000
+
+
+def test_a_folder_inside_of_one_where_another_process_writes_is_refused(tmp_path: Path):
+    with another_process(tmp_path / "run") as first:
+        with pytest.raises(ArtifactError) as refused, taken(tmp_path / "run" / "walk" / "a"):
+            pytest.fail("both write")
+        assert not (tmp_path / "run" / "walk").exists()
+        with taken(tmp_path / "beside"):
+            pass
+    said = refused.value.on_command_line()
+    assert said.startswith(f"{tmp_path / 'run'}: another command writes there: process {first.pid} on ")
+    with taken(tmp_path / "run" / "walk"):  # its lock ended with it
+        pass
+
+
+def test_threads_of_one_process_may_each_take_a_folder_inside_of_its_own(tmp_path: Path):
+    def stage() -> None:
+        with taken(tmp_path / "walk"):
+            pass
+
+    with taken(tmp_path), ThreadPoolExecutor(1) as threads:
+        threads.submit(stage).result()
 
 
 def test_a_killed_process_leaves_no_lock_and_its_half_written_files_go_with_the_next_run(tmp_path: Path):

@@ -113,3 +113,22 @@ def test_a_file_that_is_too_large_is_not_opened(choice: MotorChoice, policy: Pat
 def test_what_no_training_wrote_is_refused(choice: MotorChoice, policy: Path, change: dict[str, Any]):
     with pytest.raises(ArtifactError, match="train it again"):
         choice_from_json(choice_as_json(choice, policy.parent) | change, policy)
+
+
+EARLIER: dict[str, Any] = {
+    "actuator": "pd", "armature": 0.0, "delay": 0.0, "fleet": "mixed", "kd": None, "kp": None, "posterior": None,
+    "posterior_beside": None, "posterior_sha256": None, "prior": None, "prior_beside": None, "prior_sha256": None,
+    "torque_limit": None,
+}  # fmt: skip
+"""As stored by policies from before fleets had digests."""
+
+
+@pytest.mark.parametrize("fleet", ["mixed", None])
+def test_a_policy_from_before_fleets_had_digests_is_read(policy: Path, fleet: str | None):
+    assert choice_from_json(EARLIER | {"fleet": fleet}, policy) == MotorChoice("pd", fleet=fleet)
+
+
+def test_a_fleet_of_ones_own_without_a_digest_is_refused(policy: Path):
+    shutil.copy(fleet_path("mixed"), policy.parent / "mine.toml")
+    with pytest.raises(ConfigError, match=r"the fleet it was trained on, mine\.toml with SHA-256 None"):
+        choice_from_json(EARLIER | {"fleet": "mine.toml"}, policy)

@@ -27,6 +27,8 @@ _HEADER = Header(
         "surprise": many(number(0.0, 1.0), least=1),
     },
     _REMEDY,
+    "posterior.safetensors",
+    "adapt",
 )
 _TENSORS = {
     "mean": Tensor(("motors", "latents"), LARGEST),

@@ -55,6 +55,8 @@ _HEADER = Header(
         **dict.fromkeys(("provenance", "metrics"), TABLE),
     },
     _REMEDY,
+    "prior.safetensors",
+    "identify",
 )
 SCHEMA_VERSION = _HEADER.version
 _LARGEST, _LARGEST_LOGARITHM = 1e4, 30.0

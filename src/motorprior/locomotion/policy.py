@@ -35,6 +35,8 @@ _HEADER = Header(
     1,
     {"control_dt": number(above=0.0), "robot": TEXT, "joint_names": many(TEXT, least=1), "provenance": TABLE},
     _REMEDY,
+    "policy.safetensors",
+    "walk",
 )
 _TENSORS = {
     "weights": Tensor(("actions", "inputs")),

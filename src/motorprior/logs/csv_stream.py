@@ -20,12 +20,15 @@ from motorprior.outside_files import require_file
 
 READ = "UTF-8, cells between commas, semicolons or tabs, numbers like -1.5e-3 (or -1,5e-3 between semicolons or tabs)"
 """What is read, for messages."""
+_CR_ALONE = "a line end that is CR alone: save with LF or CRLF"
+_OPEN = "a quote is opened in row {} and not closed"
 _AGAIN = "copy the file again from its source"
 _BLOCK, _LONGEST_LINE = 4_000_000, 1_000_000
 _MOST_COLUMNS = 10_000
 _MOST_UNPACKED, _MOST_TIMES = 100_000_000, 200
 """A gzip file may unpack to so many bytes, or to so many times its own; motor logs pack to a tenth."""
 _DELIMITERS = ",;\t"
+_QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?((\d+[.]?\d*|[.]\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
 
 
@@ -84,20 +87,27 @@ def _line(file: IO[bytes], path: Path) -> bytes:
     except (EOFError, zlib.error, OSError) as error:
         raise LogError(f"truncated or damaged file ({error})", where=path, remedy=_AGAIN) from error
     if len(line) > _LONGEST_LINE:
-        raise LogError(f"a line of more than {_LONGEST_LINE} bytes", where=path, remedy=f"give a table: {READ}")
+        problem = f"it has {_CR_ALONE}" if b"\r" in line else f"a line of more than {_LONGEST_LINE} bytes"
+        raise LogError(problem, where=path, remedy=f"give a table: {READ}")
     return line
 
 
 def _head(file: IO[bytes], path: Path) -> CsvHead:
     line = _line(file, path)
+    if not line:
+        raise LogError("the file is empty", where=path, remedy=_AGAIN)
     try:
         text = line.decode("utf-8-sig").strip("\r\n")
         if "\0" in text:
             raise ValueError("it holds the character 0")
-        delimiter = max(_DELIMITERS, key=text.count)
-        names = next(csv.reader([text], delimiter=delimiter), [])
+        if "\r" in text:
+            raise LogError(f"it has {_CR_ALONE}", where=path, remedy=f"save it as {READ}")
+        delimiter = max(_DELIMITERS, key=_QUOTED.sub("", text).count)
+        names = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+    except UnicodeDecodeError as error:
+        raise LogError(f"not UTF-8 ({error})", where=path, remedy=f"save it as {READ}") from error
     except (ValueError, csv.Error) as error:
-        raise LogError(f"not a text file ({error})", where=path, remedy=f"save it as {READ}") from error
+        raise LogError(f"not a text file in UTF-8 ({error})", where=path, remedy=f"save it as {READ}") from error
     if len(names) > _MOST_COLUMNS:
         raise LogError(f"{len(names)} columns, more than {_MOST_COLUMNS}", where=path, remedy="leave columns out")
     return CsvHead(tuple(name.strip() for name in names), delimiter)
@@ -152,6 +162,8 @@ def _read(
             said = str(error)
             continue
         if not any(column.null_count for column in found.columns):
+            if block.count(b'"') % 2 and (error := _first_bad_row(block, head, (), decimal, before, path)):
+                raise error  # or the rows that it swallows would be missing
             return found, sign if sign.encode() in block else decimal
     problem = f"the rows from {before} on cannot be read ({said})"
     otherwise = LogError(problem, where=path, remedy=_AGAIN)
@@ -162,20 +174,44 @@ def _first_bad_row(
     block: bytes, head: CsvHead, numbers: list[str] | tuple[()], decimal: str, before: int, path: Path
 ) -> LogError | None:
     """The error for the first row that is not as many cells as there are columns, or whose cell is no number."""
-    remedy = f"correct the row; read are {READ}"
-    lines = block.decode("utf-8", errors="replace").split("\n")
-    rows = (cells for cells in csv.reader(lines, delimiter=head.delimiter) if cells)
     columns = [(head.names.index(name), name) for name in numbers]
-    for row, cells in enumerate(rows, start=before):
-        if len(cells) != len(head.names):
-            problem = f"row {row} has {len(cells)} cells, expected {len(head.names)}"
+    row, lines, remedy = before, 1, f"correct the row; read are {READ}"
+    for cells, lines, problem in _rows(block, head.delimiter):
+        if not problem:
+            problem, decimal = _problem(cells, head, columns, decimal)
+        if problem:
+            problem = _OPEN.format(row) if lines > 1 else f"row {row}{problem}"
             return LogError(problem, where=path, remedy=remedy)
-        for index, name in columns:
-            cell, signs = cells[index].strip(), decimal or (".," if head.delimiter != "," else ".")
-            if not any(_is_number(cell, sign) for sign in signs):
-                return LogError(f"row {row}, {name} is {shown(cell)}, not a number", where=path, remedy=remedy)
-            decimal = decimal or next((sign for sign in signs if sign in cell), "")
-    return None
+        row += 1
+    still_open = lines > 1 and block.count(b'"') % 2  # the last row went on to the end
+    return LogError(_OPEN.format(row - 1), where=path, remedy=remedy) if still_open else None
+
+
+def _rows(block: bytes, delimiter: str) -> Iterator[tuple[list[str], int, str]]:
+    """Cells of every row, the lines that it takes, and what makes it unreadable; nothing follows such a row."""
+    lines = block.decode("utf-8", errors="replace").split("\n")
+    reader = csv.reader([*lines, ""], delimiter=delimiter)  # the last: a quote that stays open takes a line more
+    before = 0
+    try:
+        for cells in reader:
+            if cells:
+                yield cells, reader.line_num - before, ""
+            before = reader.line_num
+    except csv.Error as error:
+        alone = "\r" in lines[before].rstrip("\r")
+        yield [], reader.line_num - before, f" has {_CR_ALONE}" if alone else f" cannot be read ({error})"
+
+
+def _problem(cells: list[str], head: CsvHead, columns: list[tuple[int, str]], decimal: str) -> tuple[str, str]:
+    """What is wrong with a row, nothing if nothing is, and the sign before decimals as far as it is known."""
+    if len(cells) != len(head.names):
+        return f" has {len(cells)} cells, expected {len(head.names)}", decimal
+    for index, name in columns:
+        cell, signs = cells[index].strip(), decimal or (".," if head.delimiter != "," else ".")
+        if not any(_is_number(cell, sign) for sign in signs):
+            return f", {name} is {shown(cell)}, not a number", decimal
+        decimal = decimal or next((sign for sign in signs if sign in cell), "")
+    return "", decimal
 
 
 def _is_number(cell: str, sign: str) -> bool:

@@ -17,6 +17,9 @@ from motorprior.logs.pickled_arrays import Constructor, PickledArray, PickledDty
 from motorprior.logs.pickled_tensors import PickledStorage, PickledTensor
 
 MAX_OPERATIONS = 5_000_000
+MAX_CONTAINERS = 1_000_000
+"""Lists, dictionaries and tuples: each takes a byte of a file, and up to a hundred of memory."""
+_CONTAINERS = frozenset({"EMPTY_LIST", "EMPTY_DICT", "LIST", "DICT", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3"})
 _VALUES = """
 INT BININT BININT1 BININT2 LONG LONG1 LONG4 FLOAT BINFLOAT STRING BINSTRING SHORT_BINSTRING
 BINBYTES SHORT_BINBYTES BINBYTES8 UNICODE BINUNICODE SHORT_BINUNICODE BINUNICODE8
@@ -49,10 +52,11 @@ class PickleMachine:
         """What the pickle describes.
 
         Raises:
-            LogError: an operation, a name or a key that is refused, too many operations, or bytes after the last one.
+            LogError: an operation, a name or a key that is refused, too many operations or containers, or bytes after
+                the last operation.
             Exception: whatever a damaged pickle ends in.
         """
-        last = 0
+        last = containers = 0
         for count, (operation, argument, position) in enumerate(pickletools.genops(io.BytesIO(data))):
             last = position or 0
             name = operation.name
@@ -60,8 +64,11 @@ class PickleMachine:
                 self._stack.append(argument)
             elif name not in ("STOP", "PROTO", "FRAME"):
                 self._obey(name, argument)
+            containers += name in _CONTAINERS
             if count >= MAX_OPERATIONS:
                 raise LogError(f"more than {MAX_OPERATIONS} pickle operations are refused")
+            if containers > MAX_CONTAINERS:
+                raise LogError(f"more than {MAX_CONTAINERS} lists, dictionaries and tuples are refused")
         if rest := data[last + 1 :].strip():
             raise LogError(f"{len(rest)} bytes follow the end of the pickle")
         (found,) = self._stack

@@ -119,10 +119,7 @@ def short_name(path: Path) -> str | None:
 
 def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
     """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
-    content = load_plain(path)
-    if not isinstance(content, dict) or not set(widths) <= set(content):
-        found = ", ".join(map(shown, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
-        raise LogError(f"expected a dict of {list(widths)}, found {found}", where=path, remedy=GET_LOGS)
+    content = load_plain(path, keys=widths)
     columns = {key: _column_block(content[key], key, width, path) for key, width in widths.items()}
     lengths = {key: len(block) for key, block in columns.items()}
     if len(set(lengths.values())) != 1:

@@ -6,6 +6,7 @@ lead to stand-ins, which check sizes and types before any memory is taken (`Pick
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -21,23 +22,26 @@ NOT_A_LOG = "use only log files from their original source; convert others to CS
 _PLAIN = (str, int, float, bool, type(None), bytes)
 
 
-def load_plain(source: str | Path | bytes, *, where: str | Path | None = None) -> Any:
+def load_plain(
+    source: str | Path | bytes, *, keys: Collection[str] | None = None, where: str | Path | None = None
+) -> Any:
     """Unpickle dicts with texts as keys, lists, tuples, text, bytes and numbers; numeric arrays become ``np.ndarray``.
 
     numpy scalars become Python numbers, bytearrays bytes. Text of Python 2 is read as latin1.
 
     Args:
         source: path of the file, or the pickle itself.
+        keys: what is wanted of a dict; the rest of it is left out. All of whatever it is if not given.
         where: file to name in errors; the path by default.
 
     Raises:
-        LogError: unreadable, longer than 100 MB, truncated, or asking for any other class or function,
-            which is named and not called.
+        LogError: unreadable, longer than 100 MB, truncated, no dict with these keys, or asking for any other class or
+            function, which is named and not called.
     """
     if isinstance(source, bytes):
-        return _load(source, where, PickleMachine(constructors(MAX_BYTES)))
+        return _load(source, where, PickleMachine(constructors(MAX_BYTES)), keys)
     data = read_bytes(Path(source), MAX_BYTES, LogError)
-    return _load(data, source if where is None else where, PickleMachine(constructors(MAX_BYTES)))
+    return _load(data, source if where is None else where, PickleMachine(constructors(MAX_BYTES)), keys)
 
 
 def load_tensors(data: bytes, *, where: str | Path) -> Any:
@@ -50,9 +54,10 @@ def load_tensors(data: bytes, *, where: str | Path) -> Any:
     return _load(data, where, PickleMachine(names, storage_of))
 
 
-def _load(data: bytes, where: str | Path | None, machine: PickleMachine) -> Any:
+def _load(data: bytes, where: str | Path | None, machine: PickleMachine, keys: Collection[str] | None = None) -> Any:
     try:
-        return _plain(machine.run(data), 0, {})
+        found = machine.run(data)
+        return _plain(found if keys is None else _wanted(found, keys), 0, {})
     except LogError as error:
         raise LogError(error.problem, where=where, remedy=NOT_A_LOG) from error
     except Exception as error:
@@ -61,6 +66,14 @@ def _load(data: bytes, where: str | Path | None, machine: PickleMachine) -> Any:
             where=where,
             remedy="copy the file again from its source",
         ) from error
+
+
+def _wanted(found: Any, keys: Collection[str]) -> dict[str, Any]:
+    """What a dict says of these keys."""
+    if type(found) is not dict or not set(keys) <= found.keys():
+        known = ", ".join(map(shown, list(found)[:8])) if type(found) is dict else type(found).__name__
+        raise LogError(f"expected a dict of {list(keys)}, found {known}")
+    return {key: found[key] for key in keys}
 
 
 def _plain(value: Any, depth: int, done: dict[int, Any]) -> Any:

@@ -23,7 +23,7 @@ MAX_NUMBERS = 60_000_000
 """Of a log: half a gigabyte."""
 MAX_FOOTER = 10_000_000
 """Bytes at the end of a Parquet file that say what is in it."""
-_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
+_ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 
 
 def table_columns(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
@@ -64,6 +64,7 @@ def _batches(path: Path, names: list[str]) -> Iterator[Any]:
         require_parquet(path)
         with pq.ParquetFile(path, pre_buffer=False) as file:  # or it holds the whole file in memory
             wanted = present(file.schema_arrow.names, names, path)
+            _require_numbers(file.schema_arrow, wanted, path)
             _require_few(file.metadata, set(wanted), path)
             yield from file.iter_batches(columns=wanted)
     else:
@@ -86,6 +87,17 @@ def require_parquet(path: Path) -> None:
     if length > MAX_FOOTER:
         problem = f"it has {length} bytes of description, more than {MAX_FOOTER}"
         raise LogError(problem, where=path, remedy="write it with fewer columns and larger groups of rows")
+
+
+def _require_numbers(schema: Any, wanted: list[str], path: Path) -> None:
+    """Refuse, before it is read, any column but of numbers or their lists: texts may unfold to gigabytes."""
+    import pyarrow as pa
+
+    for name in wanted:
+        kind = schema.field(name).type
+        inner = getattr(kind, "value_type", kind)  # of a list, or of a dictionary
+        if not (pa.types.is_integer(inner) or pa.types.is_floating(inner)):
+            raise LogError(f"{name} is {kind}, not numbers", where=path, remedy=CORRECT)
 
 
 def _require_few(metadata: Any, wanted: set[str], path: Path) -> None:

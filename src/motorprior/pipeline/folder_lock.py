@@ -37,6 +37,8 @@ class _Mine(threading.local):
 
 
 _MINE = _Mine()
+_OURS: set[Path] = set()
+"""The folders that this process has taken, whichever thread it was."""
 
 
 @contextmanager
@@ -46,37 +48,57 @@ def taken(folder: Path) -> Iterator[None]:
     The folder is made if there is none, and removed at the end if it was made here and nothing is in it.
 
     Raises:
-        ArtifactError: another process or thread has it, or it cannot be made or written.
+        ArtifactError: another process or thread has it, another process has a folder that it is in, or it cannot be
+            made or written.
     """
     place = folder.resolve()
     if place in _MINE.folders:
         yield
         return
+    _require_free_parents(place)
     made = [part for part in (place, *place.parents) if not part.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     _acquire(lock, folder)
     try:
         _MINE.folders.add(place)
+        _OURS.add(place)
         write_json(place / HOLDER, _this_process())
         yield
     finally:
         _MINE.folders.discard(place)
+        _OURS.discard(place)
         _release(lock, place, made)
+
+
+def _require_free_parents(place: Path) -> None:
+    """Refuse a folder inside of one where another process writes; a stage of a run, in its folder, is our own."""
+    for parent in place.parents:
+        if parent in _OURS:
+            return
+        if (parent / HOLDER).is_file():  # or the lock is another program's
+            with suppress(OSError):  # a folder that we may not write to: nothing is known
+                _locked(FileLock(parent / LOCK, timeout=0), parent).release()
 
 
 def _acquire(lock: FileLock, folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _locked(lock, folder)
+    except OSError as error:
+        raise ArtifactError(
+            f"cannot write there ({error.strerror or error})", where=folder, remedy="choose another folder"
+        ) from error
+
+
+def _locked(lock: FileLock, folder: Path) -> FileLock:
+    try:
         lock.acquire()
     except Timeout:
         raise ArtifactError(
             f"another command writes there: {_holder(folder)}", where=folder,
             remedy="wait until it ends, or choose another folder",
         ) from None  # fmt: skip
-    except OSError as error:
-        raise ArtifactError(
-            f"cannot write there ({error.strerror or error})", where=folder, remedy="choose another folder"
-        ) from error
+    return lock
 
 
 def _release(lock: FileLock, place: Path, made: list[Path]) -> None:

@@ -20,6 +20,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, checked, log_digest, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
 
@@ -175,11 +176,12 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
     """The prior of a folder, fitted unless it is finished there."""
     if is_finished(out, wanted):
         return MotorPrior.load(out / PRIOR)
-    data = _data(job)
-    with working(out, wanted) as clock:
-        _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted, clock)).save(out / PRIOR)
-        prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
-        remove(out, CHECKPOINT)
+    with taken(out):  # long before it is written to: a log that is refused leaves what is there
+        data = _data(job)
+        with working(out, wanted) as clock:
+            _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted, clock)).save(out / PRIOR)
+            prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
+            remove(out, CHECKPOINT)
     return prior
 
 

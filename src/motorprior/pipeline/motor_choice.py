@@ -30,6 +30,9 @@ ACTUATORS: tuple[ActuatorName, ...] = get_args(ActuatorName)
 LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
+_LARGEST_OF_A_PD = {"kp": 1e6, "kd": 1e6, "torque_limit": 1e6, "armature": 1e3}
+"""[N·m/rad], [N·m·s/rad], [N·m], [kg·m²]: beyond any motor, and far from what overflows."""
+
 
 def load_prior(path: Path, robot: Robot) -> MotorPrior:
     """A prior that this robot can be simulated with.
@@ -247,10 +250,10 @@ class MotorChoice:
 
     def _pd(self, robot: Robot) -> DrawMotors:
         nominal, changes = self.nominal(robot), {}
-        for name in ("kp", "kd", "torque_limit", "armature"):
+        for name, largest in _LARGEST_OF_A_PD.items():
             value = getattr(self, name)
             if value is not None:
-                require_number(name, value)
+                require_number(name, value, most=largest)
                 changes[name] = np.full(robot.num_joints, float(value))
         require_number("delay", self.delay, most=LONGEST_DELAY)
         model = replace(nominal, **changes, delay=np.full(robot.num_joints, float(self.delay)))

@@ -34,6 +34,7 @@ _CHOICE = Schema(
         **dict.fromkeys(("armature", "delay"), number(-_LARGEST, _LARGEST)),
     },
     _REMEDY,
+    optional=frozenset({"fleet_beside", "fleet_sha256"}),  # policies of earlier versions lack them
     name="its motors",
 )
 
@@ -60,11 +61,12 @@ def choice_from_json(data: Any, policy: Path) -> MotorChoice:
 
     Raises:
         ArtifactError: unknown or missing keys, or a value of another type.
-        ConfigError: a file is gone or is not the one the policy was trained on.
+        ConfigError: a file is gone, is not the one the policy was trained on, or there is no digest of it.
     """
     if not isinstance(data, dict):
         raise ArtifactError("it does not say which motors it walked on", where=policy, remedy=_REMEDY)
     _CHOICE.check(data, policy)
+    data = dict.fromkeys(_KEYS) | data
     values: dict[str, Any] = {name: data[name] for name in MotorChoice.__dataclass_fields__}
     for name in ("prior", "posterior"):
         values[name] = None if data[name] is None else _found(name, data, policy)

@@ -15,7 +15,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
-from motorprior.pipeline.walk import MOST_WORKERS, as_point, judge_faults, policy_of
+from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS, as_point, judge_faults, policy_of
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
@@ -61,7 +61,8 @@ def train_policy(
     robot.require_legs()
     workers = min(2, os.cpu_count() or 1) if workers is None else workers
     for name, value, most in (
-        ("iterations", iterations, None), ("episode_steps", episode_steps, None), ("workers", workers, MOST_WORKERS),
+        ("iterations", iterations, None), ("episode_steps", episode_steps, MOST_EPISODE_STEPS),
+        ("workers", workers, MOST_WORKERS),
     ):  # fmt: skip
         require_count(name, value, 1, most)
     require_seed(seed)

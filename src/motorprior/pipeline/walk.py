@@ -39,6 +39,8 @@ from motorprior.simulation.world import FAULTS
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
 _CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
 MOST_WORKERS = 1024
+MOST_EPISODE_STEPS = 100_000
+"""Of control: half an hour at 50 Hz."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
         KeyboardInterrupt: after a checkpoint of the iterations that are complete.
     """
     require_count("iterations", config.iterations)
-    require_count("episode_steps", config.episode_steps)
+    require_count("episode_steps", config.episode_steps, 1, MOST_EPISODE_STEPS)
     require_count("workers", config.workers, 1, MOST_WORKERS)
     robot = load_robot(config.robot)
     robot.require_legs()

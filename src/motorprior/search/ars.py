@@ -12,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.artifacts import require_keys
+from motorprior.bounds import require_count, require_number
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 
 CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
+MOST_DIRECTIONS = 10_000
+LARGEST_SEARCH_SEED = 2**53 - 1
+"""Every text of numbers keeps it; a demo makes the seeds of its searches of a thousand times its own."""
+_LEAST_STEP, _LARGEST_STEP = 1e-9, 10.0
+"""Of a weight of the policy: its inputs are normalised, its outputs in [-1, 1]."""
 _STATE_KEYS = ("parameters", "iteration", "observation_count", "observation_mean", "observation_m2")
 
 
@@ -37,17 +43,16 @@ class ArsConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse settings that do not fit together."""
+        """Refuse settings out of range, or that do not fit together."""
+        require_count("search.num_directions", self.num_directions, 1, MOST_DIRECTIONS)
         if not 1 <= self.num_top_directions <= self.num_directions:
             raise ConfigError(
                 f"num_top_directions {self.num_top_directions} not in 1..num_directions {self.num_directions}",
                 remedy="use at most as many top directions as directions",
             )
-        if not (self.step_size > 0.0 and self.delta_std > 0.0 and self.seed >= 0):
-            raise ConfigError(
-                f"step_size {self.step_size}, delta_std {self.delta_std} must be > 0, seed {self.seed} >= 0",
-                remedy="use values in these ranges",
-            )
+        for name in ("step_size", "delta_std"):
+            require_number(f"search.{name}", getattr(self, name), _LEAST_STEP, _LARGEST_STEP)
+        require_count("search.seed", self.seed, 0, LARGEST_SEARCH_SEED)
 
 
 @dataclass(frozen=True, eq=False)

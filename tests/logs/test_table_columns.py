@@ -1,0 +1,41 @@
+"""Columns of Parquet files: numbers, dictionaries of numbers and elements of lists; all else is refused by name."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.table_columns import table_columns
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    numbers = pa.array([1.0, 2.0])
+    columns = {
+        "whole": pa.array([1, 2]), "repeated": numbers.dictionary_encode(), "pair": pa.array([[0.0, 1.0], [0.0, 2.0]]),
+        "bytes": pa.array([b"x", b"y"]), "truths": pa.array([True, False]), "texts": pa.array([["a"], ["b"]]),
+    }  # fmt: skip
+    pq.write_table(pa.table(columns), tmp_path / "x.parquet")
+    return tmp_path / "x.parquet"
+
+
+@pytest.mark.parametrize("name", ["whole", "repeated", "pair[1]"])
+def test_numbers_are_read(table: Path, name: str):
+    (batch,) = table_columns(table, [name])
+    np.testing.assert_array_equal(batch[name], [1.0, 2.0])
+
+
+@pytest.mark.parametrize("name", ["bytes", "bytes[0]", "truths", "texts[0]"])
+def test_what_is_no_number_is_refused_before_it_is_read(table: Path, monkeypatch: pytest.MonkeyPatch, name: str):
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(LogError, match=rf"x\.parquet: {name.removesuffix('[0]')} is .*, not numbers"):
+        list(table_columns(table, [name]))
+
+
+@pytest.mark.parametrize("index", [20 * "9", 5000 * "9", "٣"])
+def test_an_index_that_no_list_can_have_is_refused(table: Path, index: str):
+    with pytest.raises(LogError, match=r"x\.parquet: no column 'pair\["):
+        list(table_columns(table, [f"pair[{index}]"]))
