@@ -30,7 +30,7 @@ def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], Mo
 
 
 def as_json(preset: Preset) -> dict[str, Any]:
-    return asdict(preset) | {"taps": list(preset.taps), "terms": list(preset.terms)}
+    return asdict(preset) | {"taps": list(preset.taps), "terms": list(preset.terms), "lacks": list(preset.lacks)}
 
 
 def test_the_recipe_that_identify_writes_is_read(prior_with: Callable[[Any], MotorPrior]):
@@ -56,6 +56,7 @@ WRONG = {
     "physics_first": (None, True, "apart"),
     "terms": (None, "heat", ["warmth"], [1], ["heat"]),
     "tries_terms": (1, "no"),
+    "lacks": (None, "coulomb", ["rust"], [1]),
     "gain_unit": (None, "A/rad", "firmware"),
     "standardise": (1.0, {}),
 }

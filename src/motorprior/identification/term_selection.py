@@ -46,6 +46,8 @@ ORDER = (
 _LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
 """Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these: from
 fewer no term is chosen."""
+_NO_LOSS = 1e-9
+"""A loss below counts as none."""
 _TURNS = (*TURNS[:3], *TURNS[-2:])
 _STEPS = 10
 
@@ -110,19 +112,24 @@ def select_terms(
 
 def _saved(before: _State, after: _State) -> float:
     """Share of the held-out loss, median over motors."""
-    return 1.0 - float(np.exp(np.median(np.log(after.held_out / before.held_out))))
+    return 1.0 - float(np.exp(np.median(_logarithm(after.held_out) - _logarithm(before.held_out))))
 
 
 def _worth(before: _State, after: _State, level: float) -> bool:
     """Whether it saves its price and the ranks of the gains are no accident: of motors, or of few motors' stretches."""
     if len(before.held_out) >= _RANKS_TELL:
-        gains = np.log(before.held_out / after.held_out)
+        gains = _logarithm(before.held_out) - _logarithm(after.held_out)
     else:
-        gains = np.log(before.parts / after.parts).ravel()
+        gains = (_logarithm(before.parts) - _logarithm(after.parts)).ravel()
     if len(gains) < _RANKS_TELL or not gains.any():
         return False
     pvalue = float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue)
     return _saved(before, after) > PRICE and pvalue < level
+
+
+def _logarithm(loss: np.ndarray) -> np.ndarray:
+    """Of losses that may be 0: in a stretch at rest, a motor that rests is right."""
+    return np.log(loss + _NO_LOSS)
 
 
 class _Trial:

@@ -30,7 +30,7 @@ ACTUATORS: tuple[ActuatorName, ...] = get_args(ActuatorName)
 LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
-_LARGEST_OF_A_PD = {"kp": 1e6, "kd": 1e6, "torque_limit": 1e6, "armature": 1e3}
+_LARGEST_OF_A_PD = {"kp": 1e9, "kd": 1e9, "torque_limit": 1e9, "armature": 1e3}
 """[N·m/rad], [N·m·s/rad], [N·m], [kg·m²]: beyond any motor, and far from what overflows."""
 
 

@@ -19,7 +19,7 @@ CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is
 MOST_DIRECTIONS = 10_000
 LARGEST_SEARCH_SEED = 2**53 - 1
 """Every text of numbers keeps it; a demo makes the seeds of its searches of a thousand times its own."""
-_LEAST_STEP, _LARGEST_STEP = 1e-9, 10.0
+_LEAST_STEP, _LARGEST_STEP = 1e-9, 1e3
 """Of a weight of the policy: its inputs are normalised, its outputs in [-1, 1]."""
 _STATE_KEYS = ("parameters", "iteration", "observation_count", "observation_mean", "observation_m2")
 
