@@ -2,7 +2,8 @@
 
 A decoder reaches constants within a factor of 12 of its central motor, and motors differ by more: a hobby servo may
 hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are stated in N·m/rad the size is that of the gains.
-Elsewhere some sizes of all torques, and of the gain alone, are tried on the logs; the best is where the fit begins.
+Elsewhere some sizes of all torques, and of the gain alone, are tried on the logs, and the fit begins at the best if its
+loss is less than half the initial motor's.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _NOTHING = 1e-9
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
 """Logarithms of the factors that are tried."""
 _MUCH_LESS = 0.5
-"""Loss of another size over that of the initial motor's, for which it is taken: both are far from the minimum."""
+"""Largest loss, over that of the initial motor, with which another size is taken."""
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
@@ -67,7 +68,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
 def sized_center(
     network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
 ) -> np.ndarray:
-    """(P,) decoder outputs of `initial_center`, with the torques and the gain of the size that fits the logs best.
+    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better.
 
     Args:
         network: with a residual that stays as it is.
@@ -81,11 +82,9 @@ def sized_center(
     names = parameters_of(terms)
     torques = np.array([name in (*_TORQUES, "kp") for name in names])
     gain = np.array([name == "kp" for name in names])
-    sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES))]
-    losses = [
-        MotorFit(with_motor(network, size, terms), runs, chosen).losses(np.zeros((runs.num_motors, len(names))))
-        for size in sizes
-    ]
+    sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
+    nowhere = np.zeros((runs.num_motors, len(names)))
+    losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(nowhere) for size in sizes]
     middle = np.median(losses, axis=1)
     best = int(np.argmin(middle))
     return sizes[best] if middle[best] < _MUCH_LESS * middle[0] else center

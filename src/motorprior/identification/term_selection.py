@@ -36,7 +36,7 @@ MOTORS, ROWS, WINDOWS = 8, 10_000, 60
 """Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
 SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
 """What the servos of hobby robots have."""
-SOME = 16
+STRETCHES = 16
 """Stretches of a log of few segments."""
 ORDER = (
     "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
@@ -181,10 +181,10 @@ def _better(one: _State, other: _State) -> _State:
 
 
 def stretches(runs: WindowRuns) -> np.ndarray:
-    """(N,) number of the stretch that each window is in: its segment, or, of few segments, one of SOME of windows."""
+    """(N,) number of the stretch that each window is in: its segment or, of few segments, one of STRETCHES parts."""
     groups = runs.groups()
     if groups[-1] < 3:
-        groups = np.arange(len(groups)) * min(SOME, len(groups)) // len(groups)
+        groups = np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
     return groups
 
 
