@@ -9,11 +9,11 @@ training, policies:
     longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
-Each walks `--walks` times for 10 s, with other noise of the sensors. Printed and written to figures_SPEED.json: of each
-pair of robot and seed the median way [m], standing up and coming to rest included, in straight segments of a second,
-which a curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks
-that a fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy
-gains over the control. Finished trainings are kept.
+Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
+and written to figures_SPEED.json: of each pair of robot and seed the median way [m], standing up and coming to rest
+included, in straight segments of a second, which a curve does not shorten, the median displacement from the start [m],
+which it does, and the share of the walks that a fault ended; over the pairs the medians (of the share the mean), and
+median, quartiles and sign of what a policy gains over the control. Finished trainings are kept.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 from motorprior.exceptions import LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
-from motorprior.locomotion.task import TaskWeights
+from motorprior.locomotion.command import Commands
 from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
@@ -69,13 +69,13 @@ def record(number: int, folder: Path, seconds: float) -> Path:
     return log
 
 
-def deploy(number: int, policy: Path, life: int) -> Outcome:
-    """One walk on the ground."""
+def deploy(number: int, policy: Path, life: int, speed: float) -> Outcome:
+    """One walk on the ground, straight ahead at this speed [m/s]."""
     port, fault = SimulatedPort(ROBOT, number, life), None
     start = port.body.live.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
-            settings = DeploySettings(Path(out), seconds=SECONDS, yes=True)
+            settings = DeploySettings(Path(out), seconds=SECONDS, forward=speed, yes=True)
             commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault as error:
             fault = error.kind
@@ -84,7 +84,7 @@ def deploy(number: int, policy: Path, life: int) -> Outcome:
 
 @dataclass(frozen=True)
 class Training:
-    """How to train: prior, seed, iterations from the beginning and further ones, speed that earns most [m/s]."""
+    """How to train: prior, seed, iterations from the beginning and further ones, highest commanded speed [m/s]."""
 
     prior: Path
     seed: int
@@ -97,8 +97,9 @@ class Training:
         out = folder / f"{kind}_{self.max_speed:g}_{self.seed}"
         motors = MotorChoice(prior=self.prior, posterior=posterior)
         iterations = self.iterations if start is None else self.further
-        task, search = TaskWeights(max_speed=self.max_speed), ArsConfig(seed=self.seed)
-        run_walk(Walk(out, motors, start, iterations, search=search, task=task), Lines(sys.stderr), out.name)
+        told, search = Commands(forward=(0.0, self.max_speed)), ArsConfig(seed=self.seed)
+        walk = Walk(out, motors, start, iterations, commands=told, search=search)
+        run_walk(walk, Lines(sys.stderr), out.name)
         return out / POLICY
 
 
@@ -113,9 +114,9 @@ def posterior_of(number: int, folder: Path, prior: Path, seconds: float) -> Path
     return posterior
 
 
-def walked(number: int, policies: dict[str, Path], walks: int) -> dict[str, list[Outcome]]:
+def walked(number: int, policies: dict[str, Path], walks: int, speed: float) -> dict[str, list[Outcome]]:
     """Every policy on robot ``number``, with the same noise for each."""
-    return {name: [deploy(number, policy, life) for life in range(walks)] for name, policy in policies.items()}
+    return {name: [deploy(number, policy, life, speed) for life in range(walks)] for name, policy in policies.items()}
 
 
 def summary(walks: list[Outcome]) -> dict[str, float]:
@@ -154,7 +155,7 @@ def main() -> None:
     parser.add_argument("--walks", type=int, default=5, help="of each policy on each robot")
     parser.add_argument("--iterations", type=int, default=200, help="of the training from the beginning")
     parser.add_argument("--further", type=int, default=100, help="of the training on")
-    parser.add_argument("--max-speed", type=float, default=0.8, help="speed beyond which nothing more is earned [m/s]")
+    parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     given = parser.parse_args()
     pairs, rows = [], []
@@ -169,7 +170,7 @@ def main() -> None:
             policies["adapted"] = training.policy(folder, "adapted", posterior, before)
             if given.anew:
                 policies["anew"] = training.policy(folder, "anew", posterior)
-            pairs.append(walked(number, policies, given.walks))
+            pairs.append(walked(number, policies, given.walks, given.max_speed))
             for name, walks in pairs[-1].items():
                 words = (f"{key} {value:.2f}" for key, value in summary(walks).items())
                 print(f"robot {number} seed {seed} {name:8}", *words, flush=True)

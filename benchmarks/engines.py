@@ -25,6 +25,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
 from motorprior.search.policy_search import advance, new_search
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation import bullet_world
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
@@ -35,6 +36,7 @@ from motorprior.simulation.world import World, WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
 Motion = tuple[np.ndarray, np.ndarray]
 """(control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step."""
@@ -139,12 +141,12 @@ def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
         }
         for engine, simulator in simulators.items():
             search, executor = (
-                new_search(ArsConfig(), PUPPER_V2.num_joints),
+                new_search(ArsConfig(), SHAPE),
                 SerialExecutor(lambda made=simulator: made),
             )
-            advance(search, executor)
+            advance(search, SHAPE, executor)
             started = time.perf_counter()
-            steps = advance(search, executor).mean_steps
+            steps = advance(search, SHAPE, executor).mean_steps
             figures[f"iteration_s/{kind}/{engine}"] = time.perf_counter() - started
             print(f"{kind}, {engine}: {figures[f'iteration_s/{kind}/{engine}']:.2f} s per iteration, {steps:.0f} steps")
     return figures

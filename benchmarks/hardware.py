@@ -7,6 +7,7 @@ The host is this process, the robot another one. Writes a flat map:
     missed_share                    control steps that were left out, or whose command left more than 5 ms late
     telemetry_age_ms/p50|p99|max    of the measurement a command was computed from, when the command left
     end_to_end_ms/p50|p99|max       from the moment of that measurement in the robot to the command's arrival in it
+    machine_late_ms/p50|p99|max     a timer in a process of its own: how late this machine woke it during the walks
     path_m, tilt_rad                how far the robot walked, second by second, and how far it leaned in the end
     faults, fault/KIND              times the walk was ended by a fault, for example a slow host, and begun again
     noisy/...                       the same with 1 % of the frames dropped and 1 % damaged, both ways
@@ -14,6 +15,7 @@ The host is this process, the robot another one. Writes a flat map:
     inference_ms/share_over_1ms     share of the steps that took longer; the same for interpreted_ms
     kill_to_idle_ms/max             SIGKILL of a walking host until the robot is idle; hang_to_idle_ms with SIGSTOP
     reaction_ms/FAULT               from a fault until the robot is idle (unplugged, surge: until the host says so)
+    reaction_others/FAULT           trials that another fault ended, for example a slow host: repeated, not counted
 A part that could not be measured (a busy machine, a fault that did not show) costs no other: it is named at the end,
 and the exit code is 1.
 """
@@ -38,11 +40,11 @@ import numpy as np
 from hardware_reactions import MOST_FAULTS, WORDS, NotMeasuredError, deploy, reactions, signal_to_idle, virtual_robot
 from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing, clock_results, quantiles_ms
+from motorprior.hardware.machine import BareTimers
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.locomotion.body import action_size, observation_size
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -53,13 +55,15 @@ NOISE = ("--robot.drop", "0.01", "--robot.corrupt", "0.01")
 
 
 def trot_policy(robot: Robot, folder: Path) -> Path:
-    """Zero weights: a trot at 1.25 Hz, which needs no training."""
+    """Zero weights: the robot's own trot, which needs no training."""
     path, wire, ones = folder / "trot.safetensors", robot.require_wire(), np.ones(robot.num_joints)
-    observations, actions = observation_size(robot.num_joints), action_size(robot.num_joints)
+    zero = zero_policy(robot.num_joints)
     Policy(
-        weights=np.zeros((actions, observations + 1)),
-        observation_mean=np.zeros(observations),
-        observation_std=np.ones(observations),
+        weights=zero.weights,
+        hidden=zero.hidden,
+        readout=zero.readout,
+        observation_mean=zero.mean,
+        observation_std=zero.std,
         kp=wire.kp * wire.torque_constant * ones,
         kd=wire.kd * wire.torque_constant * ones,
         control_dt=robot.control_dt,
@@ -72,7 +76,7 @@ def trot_policy(robot: Robot, folder: Path) -> Path:
 def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict[str, float]:
     """Clock, age and delay of a walk of so many seconds; one that a fault ends is followed by another."""
     runs: list[Timing] = []
-    delays, path, tilt, left = [], 0.0, 0.0, seconds
+    delays, path, tilt, left, timer = [], 0.0, 0.0, seconds, BareTimers()
     faults: Counter[str] = Counter()
     while left > 1.0 and faults.total() < MOST_FAULTS:
         (folder / "run.csv").unlink(missing_ok=True)
@@ -89,12 +93,16 @@ def walking(folder: Path, policy: Policy, seconds: float, *options: str) -> dict
         if len(timing.sent):
             delays.append(end_to_end(timing, life, policy.control_dt))
         path, tilt = path + life["path_m"], max(tilt, life["tilt_rad"])
+    report = timer.stop()
     if not delays:
         raise NotMeasuredError("no walk was longer than its ramp")
     results = clock_results(runs, policy.control_dt) + quantiles_ms("end_to_end_ms", np.concatenate(delays))
     figures = results.to_figures()
     print(f"  {figures}", file=sys.stderr)
     figures |= {f"fault/{kind}": float(count) for kind, count in sorted(faults.items())}
+    if report is not None:
+        late = {"p50": report.p50, "p99": report.p99, "max": report.worst}
+        figures |= {f"machine_late_ms/{name}": 1e3 * value for name, value in late.items()}
     return figures | {"path_m": path, "tilt_rad": tilt, "faults": float(faults.total())}
 
 
@@ -135,7 +143,7 @@ def inference_interpreted(policy: Path) -> dict[str, float]:
 def parts(folder: Path, path: Path, seconds: float) -> dict[str, Callable[[], dict[str, float]]]:
     """What to measure, by name; each part gives its figures."""
     policy = Policy.load(path)
-    single = {"hang_to_idle_ms": partial(signal_to_idle, folder, path, signal.SIGSTOP), **reactions(folder, path)}
+    single = {"hang_to_idle_ms": partial(signal_to_idle, folder, path, signal.SIGSTOP)}
     return {
         "walk": lambda: walking(folder, policy, seconds),
         "walk with noise": lambda: named("noisy", walking(folder, policy, seconds, *NOISE)),
@@ -143,6 +151,7 @@ def parts(folder: Path, path: Path, seconds: float) -> dict[str, Callable[[], di
         "inference, interpreted": lambda: named("interpreted_ms", inference_interpreted(path)),
         "kill_to_idle_ms": lambda: named("kill_to_idle_ms", kills(folder, path)),
         **{name: lambda name=name, measure=measure: {name: measure()} for name, measure in single.items()},
+        **{f"reaction_ms/{name}": measure for name, measure in reactions(folder, path).items()},
     }
 
 

@@ -34,6 +34,8 @@ from motorprior.logs.robot_run import Mode
 from motorprior.robots.load import load_robot
 
 MOST_FAULTS = 5
+SPEED = 0.3
+"""Commanded [m/s]."""
 WORDS = "words.txt"
 """Output of the robots and hosts of other processes, in the folder of the measurement."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
@@ -64,7 +66,7 @@ _WHOLE = ("fall", "implausible telemetry", "firmware")
 SAID = ("surge", "deaf", "unplugged")
 """Faults in which the robot loses its current by itself or cannot be reached: the time until the host reports is
 measured."""
-LATE = 0.06
+LATE = 0.11
 """Duration of a step that is too late for the host, but not for the watchdog [s]."""
 STATUS_BEFORE = 6
 """Number of status lines, two a second, before a fault of the host."""
@@ -118,14 +120,20 @@ def deploy(
     recorder = None if log is None else Recorder(robot, log)
     with RobotLink(robot, SerialLink(robot, port), recorder=recorder) as link:
         gains, stop = gains_for(robot, policy), StopRequest()
-        walk(link, policy, gains, stop, seconds=seconds, timing=timing, status=lambda _: status(link))
+        walk(
+            link, policy, gains, stop,
+            command=(SPEED, 0.0), seconds=seconds, timing=timing, status=lambda _: status(link),
+        )  # fmt: skip
 
 
-def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience: float = 0.5) -> float:
+def signal_to_idle(
+    folder: Path, policy: Path, number: signal.Signals, patience: float = 0.5, others: list[str] | None = None
+) -> float:
     """Milliseconds from a signal to a walking host until the robot is idle, which takes less than ``patience`` [s].
 
-    A host that another fault ended, on its way down too, is not counted.
+    A host that another fault ended, on its way down too, is not counted, but named in ``others``.
     """
+    others = [] if others is None else others
     for _ in range(MOST_FAULTS):
         out = Path(tempfile.mkdtemp(dir=folder)) / "run"
         with virtual_robot(folder) as (port, end):
@@ -139,6 +147,7 @@ def signal_to_idle(folder: Path, policy: Path, number: signal.Signals, patience:
                     time.sleep(patience)
                     if outcome(out) == (number.name if number in SIGNALS else None):
                         return 1e3 * (first_idle(end(), before) - before)
+                others.append(outcome(out) or "none yet")
             finally:
                 host.kill()
                 host.wait()
@@ -168,13 +177,19 @@ def first_idle(life: dict, after: float) -> float:
     return min(times)
 
 
-def reaction(folder: Path, policy: Policy, fault: str) -> float:
+def reaction(folder: Path, policy: Policy, fault: str, others: list[str] | None = None) -> float:
     """Milliseconds from an injected fault until the robot is idle, or, unplugged, until the host says so.
+
+    Args:
+        folder: for files.
+        policy: to walk with.
+        fault: a key of FAULTS.
+        others: gets the kind of every fault that was not meant; such a trial is repeated.
 
     Raises:
         NotMeasuredError: the host walked on, or reported something else every time.
     """
-    others: list[str] = []
+    others = [] if others is None else others
     for _ in range(MOST_FAULTS):
         with virtual_robot(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
             try:
@@ -253,13 +268,19 @@ HOST_FAULTS = {
 }
 
 
-def host_reaction(folder: Path, policy: Policy, fault: HostFault) -> float:
+def host_reaction(folder: Path, policy: Policy, fault: HostFault, others: list[str] | None = None) -> float:
     """Milliseconds from something that happens in the host until the robot is idle.
+
+    Args:
+        folder: for files.
+        policy: to walk with.
+        fault: of the host.
+        others: gets what ended every walk that it did not; such a trial is repeated.
 
     Raises:
         NotMeasuredError: the host walked on, or something else ended the walk every time.
     """
-    name, others = fault.happens.__name__, []
+    name, others = fault.happens.__name__, [] if others is None else others
     for _ in range(MOST_FAULTS):
         calls, began = 0, float("inf")
 
@@ -289,10 +310,16 @@ def host_reaction(folder: Path, policy: Policy, fault: HostFault) -> float:
     raise NotMeasuredError(f"this machine is too busy: {name} was never reported, but {'; '.join(others)}")
 
 
-def reactions(folder: Path, path: Path) -> dict[str, Callable[[], float]]:
-    """How to measure reaction_ms/FAULT of every fault, one trial each."""
+def reactions(folder: Path, path: Path) -> dict[str, Callable[[], dict[str, float]]]:
+    """How to measure reaction_ms/FAULT of every fault, one trial each, and the trials that others ended."""
     policy = Policy.load(path)
     robot = {fault.partition(":")[0]: partial(reaction, folder, policy, fault) for fault in FAULTS}
     host = {name: partial(host_reaction, folder, policy, fault) for name, fault in HOST_FAULTS.items()}
     signals = {number.name: partial(signal_to_idle, folder, path, number, patience=6.0) for number in SIGNALS}
-    return {f"reaction_ms/{name}": measure for name, measure in (robot | host | signals).items()}
+    return {name: partial(_counted, name, measure) for name, measure in (robot | host | signals).items()}
+
+
+def _counted(name: str, measure: Callable[..., float]) -> dict[str, float]:
+    others: list[str] = []
+    took = measure(others=others)
+    return {f"reaction_ms/{name}": took, f"reaction_others/{name}": float(len(others))}

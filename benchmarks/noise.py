@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware import trot_policy
+from hardware_reactions import SPEED
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
@@ -64,7 +65,7 @@ def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
     port = SimulatedPort(robot, life % ROBOTS, life, drop=share, corrupt=share)
     with on_its_clock(port), RobotLink(robot, port) as link:
         try:
-            walk(link, loaded, gains, StopRequest(), seconds=seconds, timing=timing)
+            walk(link, loaded, gains, StopRequest(), command=(SPEED, 0.0), seconds=seconds, timing=timing)
         except RobotFault as error:
             fault = error.kind
     sent = np.float32([gains.kp, gains.kd, gains.max_current])

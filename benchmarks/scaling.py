@@ -21,9 +21,11 @@ from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size
 from motorprior.search.policy_search import Round, Task, advance, episode_seed, new_search, run_task
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 EPISODE_STEPS, REPEATS = 250, 9
 
 
@@ -56,15 +58,15 @@ def median_seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
 
 def iteration_seconds(executor: Executor, directions: int) -> float:
     """Of one ARS iteration."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), PUPPER_V2.num_joints)
-    return median_seconds(lambda: advance(search, executor), 5)
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
+    return median_seconds(lambda: advance(search, SHAPE, executor), 5)
 
 
 class Recorded:
     """An executor whose episodes have ended long ago: their results only arrive, in chunks, pickled."""
 
     def __init__(self, walker: WalkSimulator, episodes: int, workers: int):
-        shared, size = Round.of(new_search(ArsConfig(), PUPPER_V2.num_joints)), chunk_size(episodes, workers)
+        shared, size = Round.of(new_search(ArsConfig(), SHAPE), SHAPE), chunk_size(episodes, workers)
         tasks = [Task(Candidate(direction, 1), direction) for direction in range(size)]
         chunk = pickle.dumps([run_task(walker, shared, task) for task in tasks])
         self._chunks = [chunk] * -(-episodes // size)
@@ -79,9 +81,9 @@ class Recorded:
 
 def update_seconds(walker: WalkSimulator, directions: int, workers: int) -> float:
     """Of an iteration without its episodes: seeds, tasks, results, statistics, update; what no worker can take over."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), PUPPER_V2.num_joints)
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
     recorded = Recorded(walker, 2 * directions, workers)
-    return median_seconds(lambda: advance(search, recorded))
+    return median_seconds(lambda: advance(search, SHAPE, recorded))
 
 
 def predicted(figures: dict[str, float], workers: int, directions: int) -> float:
@@ -96,8 +98,8 @@ def predicted(figures: dict[str, float], workers: int, directions: int) -> float
 
 def travelling(walker: WalkSimulator, directions: int, workers: int) -> dict[str, float]:
     """Bytes per task and per result, pickled in chunks as they travel: what tasks have in common is written once."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), PUPPER_V2.num_joints)
-    shared, candidates = Round.of(search), search.ask()
+    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
+    shared, candidates = Round.of(search, SHAPE), search.ask()
     size = chunk_size(len(candidates), workers)
     tasks = [Task(candidate, episode_seed(0, 0, candidate.direction)) for candidate in candidates[:size]]
     episodes = [run_task(walker, shared, task) for task in tasks]
@@ -110,13 +112,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json")
     path = parser.parse_args().json
-    walker, search = make_walker(), new_search(ArsConfig(), PUPPER_V2.num_joints)
-    shared = Round.of(search)
+    walker, search = make_walker(), new_search(ArsConfig(), SHAPE)
+    shared = Round.of(search, SHAPE)
     figures: dict[str, float] = {
         "bytes_shared": len(pickle.dumps(shared)),
         **travelling(walker, 16, 2),
         **travelling(walker, 8192, 64),
-        "episode_s": median_seconds(lambda: walker.run(np.zeros((16, 19)), shared.mean, shared.std, 0)),
+        "episode_s": median_seconds(lambda: walker.run(shared.policy(Candidate(0, 0)), 0)),
         "update_s_per_direction": update_seconds(walker, 1024, 64) / 1024,
     }
     for workers in (1, 2):

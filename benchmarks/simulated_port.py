@@ -14,7 +14,7 @@ from unittest import mock
 import numpy as np
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.hardware import commands, robot_link, session
+from motorprior.hardware import commands, robot_link, run_facts, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Command, Sizes, Telemetry
 from motorprior.hardware.serial_link import SerialLink
@@ -106,6 +106,21 @@ class SimulatedPort(SerialLink):
             self._to_host.put(piece, self.now)
 
 
+class _Nobody:
+    """In place of a process that lives in real time: the watchdog, the timer of the machine."""
+
+    def beat(self) -> None:
+        """Nobody listens."""
+
+    def release(self) -> None:
+        """Nobody ends."""
+
+    def stop(self) -> None:
+        """Nobody reports."""
+
+    abandon = kill = release
+
+
 @contextmanager
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
     """The host's clock is the port's while this is open, and nothing that lives in real time is started.
@@ -116,7 +131,9 @@ def on_its_clock(port: SimulatedPort) -> Iterator[None]:
         mock.patch.object(commands, "SerialLink", lambda *_: port),
         mock.patch.object(time, "monotonic", lambda: port.now),
         mock.patch.object(time, "sleep", port.sleep),
-        mock.patch.object(robot_link, "Guardian", lambda *_: mock.Mock()),
+        mock.patch.object(robot_link, "Guardian", lambda *_: _Nobody()),
+        mock.patch.object(run_facts, "BareTimers", _Nobody),
         mock.patch.object(session, "real_time_priority", nullcontext),
+        mock.patch.object(session, "locked_memory", nullcontext),
     ):
         yield

@@ -10,6 +10,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
 from motorprior.environments import ENV_ID
+from motorprior.locomotion.command import Commands
 
 if len(sys.argv) != 3:
     sys.exit("usage: python examples/train_ppo.py PRIOR STEPS")
@@ -20,11 +21,15 @@ model = PPO("MlpPolicy", envs, n_steps=512, batch_size=512, gamma=0.98, policy_k
 model.learn(int(sys.argv[2]))
 walked = []
 for seed in range(10_000, 10_010):
-    env, over, steps = gymnasium.make(ENV_ID, **robot), False, 0
+    env, over, steps = gymnasium.make(ENV_ID, **robot, commands=Commands.steady(0.3)), False, 0
     observation, info = env.reset(seed=seed)
     while not over:
         action, _ = model.predict(envs.normalize_obs(observation), deterministic=True)
         observation, _, terminated, truncated, info = env.step(action)
         over, steps = terminated or truncated, steps + 1
     walked.append((info["base_pos"][0] / 5, steps / 100))
-print("on 10 new sets of motors: {:.2f} m/s, up for {:.1f} of 5 s".format(*np.mean(walked, axis=0)))
+print(
+    "told to walk at 0.3 m/s on 10 new sets of motors: {:.2f} m/s, up for {:.1f} of 5 s".format(
+        *np.mean(walked, axis=0)
+    )
+)

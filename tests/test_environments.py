@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
+from policies import ACTIONS, random_policy
 
 import motorprior.environments
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env, make_vector_env
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
@@ -25,7 +27,8 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
 ID = "motorprior/Walk-v0"
-FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, 16))), 20, axis=0)
+ERRING = Randomization(gyro_bias=0.05, rate_noise=0.02, sensor_delay=(0.0, 0.03), command_delay=(0.0, 0.02))
+FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, ACTIONS))), 20, axis=0)
 
 
 def bullet():
@@ -62,39 +65,41 @@ def test_check_env_is_clean(engine, motors):
 
 def test_every_seed_samples_other_motors_of_the_prior(prior):
     env = gymnasium.make(ID, actuator="prior", prior=str(prior))
-    action = np.random.default_rng(0).uniform(-1.0, 1.0, 16)
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, ACTIONS)
     measured = []
     for seed in (1, 1, 2):
         env.reset(seed=seed)
         measured.append([env.step(action)[0] for _ in range(5)][-1])
     env.close()
     np.testing.assert_array_equal(measured[0], measured[1])
-    assert np.abs(measured[0] - measured[2])[4:16].min() > 1e-6  # all twelve joints
+    assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6  # all twelve joints
 
 
 def test_its_episode_is_that_of_motorprior_walk(motors):
-    weights = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
+    policy = random_policy(0.05, seed=1, mean=0.1, std=0.7)
     env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
     choice = motorprior.environments.MotorChoice(**motors)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
     simulator = WalkSimulator(
         choice.drawer(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
     )
-    (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(16)
+    (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(ACTIONS)
     while not ended:
-        act(*weights, observation, action)
+        act(policy, observation, action)
         observation, reward, terminated, truncated, _ = env.step(action)
         total, ended = total + float(reward), terminated or truncated
-    assert total == simulator.run(*weights, seed=4).total
+    assert total == simulator.run(policy, seed=4).total
     env.close()
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
-    def make():
-        return make_env(**motors, episode_steps=40)
+    settings = motors | {"episode_steps": 40, "commands": Commands(hold=0.1), "gait": "bound", "randomization": ERRING}
 
-    ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, **motors, episode_steps=40)
+    def make():
+        return make_env(**settings)
+
+    ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, **settings)
     theirs = SyncVectorEnv([make] * 5)
     pairs = [(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])]
     assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
@@ -132,6 +137,8 @@ def test_seeds_are_one_or_one_for_each_robot():
         ({"roughness": 0.01}, "PyBullet only"),
         ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
         ({"randomization": {"push": 0.1}}, r"randomization \{'push': 0.1\} is not a Randomization -> import it"),
+        ({"commands": 0.3}, "commands 0.3 is not a Commands -> import it"),
+        ({"gait": "amble"}, "gait 'amble' is unknown -> use one of trot, walk, pace, bound, pronk"),
         ({"task": 3.0}, "task 3.0 is not a TaskWeights -> import it"),
         ({"kp": "8"}, "kp '8' is not a finite number of at least 0"),
         ({"delay": True}, "delay True is not a finite number"),
@@ -184,7 +191,8 @@ def example(*args: object) -> subprocess.CompletedProcess[str]:
 def test_the_example_trains_on_sampled_motors(prior):
     done = example(prior, 4096)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"on 10 new sets of motors: -?\d\.\d\d m/s, up for \d\.\d of 5 s", done.stdout.splitlines()[-1])
+    said = r"told 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, up for \d\.\d of 5 s"
+    assert re.fullmatch(said, done.stdout.splitlines()[-1])
 
 
 def test_the_example_says_how_it_is_called():

@@ -25,6 +25,8 @@ class BackendState:
     """(3,) [rad/s], base frame"""
     measured_joint_pos: np.ndarray
     """(joints,) [rad] as the encoders report it"""
+    foot_pos: np.ndarray
+    """(legs, 3) centres of the feet [m], world; NaN where the robot does not know"""
     torque_squared_sum: float
     """Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]"""
     fault: int = 0

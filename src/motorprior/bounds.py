@@ -24,6 +24,12 @@ def is_number(value: Any, least: float = -LARGEST, most: float = LARGEST) -> boo
     return bool(least <= number <= most)
 
 
+def is_range(value: Any, least: float, most: float) -> bool:
+    """Whether it is a pair of numbers in [least, most], the smaller first."""
+    pair = isinstance(value, tuple) and len(value) == 2
+    return pair and all(is_number(each, least, most) for each in value) and value[0] <= value[1]
+
+
 def require_number(name: str, value: Any, least: float = 0.0, most: float = LARGEST) -> None:
     """Refuse what is no number in [least, most], or not finite.
 

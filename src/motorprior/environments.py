@@ -8,9 +8,9 @@ That a module does something at import is Gymnasium's own protocol.
 A fatal error of MuJoCo (``mju_error``: out of memory, a broken model) ends the process with one line on standard error,
 as compiled code has no one to raise to: save your training from time to time.
 
-The words are those of ``motorprior walk``. Two defaults are not: here an episode has 500 control steps on the physical
-motors of the shipped fleet, there 250 on motors of a prior, which must be given. Observation and action are those of
-its policies.
+The words are those of ``motorprior walk``. Two defaults are not: here the motors are the physical ones of the shipped
+fleet, there those of a prior, which must be given; and here nothing but the motors differs between episodes, there
+``randomization`` is `simulation.randomization.ROBUST`. Observation and action are those of its policies.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ import gymnasium
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
+from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import ACTUATORS, ActuatorName, MotorChoice, MotorSource, drawn_from
 from motorprior.robots.load import as_robot
@@ -39,7 +41,7 @@ from motorprior.simulation.world import WorldConfig
 
 ENV_ID = "motorprior/Walk-v0"
 _FILES = ("prior", "posterior")
-_NUMBERS = ("kp", "kd", "torque_limit", "armature", "delay", "roughness")
+_NUMBERS = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread", "latent_spread", "roughness")
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,13 @@ class EnvOptions:
         torque_limit: of the PD [N·m]; the nominal one if not given.
         armature: reflected inertia of the PD's motors [kg·m²].
         delay: of the PD's target [s].
+        coulomb: friction of the PD's motors [N·m].
+        spread: share by which every constant of the PD differs between motors and episodes [-].
+        latent_spread: factor on the standard deviation of z of the prior [-].
         task: reward.
         randomization: what else differs between episodes.
+        commands: of speed and yaw rate, drawn for every episode; all that the robot is built for if not given.
+        gait: which leg steps when: trot, walk, pace, bound or pronk.
         roughness: height of bumps [m]; PyBullet only. The ground ends 4 m from the start.
         episode_steps: control steps until truncation.
 
@@ -81,8 +88,13 @@ class EnvOptions:
     torque_limit: float | None = None
     armature: float = 0.0
     delay: float = 0.0
+    coulomb: float = 0.0
+    spread: float = 0.0
+    latent_spread: float = 1.0
     task: TaskWeights = field(default_factory=TaskWeights)
     randomization: Randomization = field(default_factory=Randomization)
+    commands: Commands = field(default_factory=Commands)
+    gait: GaitName = "trot"
     roughness: float = 0.0
     episode_steps: int = 500
 
@@ -98,7 +110,7 @@ class EnvOptions:
             value = getattr(self, name)
             if value is not None:
                 require_number(name, value)
-        for name, kind in (("task", TaskWeights), ("randomization", Randomization)):
+        for name, kind in (("task", TaskWeights), ("randomization", Randomization), ("commands", Commands)):
             value = getattr(self, name)
             if not isinstance(value, kind):
                 raise ConfigError(
@@ -127,7 +139,7 @@ class EnvOptions:
             ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
         """
         robot = as_robot(self.robot)
-        walk = WalkConfig(self.episode_steps, self.task, self.randomization)
+        walk = WalkConfig(self.episode_steps, self.task, self.randomization, self.commands, self.gait)
         if self.motors is not None:
             draw, physics_dt = drawn_from(self.motors, robot)
         else:
@@ -136,7 +148,7 @@ class EnvOptions:
         return Scene(robot, self.engine, draw, physics_dt, walk, Terrain(self.roughness))
 
     def _choice(self) -> MotorChoice:
-        names = {each.name for each in fields(MotorChoice)} - {"actuator", *_FILES}
+        names = {each.name for each in fields(MotorChoice)} - {"actuator", "name", *_FILES}
         values: dict[str, Any] = {name: getattr(self, name) for name in names}
         values["fleet"] = None if self.fleet is None else str(self.fleet)
         for name in _FILES:
@@ -164,7 +176,10 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | No
     """
     scene = EnvOptions.of({"robot": robot, "motors": motors, **options}).scene()
     walk, sensors = scene.walk, partial(scene.walk.randomization.sensors, scene.robot)
-    return WalkEnv(scene.robot, scene.backend(), walk.task, walk.episode_steps, draw_sensors=sensors)
+    return WalkEnv(
+        scene.robot, scene.backend(), walk.task, walk.episode_steps, draw_sensors=sensors, commands=walk.commands,
+        gait=walk.gait,
+    )  # fmt: skip
 
 
 def make_vector_env(

@@ -53,6 +53,13 @@ def test_a_prior_knows_whose_motors_it_saw_and_what_gains_they_were_told(told: M
     np.testing.assert_array_equal(prior.expected(("calf", "tail")), [told.mean[2], np.zeros(3)])
 
 
+def test_a_spread_is_that_of_z(prior: MotorPrior):
+    usual, wide, mean = (prior.sample(7, 3, spread=spread).z for spread in (1.0, 1.5, 0.0))
+    np.testing.assert_allclose(wide, 1.5 * usual)
+    np.testing.assert_array_equal(usual, prior.sample(7, 3).z)
+    assert not mean.any() and usual.std() > 0.5
+
+
 @pytest.mark.parametrize(
     ("tensors", "header", "said"),
     [

@@ -188,7 +188,7 @@ def test_the_loop_closes_on_a_virtual_robot(
     prior = folder / "prior" / "prior.safetensors"
     monkeypatch.setattr(sys, "argv", ["closing_the_loop", "--prior", str(prior), "--out", str(tmp_path), *words])
     closing_the_loop.main()
-    told = read_json(tmp_path / "figures_0.8.json")
+    told = read_json(tmp_path / "figures_0.5.json")
     assert [pair["policy"] for pair in told["pairs"]] == ["before", "longer", "adapted"]
     paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])

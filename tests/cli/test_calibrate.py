@@ -70,6 +70,25 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes(), name
 
 
+def test_a_prior_s_bands_are_drawn_over_the_same_logs_without_another_fit(
+    motorprior, logs: Path, prior: Path, tmp_path: Path
+):
+    out, one = tmp_path / "fitted", logs / "in_the_air.parquet"
+    assert motorprior("calibrate", one, "--out", out, *SMALL).code == 0
+    fitted = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    outcome = motorprior("calibrate", one, "--out", out, *SMALL, "--prior", prior)
+    assert outcome.code == 0, outcome.err
+    assert "in the prior's 90 %" in outcome.out and str(out / "prior" / "calibration.png") in outcome.err
+    assert {path: path.stat().st_mtime_ns for path in fitted} == fitted
+    assert (out / "prior" / "calibration.png").read_bytes() != (out / "calibration.png").read_bytes()
+    figures = json.loads((out / "prior" / "figures.json").read_text("utf-8"))
+    wide, narrow = (figures[f"calibrate_coverage{level}/in_the_air/prior"] for level in (90, 50))
+    assert 0.0 <= narrow <= wide < 0.5, "motors without torque fall from where the real ones were"
+    drawn = (out / "prior" / "calibration.png").stat().st_mtime_ns
+    again = motorprior("calibrate", one, "--out", out, *SMALL, "--prior", prior)
+    assert again.out == outcome.out and (out / "prior" / "calibration.png").stat().st_mtime_ns == drawn
+
+
 def test_a_posture_on_the_command_line_goes_before_what_is_found(motorprior, logs: Path, tmp_path: Path):
     log = logs / "on_the_floor.parquet"
     outcome = motorprior("calibrate", log, "--out", tmp_path / "out", *SMALL, "--posture", "hung")
@@ -85,6 +104,7 @@ def test_a_posture_on_the_command_line_goes_before_what_is_found(motorprior, log
         (("--draws", 0), ("draws", "1")),
         (("--seed", -1), ("seed",)),
         (("--fleet", "nobody"), ("no fleet", "nobody")),
+        (("--prior", "nowhere.safetensors"), ("nowhere.safetensors",)),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(refused, logs: Path, tmp_path: Path, options, words):
@@ -103,7 +123,7 @@ def test_the_commands_of_the_page_run_on_the_real_logs(
     small = {"calibrate": "--starts 1 --draws 2", "bench": "--motors 12 --steps 1500", "identify": "--steps 2"}
     lines = [line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
     words = [shlex.split(line)[1:] for line in lines]
-    assert [each[0] for each in words] == ["calibrate", "bench", "identify"]
+    assert [each[0] for each in words] == ["calibrate", "bench", "identify", "calibrate"]
     for each in words:
         config = parse([*each, *shlex.split(small[each[0]])])
         RUN[type(config)](config)

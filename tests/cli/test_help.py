@@ -17,6 +17,7 @@ from motorprior.cli.doctor import Doctor
 from motorprior.cli.identify import IdentifyCommand
 from motorprior.cli.logs import LogsCheck, LogsImportCommand
 from motorprior.cli.main import RUN, parse
+from motorprior.cli.play import PlayCommand
 from motorprior.cli.record import Record
 from motorprior.cli.replay import ReplayCommand
 from motorprior.cli.report import MakeReport
@@ -47,7 +48,19 @@ COMMANDS = (
         "diff",
         "adapt",
     ),
-    *("simulate", "replay", "walk", "transfer", "doctor", "deploy", "record", "virtual-robot", "report", "speed"),
+    *(
+        "simulate",
+        "replay",
+        "walk",
+        "play",
+        "transfer",
+        "doctor",
+        "deploy",
+        "record",
+        "virtual-robot",
+        "report",
+        "speed",
+    ),
 )
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 
@@ -105,7 +118,8 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
         ("adapt a b --out c", AdaptCommand(Path("a"), Path("b"), Path("c"))),
         ("replay a --prior b --out c", ReplayCommand(Path("a"), Path("b"), Path("c"))),
         ("walk --out a --actuator pd --kp 8", WalkCommand(Path("a"), MotorChoice("pd", kp=8.0))),
-        ("transfer a --out b", TransferCommand((Path("a"),), Path("b"))),
+        ("play a b --place twin", PlayCommand((Path("a"), Path("b")), place="twin")),
+        ("transfer a --out b", TransferCommand(walks=(Path("a"),), out=Path("b"))),
         ("doctor --port a", Doctor(RobotChoice("a"))),
         ("deploy a --port b --yes", Deploy(Path("a"), RobotChoice("b"), DeploySettings(yes=True))),
         ("record --virtual --joint knee", Record(RobotChoice(virtual=True), RecordSettings(joint="knee"))),

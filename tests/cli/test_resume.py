@@ -4,11 +4,13 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from motorprior.artifacts import read_json, read_tensors
@@ -19,7 +21,7 @@ from motorprior.pipeline import stage as stage_module
 from motorprior.pipeline import walk as walk_module
 
 Command = Callable[..., Any]
-RESULTS = ("policy.safetensors", "curve.json")
+RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
 MARKER = "stage.json"
 WALK = ("walk", "--actuator", "pd", "--episode-steps", 20, "--iterations", 12)
 """Twelve: the champion is challenged in the middle and at the end."""
@@ -78,7 +80,6 @@ def test_a_walk_that_was_killed_continues_from_its_last_checkpoint(
     motorprior: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, whole_walk: Path
 ):
     line = (*WALK, "--workers", 1, "--out", tmp_path / "walk")
-    monkeypatch.setattr(walk_module, "_CHECKPOINT_EVERY", 5)
 
     def killed(*args: Any) -> None:
         raise SystemExit(137)
@@ -86,7 +87,7 @@ def test_a_walk_that_was_killed_continues_from_its_last_checkpoint(
     with monkeypatch.context() as context:
         context.setattr(walk_module, "_policy", killed)
         assert motorprior(*line).code == 137
-    assert int(read_tensors(tmp_path / "walk" / "search.safetensors")[0]["iteration"]) == 10
+    assert int(read_tensors(tmp_path / "walk" / "search.safetensors")[0]["iteration"]) == 12
     assert motorprior(*line).code == 0
     assert results(tmp_path / "walk") == results(whole_walk)
 
@@ -114,6 +115,34 @@ def test_a_process_that_gets_sigint_keeps_a_checkpoint_and_exits_with_130(tmp_pa
     assert said.splitlines()[-1].endswith("run the same command again to continue") and "Traceback" not in said
     state, header = read_tensors(tmp_path / "walk" / "search.safetensors")
     assert int(state["iteration"]) == len(header["curve"])
+
+
+@pytest.mark.slow
+def test_kill_9_at_random_moments_loses_at_most_one_iteration_and_changes_no_byte(tmp_path: Path):
+    line = ("walk", "--actuator", "pd", "--episode-steps", 300, "--iterations", 40, "--workers", 1)
+    words = [sys.executable, "-m", "motorprior", *map(str, line), "--out"]
+    subprocess.run([*words, str(tmp_path / "whole")], check=True, capture_output=True)
+    out, rng, kills = tmp_path / "killed", np.random.default_rng(0), 0
+    while kills < 20:
+        process = subprocess.Popen([*words, str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        before = progress_of(out)
+        while process.poll() is None and progress_of(out) <= before:  # it goes on from where it was
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.3))
+        process.kill()
+        if process.wait() == 0:
+            break
+        kills += 1
+        assert progress_of(out) - int(read_tensors(out / "search.safetensors")[0]["iteration"]) <= 1
+    assert kills >= 10, "it was finished too soon for this test to mean anything"
+    subprocess.run([*words, str(out)], check=True, capture_output=True)
+    assert results(out) == results(tmp_path / "whole")
+
+
+def progress_of(out: Path) -> int:
+    """Iterations that a training has written lines about."""
+    metrics = out / "metrics.jsonl"
+    return len(metrics.read_text("utf-8").splitlines()) if metrics.is_file() else 0
 
 
 def modified(folder: Path) -> dict[Path, int]:

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from policies import as_file_content
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy import zero_policy
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.logs.robot_run import read_robot_run
 from motorprior.robots import load
@@ -24,18 +25,14 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 def policy_file(path: Path, **changes) -> Path:
     """Zero weights: a trot."""
-    gains = np.full(12, spec.WIRE_KP * spec.TORQUE_CONSTANT), np.full(12, spec.WIRE_KD * spec.TORQUE_CONSTANT)
-    trot = Policy(
-        np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT, PUPPER_V2.name, PUPPER_V2.joint_names
-    )
-    replace(trot, **changes).save(path)
+    as_file_content(zero_policy(12), **changes).save(path)
     return path
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The machine that runs tests has other things to do: a host may be late."""
-    late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
+    late = {"tick_delay": 100.0, "late_ticks": 100, "stalled_time": 100.0, "telemetry_age": 0.5, "watchdog": 0.5}
     wire = PUPPER_V2.require_wire()
     lenient = replace(PUPPER_V2, wire=replace(wire, safety=replace(wire.safety, **late)))
     monkeypatch.setattr(load, "SHIPPED", (lenient,))
@@ -48,7 +45,9 @@ def policy(tmp_path: Path) -> Path:
 
 def test_a_policy_walks_a_virtual_robot_and_leaves_a_log(motorprior: Callable, policy: Path, tmp_path: Path):
     out = tmp_path / "run"
-    done = motorprior("deploy", policy, "--virtual", "--robot.no-homing", "--seconds", 0.5, "--yes", "--out", out)
+    done = motorprior(
+        "deploy", policy, "--virtual", "--robot.no-homing", "--forward", 0.1, "--seconds", 0.5, "--yes", "--out", out
+    )
     assert done.code == 0, done.err
     assert "period_jitter_ms/p99" in done.out and "stopped by time" in done.err
     facts = json.loads((out / "run.json").read_text())
@@ -63,7 +62,7 @@ def test_a_walk_with_currents_trains_torque_regression_and_is_no_hung_recording(
 ):
     """The paper's remedy for the distribution shift: torque from the current, recorded while the policy walks."""
     walk, robot = tmp_path / "walk", ("--virtual", "--robot.no-homing", "--robot.currents")
-    done = motorprior("deploy", policy, *robot, "--seconds", 1, "--yes", "--out", walk)
+    done = motorprior("deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk)
     assert done.code == 0, done.err
     done = motorprior("logs", "import", walk / "run.csv", "--out", tmp_path / "log")
     assert done.code == 0, done.err
@@ -117,7 +116,9 @@ def test_a_robot_that_lives_for_a_second(motorprior: Callable, tmp_path: Path):
         ("deploy {stiff_gains} --port /dev/null --yes", ("kp = 75.0", "-> train it with")),
         ("deploy {slow} --port /dev/null --yes", ("0.02 s", "0.01 s")),
         ("deploy {policy} --port /dev/null --yes --kp 90", ("--kp 90", "at most 60")),
-        ("deploy {policy} --port /dev/null --yes --throttle 2", ("--throttle 2", "at most 1")),
+        ("deploy {policy} --port /dev/null --yes --forward 2", ("--forward 2", "at most 0.5")),
+        ("deploy {policy} --port /dev/null --yes --forward -0.3", ("--forward -0.3", "at least -0.2")),
+        ("deploy {policy} --port /dev/null --yes --yaw-rate 1", ("--yaw-rate 1", "at most 0.6")),
         ("deploy {policy} --port /dev/null --yes --seconds 0", ("--seconds 0",)),
         ("deploy {policy} --port /dev/null --yes --max-current 12", ("--max-current 12", "at most 7")),
         ("record --port /dev/null --yes --joint tail", ("--joint 'tail'", "FR_abduction")),

@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 
 from motorprior.locomotion.policy import Policy
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.ars import ArsConfig
-from motorprior.search.policy_search import new_search
 
 Command = Callable[..., Any]
 SMALL = ("walk", "--actuator", "pd", "--episode-steps", 20)
@@ -17,24 +14,6 @@ SMALL = ("walk", "--actuator", "pd", "--episode-steps", 20)
 
 def policy_in(folder: Path) -> Policy:
     return Policy.load(folder / "policy.safetensors")
-
-
-def test_a_search_begins_with_the_policy_and_its_view_of_the_world():
-    rng = np.random.default_rng(0)
-    policy = Policy(
-        rng.standard_normal((16, 19)),
-        rng.standard_normal(18),
-        rng.uniform(0.1, 2.0, 18),
-        np.ones(12),
-        np.ones(12),
-        0.01,
-        PUPPER_V2.name,
-        PUPPER_V2.joint_names,
-    )
-    search = new_search(ArsConfig(), PUPPER_V2.num_joints, policy)
-    np.testing.assert_array_equal(search.parameters.reshape(16, 19), policy.weights)
-    np.testing.assert_allclose(search.observations.mean, policy.observation_mean)
-    np.testing.assert_allclose(search.observations.std(), policy.observation_std)
 
 
 def test_a_start_that_nothing_improves_on_is_kept(motorprior: Command, tmp_path: Path):
@@ -55,3 +34,15 @@ def test_a_start_that_is_no_policy_is_refused(motorprior: Command, tmp_path: Pat
     for name in ("text.safetensors", "missing.safetensors"):
         found = motorprior(*SMALL, "--start", tmp_path / name, "--out", tmp_path / "out")
         assert found.code == 2 and name in found.err
+
+
+def test_a_start_of_another_gait_or_size_is_refused(motorprior: Command, tmp_path: Path):
+    assert motorprior(*SMALL, "--iterations", 1, "--gait", "pace", "--out", tmp_path / "pace").code == 0
+    start = tmp_path / "pace" / "policy.safetensors"
+    assert policy_in(tmp_path / "pace").gait == "pace"
+    for words, said in (
+        ((), "the policy was trained to pace, wanted --gait 'trot'"),
+        (("--gait", "pace", "--hidden-units", 4), "has 0 hidden units, wanted 4"),
+    ):
+        found = motorprior(*SMALL, *words, "--iterations", 1, "--start", start, "--out", tmp_path / "out")
+        assert found.code == 2 and said in " ".join(found.err.split()), found.err

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.foreign import ForeignActuator, ForeignMotors
+from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
@@ -26,6 +27,12 @@ def ideal_pd(n):
     rng = np.random.default_rng(1)
     low, high = [4, 0.2, LIMIT, 0.0, 0.0], [9, 0.8, LIMIT, 0.003, 0.012]
     return IdealPd(*(rng.uniform(a, b, n) for a, b in zip(low, high, strict=True)))
+
+
+def friction_pd(n):
+    rng = np.random.default_rng(6)
+    pd = replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n))
+    return FrictionPd(pd, rng.uniform(0.05, 0.15, n))
 
 
 def physical(n):
@@ -78,7 +85,14 @@ def grey_box(n):
     return LatentActuator(network, rng.standard_normal((n, 3)))
 
 
-MAKERS = {"ideal_pd": ideal_pd, "physical": physical, "latent": latent, "grey_box": grey_box, "foreign": foreign}
+MAKERS = {
+    "ideal_pd": ideal_pd,
+    "friction_pd": friction_pd,
+    "physical": physical,
+    "latent": latent,
+    "grey_box": grey_box,
+    "foreign": foreign,
+}
 
 
 @pytest.fixture(params=MAKERS)
@@ -92,6 +106,8 @@ def only(actuator, motor):
         return replace(actuator, z=actuator.z[[motor]])
     if isinstance(actuator, PhysicalActuator | ForeignActuator):
         return actuator.motors.take(np.array([motor])).actuator()
+    if isinstance(actuator, FrictionPd):
+        return FrictionPd(only(actuator.pd, motor), actuator.coulomb[[motor]])
     return IdealPd(*(getattr(actuator, field.name)[[motor]] for field in fields(actuator)))
 
 

@@ -21,10 +21,12 @@ from motorprior.search import executor_ray
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, SerialExecutor, make_executor
 from motorprior.search.policy_search import Champion, new_search, train
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
 
 
@@ -39,8 +41,8 @@ def make_walker():
 
 def searched(executor: Executor, iterations: int = 2, progress=None) -> bytes:
     """Everything a search has found, as bytes."""
-    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), PUPPER_V2.num_joints)
-    champion = train(search, executor, iterations, Champion.none_yet(PUPPER_V2.num_joints), progress)
+    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), SHAPE)
+    champion = train(search, SHAPE, executor, iterations, Champion.none_yet(SHAPE), progress)
     assert np.any(search.parameters != 0.0)
     found = [*search.state().values(), *champion.state().values()]
     return b"".join(np.asarray(value).tobytes() for value in found)

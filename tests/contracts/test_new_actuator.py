@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from numba import njit
+from policies import random_policy
 
 from motorprior.actuator import registry
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
@@ -74,13 +75,13 @@ def same_pd(n: int) -> IdealPd:
 
 
 def test_it_walks_in_the_compiled_rollout_that_was_compiled_before_it():
-    policy = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.zeros(18), np.ones(18))
+    policy = random_policy(0.05, seed=1)
     known = WalkSimulator(lambda rng: same_pd(12), WorldConfig.of(PUPPER_V2), WalkConfig(50)).run(
-        *policy, seed=3, trace=True
+        policy, seed=3, trace=True
     )
     before = len(rollout._episode.signatures)  # pyright: ignore[reportFunctionMemberAccess]
     new = WalkSimulator(lambda rng: Spring(12), WorldConfig.of(PUPPER_V2), WalkConfig(50)).run(
-        *policy, seed=3, trace=True
+        policy, seed=3, trace=True
     )
     assert len(rollout._episode.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
     assert new.steps == known.steps == 50 and new.fault == 0
@@ -114,14 +115,15 @@ def test_a_kind_says_where_its_encoder_is():
     encoders = {kind.name: kind.encoder for kind in (*registry.KINDS, SPRING)}
     assert encoders == {
         "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "foreign": "rotor",
-        "spring": "rotor",
+        "pd_friction": "joint", "spring": "rotor",
     }  # fmt: skip
 
 
 def test_a_kind_says_how_finely_it_is_simulated():
     steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in (*registry.KINDS, SPRING)}
     assert steps == {
-        "ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "foreign": 0.001, "spring": 0.001,
+        "ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "foreign": 0.001,
+        "pd_friction": 0.002, "spring": 0.001,
     }  # fmt: skip
     light = replace(PUPPER_V2, physics_dt=0.001, twin_physics_dt=0.00025)
     assert light.physics_step(registry.PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"

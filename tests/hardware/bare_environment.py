@@ -28,7 +28,7 @@ if __name__ == "__main__":
     sys.argv = sys.argv[1:]
     from motorprior.robots import shipped
 
-    late = {"tick_delay": 100.0, "late_ticks": 100, "telemetry_age": 0.5, "watchdog": 0.5}
+    late = {"tick_delay": 100.0, "late_ticks": 100, "stalled_time": 100.0, "telemetry_age": 0.5, "watchdog": 0.5}
     patient = []
     for robot in shipped.SHIPPED:
         wire = robot.require_wire()

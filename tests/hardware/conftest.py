@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from policies import as_file_content
 
 from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.hardware.control_loop import ControlLoop
@@ -18,9 +19,9 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains
-from motorprior.hardware.virtual.firmware import Drive, Sensors
+from motorprior.hardware.virtual.firmware import IDLE, Drive, Sensors
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy import zero_policy
 from motorprior.logs.robot_run import Mode
 from motorprior.pipeline.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
@@ -28,7 +29,15 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import SafetyLimits
 
 WIRE = PUPPER_V2.require_wire()
-PATIENT = replace(WIRE.safety, slow_speed=4.0, tick_delay=float("inf"), late_ticks=100, telemetry_age=0.5, watchdog=0.5)
+PATIENT = replace(
+    WIRE.safety,
+    slow_speed=4.0,
+    tick_delay=float("inf"),
+    late_ticks=100,
+    stalled_time=float("inf"),
+    telemetry_age=0.5,
+    watchdog=0.5,
+)
 """Limits for a machine that has other things to do, and for tests in a hurry: quick ramps. The real ones are tested
 without a clock in test_safety.py, and measured by benchmarks/hardware.py."""
 BARE = [sys.executable, str(Path(__file__).with_name("bare_environment.py")), "motorprior.hardware"]
@@ -46,13 +55,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The policy of zero weights: it trots at 1.25 Hz and stays on its feet."""
+    """The policy of zero weights: it trots as it is told and stays on its feet."""
     path = tmp_path_factory.mktemp("policy") / "policy.safetensors"
-    gains = np.full(12, spec.WIRE_KP * spec.TORQUE_CONSTANT), np.full(12, spec.WIRE_KD * spec.TORQUE_CONSTANT)
-    Policy(
-        np.zeros((16, 19)), np.zeros(18), np.ones(18), *gains, spec.CONTROL_DT, PUPPER_V2.name, PUPPER_V2.joint_names
-    ).save(path)
+    as_file_content(zero_policy(12)).save(path)
     return path
+
+
+class _Events(list):
+    """What a virtual robot goes through, and its joint angles [rad] when it lost its current.
+
+    Afterwards it sinks, for as long as a busy machine takes to look.
+    """
+
+    def __init__(self, robot: VirtualRobot):
+        super().__init__()
+        self._robot, self.limp = robot, np.full(12, np.nan)
+
+    def append(self, event: tuple[float, str]) -> None:
+        super().append(event)
+        if event[1] == IDLE:
+            self.limp = self._robot.firmware._sensors.pos * spec.JOINT_SIGNS
 
 
 @pytest.fixture
@@ -63,6 +85,7 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
     def start(**settings) -> VirtualRobot:
         robot, body = make(PUPPER_V2, Virtual(**{"homing": False, **settings}))
         robot.body = body  # pyright: ignore[reportAttributeAccessIssue]  # for the truth
+        robot.events = _Events(robot)
         ends.append(in_thread(robot))
         return robot
 
@@ -131,8 +154,8 @@ def when() -> Callable[..., float]:
 
 @pytest.fixture
 def sits() -> Callable[[VirtualRobot], bool]:
-    """Whether a robot is about in the pose in which losing current is soft."""
-    return lambda pupper: bool(np.abs(pupper.firmware._sensors.pos * spec.JOINT_SIGNS - spec.CROUCH_POSE).max() < 0.35)
+    """Whether a robot was about in the pose in which losing current is soft when it lost it."""
+    return lambda pupper: bool(np.abs(pupper.events.limp - spec.CROUCH_POSE).max() < 0.35)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @pytest.fixture

@@ -70,9 +70,9 @@ def test_arm_walk_and_sit_down_by_keys(
     assert pupper.received == 0, "nothing is sent before somebody armed it"
     terminal.type("arm\n")
     when(pupper, POSITION, patience=10.0)
-    terminal.read_until(b"throttle 1.0")
-    terminal.type("sss")
-    terminal.read_until(b"throttle 0.7")
+    terminal.read_until(b"+0.00 m/s")
+    terminal.type("wwwa")
+    terminal.read_until(b"+0.15 m/s +0.1 rad/s")
     terminal.type("q")
     terminal.read_until(b"stopped by pilot")
     assert terminal.process.wait(timeout=10.0) == 0
@@ -128,8 +128,8 @@ def test_a_lost_terminal_sits_down_and_idles(
     virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path, when: Callable
 ):
     pupper = virtual()
-    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes")
-    terminal.read_until(b"throttle 1.0")
+    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes", "--forward", 0.2)
+    terminal.read_until(b"+0.20 m/s")
     terminal.hang_up()
     when(pupper, IDLE, patience=10.0)
     terminal.process.wait(timeout=10.0)
@@ -166,8 +166,9 @@ def test_a_terminal_that_is_stopped_does_not_stop_the_walk(
 ):
     """Ctrl-S: words are lost, steps are not."""
     pupper = virtual()
-    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes", "--seconds", 3)
-    terminal.read_until(b"throttle 1.0")
+    usual = ("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes")
+    terminal = at_terminal(*usual, "--forward", 0.2, "--seconds", 3)
+    terminal.read_until(b"+0.20 m/s")
     terminal.type("\x13")
     began = time.monotonic()
     when(pupper, IDLE, began, patience=10.0)

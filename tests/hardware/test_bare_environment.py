@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from policies import random_policy
 
 from motorprior.hardware.axes import backend_state
 from motorprior.hardware.motions import Walker
 from motorprior.hardware.protocol import Telemetry
-from motorprior.locomotion import control_step, policy, task, trajectory_generator
+from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
 from motorprior.locomotion.body import body_of
+from motorprior.locomotion.control_step import begin_gait, new_gait
 from motorprior.logs.robot_run import read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -111,27 +113,38 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], words
     assert done.stderr.count("\n") == 1 and " -> " in done.stderr
 
 
-def test_interpreted_and_compiled_formulas_agree(trot: Path):
+def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest.MonkeyPatch):
     """To the last bit or two: the compiler may order a product differently, not more."""
-    rng, seen, body, pose = np.random.default_rng(0), np.zeros(18), body_of(PUPPER_V2), spec.NOMINAL_POSE
-    modules = (control_step, policy, task, trajectory_generator)
+    rng, body, pose = np.random.default_rng(0), body_of(PUPPER_V2), spec.NOMINAL_POSE
+    modules = (control_step, leg_kinematics, policy, task, trajectory_generator)
     compiled = {name: value for module in modules for name, value in vars(module).items() if hasattr(value, "py_func")}
-    assert {"act", "observe", "command_step", "low_pass", "joint_targets"} <= set(compiled)
-    weights, mean, std = rng.normal(0.0, 0.3, (16, 19)), rng.normal(0, 0.1, 18), rng.uniform(0.5, 2.0, 18)
-    state = [np.zeros(16), np.zeros(16)]
-    phase, targets, actions, commands = [0.0, 0.0], np.zeros((2, 12)), np.zeros((2, 16)), np.zeros((2, 16))
+    names = ("observe", "follow_command", "act", "command_step")
+    assert {*names, "low_pass", "joint_targets", "leg_angles", "foot_path"} <= set(compiled)
+    interpreted = {name: value.py_func for name, value in compiled.items()}
+    given = random_policy(0.3, seed=0, std=0.7, units=3)
+    gaits, targets = [new_gait(12, 4), new_gait(12, 4)], []
+    seen, action = np.zeros((2, 23)), np.zeros((2, 17))
+    for gait in gaits:
+        begin_gait(body, gait)
+    states = []
     for _ in range(300):
         quaternion = rng.normal(size=4)
-        angles, rates = rng.normal(0.0, 0.5, 12), rng.normal(0.0, 2.0, 3)
-        for way in range(2):
-            call = (lambda name: compiled[name].py_func) if way else (lambda name: compiled[name])
-            call("observe")(quaternion / np.linalg.norm(quaternion), rates, angles, phase[way], pose, seen)
-            call("act")(weights, mean, std, seen, actions[way])
-            phase[way] = call("command_step")(
-                body, actions[way], state[way], phase[way], 0.01, commands[way], targets[way]
-            )
-        np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-13)
-        assert phase[0] == pytest.approx(phase[1], abs=1e-13)
+        states.append((quaternion / np.linalg.norm(quaternion), rng.normal(0.0, 2.0, 3), rng.normal(0.0, 0.5, 12)))
+    for way, functions in enumerate((compiled, interpreted)):
+        if way:  # what they call is interpreted too
+            for module in modules:
+                for name in compiled.keys() & vars(module).keys():
+                    monkeypatch.setattr(module, name, interpreted[name])
+        path = []
+        for step, state in enumerate(states):
+            functions["observe"](*state, pose, seen[way])
+            functions["follow_command"](body, gaits[way], 0.4, 0.5 * np.sin(0.1 * step), 0.01, seen[way])
+            functions["act"](given, seen[way], action[way])
+            functions["command_step"](body, action[way], seen[way], gaits[way], 0.01)
+            path.append([*seen[way], *gaits[way].target, gaits[way].phase])
+        targets.append(path)
+    np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-12)
+    monkeypatch.undo()
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
     still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
     assert np.all(

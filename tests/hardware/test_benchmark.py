@@ -83,10 +83,15 @@ SLOW, NUMB = RobotFault("slow host", "a control step came 70 ms late"), RobotFau
 
 
 def test_only_the_fault_that_was_injected_counts_as_the_reaction_to_it(tmp_path: Path, walks: Callable[..., Walks]):
-    told = walks(SLOW, NUMB, NUMB)
-    policy = Policy.load(trot_policy(PUPPER_V2, tmp_path))
-    assert reaction(tmp_path, policy, "numb") == pytest.approx(70.0, abs=1e-6)
+    told, path = walks(SLOW, NUMB, NUMB), trot_policy(PUPPER_V2, tmp_path)
+    figures = hardware_reactions.reactions(tmp_path, path)["numb"]()
+    assert figures["reaction_ms/numb"] == pytest.approx(70.0, abs=1e-6) and figures["reaction_others/numb"] == 1.0
     assert told.left == [NUMB], "the second walk is the measurement"
+
+
+def test_a_slow_host_comes_too_late_for_the_host_and_not_for_its_watchdog():
+    limits = PUPPER_V2.require_wire().safety
+    assert limits.tick_delay < hardware_reactions.LATE < limits.watchdog - PUPPER_V2.control_dt
 
 
 def test_a_fault_that_others_always_precede_is_not_measured(tmp_path: Path, walks: Callable[..., Walks]):

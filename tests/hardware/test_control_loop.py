@@ -15,6 +15,7 @@ from motorprior.logs.robot_run import Mode
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 WIRE = PUPPER_V2.require_wire()
+TOO_LATE = WIRE.safety.tick_delay + 0.01
 ZEROS = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
 
 
@@ -22,7 +23,7 @@ class Clock:
     """Time passes when somebody waits or works; also the robot that lives by it, and is always well."""
 
     def __init__(self):
-        self.now = 100.0
+        self.now, self.pauses = 100.0, 0
 
     def monotonic(self) -> float:
         return self.now
@@ -35,6 +36,9 @@ class Clock:
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
         return self.now
+
+    def after_pause(self) -> None:
+        self.pauses += 1
 
 
 @pytest.fixture
@@ -75,20 +79,36 @@ def test_steps_that_are_left_out_are_missed(clock: Clock):
     assert timing.skipped == 2 and clock_results([timing], 0.01).to_figures()["missed_share"] == pytest.approx(2 / 12)
 
 
+def test_one_pause_counts_once_wherever_it_falls(clock: Clock, monkeypatch: pytest.MonkeyPatch):
+    """In a step, after its command, or while it waits; the robot's side is told, and telemetry that waited is read."""
+    counted = []
+    monkeypatch.setattr(control_loop.Pace, "check", lambda _, late: counted.append(round(late, 3)))
+    play(clock, [0.0, 0.035, 0.0, 0.0])
+    assert counted == [0.0, 0.035, 0.0, 0.0] and clock.pauses == 1
+    counted.clear()
+    play(clock, [0.0] * 4, after={1: 0.035})
+    assert counted == [0.0, 0.035, 0.0, 0.0] and clock.pauses == 2
+    counted.clear()
+    receive, waits = clock.receive, iter([0.0, 0.035, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(clock, "receive", lambda until: receive(until + next(waits)))
+    play(clock, [0.0] * 4)
+    assert counted == [0.0, 0.035, 0.0, 0.0] and clock.pauses >= 3
+
+
 def test_the_step_of_a_slow_host_is_in_the_figures(clock: Clock):
     """Otherwise the worst step of all would be in no figure."""
     timing = Timing()
     loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
 
     def motion(_: Measurement) -> np.ndarray:
-        clock.now += 0.06 if len(timing.sent) == 6 else 0.0
+        clock.now += TOO_LATE if len(timing.sent) == 6 else 0.0
         return np.zeros(12)
 
-    with pytest.raises(RobotFault, match="60 ms late"):
+    with pytest.raises(RobotFault, match=f"{1e3 * TOO_LATE:.0f} ms late"):
         loop.play(motion, Mode.WALK, timing=timing)
     figures = clock_results([timing], 0.01).to_figures()
-    assert figures["period_jitter_ms/max"] == pytest.approx(60.0, abs=0.1)
-    assert figures["missed_share"] == pytest.approx(1 / 7)
+    assert figures["period_jitter_ms/max"] == pytest.approx(1e3 * TOO_LATE, abs=0.1)
+    assert figures["missed_share"] == pytest.approx(1 / 7) and timing.ended == clock.now
 
 
 def test_a_step_that_ends_in_another_fault_is_in_the_figures(clock: Clock):

@@ -1,5 +1,6 @@
 """Noise on the line, in simulated time: minutes of walking in seconds, and the same ones every time."""
 
+import gc
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,23 @@ def test_a_line_that_loses_nearly_everything_is_a_fault(trot: Path):
     walk = noisy_walk(trot, 0.6, 10.0, 0)
     assert walk.fault == "stale telemetry"
     assert figures([noisy_walk(trot, 0.0, 1.0, 0)], [walk])["fault/stale telemetry"] == 1.0
+
+
+def test_no_step_leaves_garbage_that_nobody_collects(trot: Path):
+    """The collector is off while a robot moves: cycles would fill the memory of a long walk."""
+
+    def left_by(seconds: float) -> int:
+        gc.collect()
+        gc.disable()
+        try:
+            noisy_walk(trot, 0.02, seconds, 0)
+            return gc.collect()
+        finally:
+            gc.enable()
+
+    left_by(0.5)
+    short, long = left_by(0.5), left_by(6.0)
+    assert long - short < 50, "550 control steps more"
 
 
 class _Wiretap(SimulatedPort):

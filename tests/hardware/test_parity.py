@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from policies import as_file_content, random_policy
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.axes import backend_state, from_wire, quaternion, to_wire
@@ -11,8 +12,9 @@ from motorprior.hardware.protocol import Command, Sizes, Telemetry
 from motorprior.hardware.safety import SafetyGate
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
-from motorprior.locomotion.policy import Policy, act
+from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
@@ -58,15 +60,13 @@ class Spy:
 
 def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
     """Two seconds of a random policy: env and wire side by side; the wire's float32 is all that is lost."""
-    rng = np.random.default_rng(1)
-    gains = np.full(12, 9.0), np.full(12, 0.9)
-    numbers = rng.normal(0.0, 0.05, (16, 19)), np.zeros(18), np.full(18, 0.5), *gains, spec.CONTROL_DT
-    policy = Policy(*numbers, PUPPER_V2.name, PUPPER_V2.joint_names)
+    policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
     config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
     spy = Spy(MujocoBackend(lambda draw: fleet.sample(12, draw).actuator(), config))
-    env, walker, action = WalkEnv(PUPPER_V2, spy), Walker(PUPPER_V2, policy), np.zeros(16)
+    env, walker, action = WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)), Walker(PUPPER_V2, policy), np.zeros(17)
     observation, _ = env.reset(seed=0)
+    schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = ShownBody(spy.state)
     firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(SIZES)
     gate = SafetyGate(PUPPER_V2, WIRE.safety, spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
@@ -74,9 +74,10 @@ def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
     for step in range(200):
         body.state = spy.state
         (telemetry,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
+        walker.forward, walker.yaw_rate = schedule[step]
         target = walker(Measurement(from_wire(WIRE, telemetry), 0.0, 0.0))
         np.testing.assert_allclose(walker.observation, observation, rtol=0, atol=2e-6)
-        act(policy.weights, policy.observation_mean, policy.observation_std, observation, action)
+        act(policy.arrays(), observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
         firmware.receive(command_frame(gate.admit(target, 0.01 * (step + 1)), SIZES))

@@ -51,6 +51,7 @@ def walker(trot: Path, virtual: Callable, host: Callable) -> Walker:
     made = Walker(PUPPER_V2, Policy.load(trot))
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
     made.warm_up(Measurement(Telemetry(**zeros, pos=np.zeros(12), vel=np.zeros(12)), 0.0, 0.0))
+    made.forward = 0.3
     return made
 
 

@@ -1,5 +1,6 @@
 """What a run leaves beside its recording says how it ended and under which limits, whatever ended it."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ def walk_into(robot: Robot, pupper: VirtualRobot, kind: str, trot: Path, out: Pa
     """Deploy, and let something break at the first line of status."""
 
     def say(text: str) -> None:
-        if "throttle" in text:
+        if "m/s" in text:
             pupper.break_down(kind)
 
     run_deploy(robot, trot, pupper.port, DeploySettings(out=out, seconds=6.0, yes=True), say)
@@ -44,6 +45,29 @@ def test_a_fault_that_ended_a_run_stands_in_its_facts(
     assert facts["command"] == "deploy" and facts["settings"]["seconds"] == 6.0 and facts["ended"] >= facts["started"]
     assert figures["control_steps"] >= 50 and facts["commands"] > figures["control_steps"]
     assert facts["frames"]["believed"] > 100
+    machine = facts["machine"]
+    assert machine["timer_wakes"] > 100 and machine["timer_late_ms/p50"] <= machine["timer_late_ms/max"]
+    assert isinstance(machine["memory_locked"], bool) and isinstance(machine["real_time_priority"], bool)
+
+
+def test_a_program_that_was_slow_while_the_machine_was_not_is_told_so(
+    patient: Robot, virtual: Callable, trot: Path, tmp_path: Path
+):
+    """A terminal, here, in which a line takes half a second."""
+    assert patient.wire is not None
+    strict = replace(
+        patient, wire=replace(patient.wire, safety=replace(patient.wire.safety, tick_delay=0.3, watchdog=5.0))
+    )
+
+    def say(text: str) -> None:
+        if " m/s " in text:
+            time.sleep(0.5)
+
+    with pytest.raises(RobotFault, match=r"this program was slow.* -> record into memory") as caught:
+        run_deploy(strict, trot, virtual().port, DeploySettings(out=tmp_path, seconds=6.0, yes=True), say)
+    facts = read_json(tmp_path / "run.json")
+    assert caught.value.kind == facts["outcome"] == "slow host" and facts["message"] == str(caught.value)
+    assert facts["machine"]["silent_ms/max"] > 400.0 and facts["machine"]["silent_ms"] < 2000.0
 
 
 def test_a_run_that_ended_in_time_says_so_and_counts_its_clips(

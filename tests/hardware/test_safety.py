@@ -177,6 +177,29 @@ def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
     assert caught.value.safe_state == "idle"
 
 
+def rests_and_is_led(tracking: Tracking, pauses: frozenset[int], moves_at: int) -> None:
+    """A stance knee: held for 0.3 s, then led 1 rad/s, and moving from step ``moves_at`` on; pauses before steps."""
+    joints, wanted = np.zeros(12), np.zeros(12)
+    for step in range(300):
+        if step in pauses:
+            tracking.begin_again(0.01 * step)
+        wanted[5] = 0.01 * max(0, step - 30)
+        joints[5] = 0.01 * max(0, step - moves_at)
+        tracking.check(joints, wanted, 0.01 * step)
+
+
+def test_a_joint_that_rested_while_the_host_stood_still_gets_time_to_move():
+    with pytest.raises(RobotFault, match="stuck"):
+        rests_and_is_led(Tracking(PUPPER_V2, LIMITS), frozenset(), moves_at=69)
+    rests_and_is_led(Tracking(PUPPER_V2, LIMITS), frozenset([45]), moves_at=69)
+
+
+def test_pauses_without_end_do_not_hide_a_stuck_joint():
+    tracking = Tracking(PUPPER_V2, replace(LIMITS, tracking_time=float("inf")))
+    with pytest.raises(RobotFault, match="stuck"):
+        rests_and_is_led(tracking, frozenset(range(0, 300, 10)), moves_at=300)
+
+
 def test_a_stuck_joint_is_told_with_its_own_figures():
     """0.3 rad for the one that stands still, not the 0.6 of one that follows."""
     tracking, joints, wanted = Tracking(PUPPER_V2, LIMITS), np.zeros(12), np.zeros(12)
@@ -220,8 +243,18 @@ def test_some_late_steps_are_allowed_and_many_are_not():
     with pytest.raises(RobotFault, match="slow host"):
         for _ in range(20):
             pace.check(0.02)
-    with pytest.raises(RobotFault, match="60 ms late"):
-        Pace(LIMITS, 0.01).check(0.06)
+    with pytest.raises(RobotFault, match=f"{1e3 * (LIMITS.tick_delay + 0.01):.0f} ms late"):
+        Pace(LIMITS, 0.01).check(LIMITS.tick_delay + 0.01)
+
+
+def test_a_pause_that_the_robot_survives_is_no_fault_and_several_in_a_row_are():
+    """Each of them is safe when the robot has come back to its gait."""
+    pace = Pace(LIMITS, 0.01)
+    for step in range(1000):
+        pace.check(LIMITS.tick_delay if step % 100 == 0 else 0.0)
+    with pytest.raises(RobotFault, match="in all"):
+        for _ in range(LIMITS.late_ticks - 1):
+            pace.check(0.5 * LIMITS.tick_delay)
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,15 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from policies import as_file_content, random_policy
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError, RobotFault
@@ -25,7 +28,9 @@ from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.doctor import examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
 from motorprior.hardware.motions import Walker, played, ramp
-from motorprior.hardware.pilot import Pilot
+from motorprior.hardware.pilot import ALONE, Pilot, pilot
+from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest, first_look, look_and_confirm
 from motorprior.hardware.settings import RecordSettings
@@ -38,6 +43,16 @@ from motorprior.logs.robot_run import Mode
 from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+GAIT = PUPPER_V2.require_legs()
+
+
+def test_a_port_that_was_open_long_before_it_was_read_is_no_fault(virtual: Callable, host: Callable):
+    """Its buffer has the robot's first frames, and nothing of what came later."""
+    port = SerialLink(PUPPER_V2, virtual().port)
+    time.sleep(2.5)
+    with RobotLink(PUPPER_V2, port) as link:
+        first_look(link, True)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +138,7 @@ def test_noise_on_the_line_does_not_stop_a_walk(virtual: Callable, host: Callabl
     """1 % of the frames lost, 1 % damaged, 1 % twice, both ways."""
     pupper = virtual(drop=0.01, corrupt=0.01, duplicate=0.01, currents=True)
     policy = Policy.load(trot)
-    run = walk(host(pupper.port), policy, gains_for(PUPPER_V2, policy), StopRequest(), seconds=1.5)
+    run = walk(host(pupper.port), policy, gains_for(PUPPER_V2, policy), StopRequest(), seconds=1.5, command=(0.2, 0.0))
     assert run.stopped_by == "time" and len(run.timing.sent) > 100
     deadline = time.monotonic() + 2.0
     while pupper.firmware.mode != IDLE and time.monotonic() < deadline:
@@ -270,40 +285,119 @@ def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
     assert len([target for target in row if np.array_equal(target, goal)]) >= 10
 
 
-def test_keys_and_stick_move_the_throttle_and_stop():
+STICK, TURN_STICK, BUTTON, AT_START = 1, 0, 1, 0x80
+
+
+def event(value: int, kind: int, number: int) -> bytes:
+    """Of a gamepad: time [ms], value, type, number."""
+    return struct.pack("<IhBB", 0, value, kind, number)
+
+
+@pytest.fixture
+def steered() -> Iterator[tuple[Pilot, Callable[[bytes], int], Callable[[bytes], int], Callable[[], None]]]:
+    """A pilot who stands, what types for him, what pushes his stick, and what takes his keyboard away."""
     keys, typed = os.pipe()
     stick, pushed = os.pipe()
-    pilot = Pilot(keys, stick, 1.0)
-    assert pilot.throttle() == 1.0
-    os.write(typed, b"sss")
-    assert pilot.throttle() == pytest.approx(0.7)
-    os.write(typed, b"\x1b[A")
-    assert pilot.throttle() == pytest.approx(0.8)
-    os.write(typed, b" ")
-    assert pilot.throttle() == 0.0
-    os.write(pushed, struct.pack("<IhBB", 0, -16384, 0x82, 1) + struct.pack("<IhBB", 1, -32767, 2, 1))
-    assert pilot.throttle() == 1.0, "an event at the start says where the stick is, nobody pushed it"
-    os.write(pushed, struct.pack("<IhBB", 2, 1, 1, 0))
-    assert pilot.throttle() is None, "a button"
-    os.write(typed, b"q")
-    assert pilot.throttle() is None
-    os.close(typed)
-    assert pilot.throttle() is None, "a lost terminal"
+    gone = []
+
+    def hang_up() -> None:
+        os.close(typed)
+        gone.append(typed)
+
+    yield (
+        Pilot(keys, stick, GAIT, (0.0, 0.0)),
+        partial(os.write, typed),
+        partial(os.write, pushed),
+        hang_up,
+    )
+    for file in {keys, typed, stick, pushed} - set(gone):
+        os.close(file)
 
 
-def test_throttle_scales_the_stride_and_full_throttle_is_the_policy_itself(trot: Path):
-    from motorprior.hardware.axes import backend_state
-    from motorprior.hardware.protocol import Telemetry
+def test_keys_change_speed_and_turn_by_tenths_and_space_stands_still(steered):
+    pilot, type_in, _, _ = steered
+    assert pilot.command() == (0.0, 0.0)
+    type_in(b"www")
+    assert pilot.command() == pytest.approx((0.15, 0.0))
+    type_in(b"\x1b[A\x1b[Dd\x1b[Da")
+    assert pilot.command() == pytest.approx((0.2, 0.12)), "arrows are letters; left is positive"
+    type_in(b"s\x1b[B\x1b[Cx")
+    assert pilot.command() == pytest.approx((0.1, 0.06))
+    type_in(b" ")
+    assert pilot.command() == (0.0, 0.0)
+    assert pilot.command() == (0.0, 0.0), "nobody typed: as before"
 
+
+def test_keys_do_not_leave_what_the_robot_is_built_for(steered):
+    pilot, type_in, _, _ = steered
+    for keys, command in (
+        (b"w" * 40 + b"a" * 40, (0.5, 0.6)), (b"s" * 40 + b"d" * 40, (-0.2, -0.6)), (b"w", (-0.15, -0.6)),
+    ):  # fmt: skip
+        type_in(keys)
+        assert pilot.command() == pytest.approx(command)
+
+
+def test_the_stick_gives_its_share_of_the_whole_range(steered):
+    pilot, _, push, _ = steered
+    push(event(-16384, 2 | AT_START, STICK))
+    assert pilot.command() == (0.0, 0.0), "an event at the start says where the stick is, nobody pushed it"
+    for stick, turn, command in (
+        (-32767, 0, (0.5, 0.0)), (-16384, 32767, (0.25, -0.6)), (32767, -16384, (-0.2, 0.3)), (0, 0, (0.0, 0.0)),
+    ):  # fmt: skip
+        push(event(stick, 2, STICK) + event(turn, 2, TURN_STICK) + event(9999, 2, 5))
+        assert pilot.command() == pytest.approx(command, abs=1e-4)
+
+
+def test_q_a_button_and_a_lost_terminal_stop(steered):
+    pilot, type_in, push, hang_up = steered
+    push(event(0, 1, BUTTON))
+    assert pilot.command() == (0.0, 0.0), "a button let go"
+    push(event(1, 1, BUTTON))
+    assert pilot.command() is None, "a button"
+    type_in(b"wq")
+    assert pilot.command() is None
+    hang_up()
+    assert pilot.command() is None, "a lost terminal"
+
+
+@given(keys=st.binary(min_size=1, max_size=60), stick=st.integers(-32767, 32767), turn=st.integers(-32767, 32767))
+@settings(max_examples=60, deadline=None)
+def test_whatever_is_typed_and_pushed_the_command_stays_within_bounds(keys: bytes, stick: int, turn: int):
+    ends = os.pipe(), os.pipe()
+    pilot = Pilot(ends[0][0], ends[1][0], GAIT, (0.3, 0.0))
+    os.write(ends[0][1], keys.lower().replace(b"q", b"w"))
+    os.write(ends[1][1], event(stick, 2, STICK) + event(turn, 2, TURN_STICK))
+    command = pilot.command()
+    for file in (*ends[0], *ends[1]):
+        os.close(file)
+    assert command is not None
+    assert GAIT.forward[0] <= command[0] <= GAIT.forward[1] and abs(command[1]) <= GAIT.yaw_rate
+
+
+def test_a_walker_walks_as_it_is_told_winds_down_and_begins_again(trot: Path):
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    state = backend_state(PUPPER_V2, Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
+    still = Measurement(Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), 0.0, 0.0)
 
-    def stride(throttle: float) -> float:
-        walker = Walker(PUPPER_V2, Policy.load(trot))
-        walker.throttle = throttle
-        return float(np.ptp([walker.step(state)[1] for _ in range(300)][100:]))
+    def hips(walker: Walker, steps: int = 300) -> np.ndarray:
+        return np.array([walker(still)[1] for _ in range(steps)][100:])
 
-    assert stride(0.0) < 0.02 < stride(0.5) < stride(1.0)
+    walker = Walker(PUPPER_V2, Policy.load(trot))
+    assert np.ptp(hips(walker)) == pytest.approx(0.0, abs=1e-9), "nobody said walk"
+    strides = []
+    for walker.forward in (0.1, 0.3, 0.5):
+        strides.append(np.ptp(hips(walker)))
+    assert 0.1 < strides[0] < strides[1] < strides[2]
+    stop = walker.winding_down(1.0)
+    targets = []
+    while (target := stop(still)) is not None:
+        targets.append(target)
+    assert len(targets) == 100 and walker.forward == walker.yaw_rate == 0.0
+    fresh = Walker(PUPPER_V2, Policy.load(trot))
+    for _ in range(2):
+        fresh.warm_up(still)
+    standing = fresh(still)
+    np.testing.assert_allclose(targets[-1], standing, atol=1e-6)
+    assert np.abs(standing - spec.NOMINAL_POSE).max() < 0.1
 
 
 def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
@@ -346,3 +440,49 @@ def test_the_gains_come_with_each_of_the_first_targets(virtual: Callable, host: 
         robot.receive(time.monotonic() + 0.03)
         gains.append(pupper.firmware._gains)
     assert gains == 3 * [(50.0, 5.0, 2.0)]
+
+
+def test_what_the_gyroscope_says_at_rest_is_taken_off_and_a_motion_is_not():
+    """Two robots that stand still: the one with a constant error of its gyroscope keeps its heading all the same."""
+    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
+    still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
+    turning = replace(still, yaw_rate=0.03, roll_rate=-0.02)
+    walkers = [Walker(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)]
+    walkers[1].rates_at_rest = np.array([-0.02, 0.0, 0.03])
+    for walker, seen in zip(walkers, (still, turning, turning), strict=True):
+        walker.forward = 0.2
+        for _ in range(50):
+            walker(Measurement(seen, 0.0, 0.0))
+    right, mended, wrong = (walker.observation for walker in walkers)
+    np.testing.assert_allclose(mended, right, atol=1e-12)
+    assert not np.allclose(wrong, right, atol=1e-3)
+
+
+def test_the_first_look_tells_the_gyroscopes_error(virtual: Callable, host: Callable, monkeypatch: pytest.MonkeyPatch):
+    pupper, off = virtual(), np.array([0.02, -0.01, 0.03])
+    sense = pupper.body.live.state
+
+    def with_error():
+        state = sense()
+        return replace(state, rates=state.rates + off)
+
+    monkeypatch.setattr(pupper.body.live, "state", with_error)
+    robot = host(pupper.port)
+    np.testing.assert_allclose(first_look(robot, True).rates, off, atol=0.01)
+    off[0] = 0.5
+    time.sleep(0.1)
+    assert not first_look(robot, True).rates.any(), "it is being turned"
+
+
+@pytest.mark.parametrize(("given", "begins"), [(None, 0.0), (0.2, 0.2)])
+def test_a_robot_that_somebody_steers_stands_until_it_is_told(given: float | None, begins: float, monkeypatch):
+    """Without a terminal it walks; a gamepad alone is somebody."""
+    read, write = os.pipe()
+    monkeypatch.setattr("motorprior.hardware.pilot.sys.stdin", None)
+    monkeypatch.setattr("motorprior.hardware.pilot.GAMEPAD", "/nowhere")
+    with pilot(GAIT, given, 0.1) as alone:
+        assert alone.command() == (ALONE if given is None else given, 0.1)
+    monkeypatch.setattr("motorprior.hardware.pilot.os.open", lambda *_: read)
+    with pilot(GAIT, given, 0.1) as steered:
+        assert steered.command() == (begins, 0.1)
+    os.close(write)

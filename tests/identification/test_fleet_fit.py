@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification import fleet_fit
 from motorprior.identification.fleet_fit import (
@@ -87,6 +87,38 @@ def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: 
         assert np.all(found > 3.0 * asked)
 
 
+@pytest.mark.parametrize(("few", "opened"), [(1, True), (3, False)])
+def test_motors_that_show_their_limit_tell_of_the_others_if_they_are_many(decoder_data: Data, few: int, opened: bool):
+    column, motors = PARAMETERS.index("torque_limit"), truth()
+    shows = np.arange(MOTORS) < few
+    motors[:, column] = np.log(np.where(shows, 1.5, 60.0) / 1.5)
+    runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
+    begun = initial_center(()) + motors
+    begun[~shows, column] = np.log(16.0)  # of a search; nothing tells
+    found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=begun, turns=()).raw[:, column])
+    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
+    np.testing.assert_allclose(found[shows], 1.5, rtol=0.1)
+    assert np.all((found[~shows] > 3.0 * asked.max()) == opened), (found, asked)
+
+
+def test_a_motor_that_held_a_speed_has_no_limit_below_it(decoder_data: Data):
+    """In nine segments of ten it is braked to half of its speed: most windows ask for a limit that it did exceed."""
+    terms, speed = ("profile",), parameters_of(("profile",)).index("profile_speed")
+    center = initial_center(terms)
+    center[speed:] = np.log([1.0, 100.0])
+    network = with_motor(bare(terms), center, terms)
+    fast, braked = np.zeros((2, MOTORS, len(center)))
+    braked[:, speed] = np.log(0.5)
+    data, few = (decoder_data(network, z, segments=n, rows=400, seed=3) for z, n in ((braked, 9), (fast, 1)))
+    data = replace(
+        data, series=np.concatenate([data.series, few.series], axis=1), parts=(*data.parts, slice(3600, 4000))
+    )
+    runs = WindowRuns(data, PRESET)
+    found = np.exp(fit_fleet(bare(terms), runs, terms, True, 0, start=center + braked, turns=((NARROW, 3),)).raw)
+    assert np.sum(runs.held_speed > 0.8) == 3  # the fourth is never asked for more than half of it
+    assert np.all(found[:, speed] >= runs.held_speed), found[:, speed]
+
+
 def test_losses_are_those_of_the_network_that_is_stored(runs: WindowRuns, found: FleetFit):
     np.testing.assert_array_equal(MotorFit(found.network(bare()), runs).losses(found.offsets), found.loss)
 
@@ -99,6 +131,7 @@ def test_motors_beyond_the_decoders_reach_are_stored_as_they_were_fitted(
         return Fit(z, np.zeros(len(z)), self.losses(z))
 
     monkeypatch.setattr(MotorFit, "polish", far)
+    monkeypatch.setattr(fleet_fit, "UNSEEN", 0.0)  # no limit counts as unseen
     stored = fit_fleet(bare(), runs, (), False, 0, turns=())
     assert np.abs(stored.offsets).max() <= LOG_REACH
     np.testing.assert_allclose(

@@ -44,10 +44,11 @@ CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "no
 
 
 def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None:
-    """Of motors with a term one more is let through at times; of motors without, none is."""
+    """Of motors with a term others are let through at times, each by a test at 20 %; of motors without, none is."""
     runs, said = logs(decoder_data, terms), []
     found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
-    assert set(terms) <= set(found.terms) and len(found.terms) <= 2 * len(terms), found.saved
+    others = max(1, tried // 5) if terms else 0
+    assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others, found.saved
     assert all(found.saved[name] > PRICE for name in terms) and len(said) == tried
 
 

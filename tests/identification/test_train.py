@@ -176,6 +176,20 @@ def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_no
     assert len(fits) == (within == "the fit")
 
 
+def test_an_interrupt_ends_a_fit_between_two_of_its_reports(two_motors):
+    """Beats, without work or words, come far more often than reports."""
+    beats, reports = [], []
+
+    def report(work: int, text: str) -> None:
+        (reports if work else beats).append(text)
+        if len(beats) == 300:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        identify(two_motors, PHYSICS, 0, report)
+    assert len(reports) <= 1 and set(beats) == {""}
+
+
 def test_the_work_that_is_reported_is_that_which_was_announced(two_motors, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.undo()
     monkeypatch.setattr(term_selection, "_TURNS", ())

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from threading import Event
 
 import jax.numpy as jnp
 import numpy as np
@@ -147,3 +148,28 @@ def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_n
     plain = WindowRuns(data, PRESET).residuals(network, z + 1.0, np.array([0]))[:, :, 0]
     assert np.abs(same).max() < 0.03, "on the recording the spring does nothing"
     assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2)), "and off it, it pulls back"
+
+
+def test_what_a_beat_raises_ends_the_runs_and_begins_no_others(
+    grey_network: Networks, decoder_data: Data, monkeypatch: pytest.MonkeyPatch
+):
+    ended, begun = Event(), []
+
+    def beat() -> None:
+        if begun:
+            ended.set()
+            raise KeyboardInterrupt
+
+    def run(*task: object) -> None:
+        begun.append(task)
+        if len(begun) > 1:
+            ended.wait(60.0)
+
+    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET, beat=beat)
+    threads = ThreadPoolExecutor(1)
+    monkeypatch.setattr(runs, "_threads", threads)
+    monkeypatch.setattr(runs, "_run", run)
+    with pytest.raises(KeyboardInterrupt):
+        runs.residuals(grey_network(), Z, MOTORS)
+    threads.shutdown(wait=True)
+    assert len(begun) <= 2 < len(runs.segments), "the one that was under way, and no other"

@@ -1,5 +1,7 @@
 """The environment keeps Gymnasium's contract and the stated order of a control step."""
 
+import math
+
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -7,15 +9,26 @@ from gymnasium.utils.env_checker import check_env
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.control_step import (
+    FURTHEST_HEADING,
+    RAMP,
+    TARGET_SPEED,
+    begin_gait,
+    command_step,
+    evaluate_step,
+    follow_command,
+    new_gait,
+)
 from motorprior.locomotion.env import WalkEnv
+from motorprior.locomotion.gaits import GAITS
 from motorprior.locomotion.policy import action_to_command, low_pass
-from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
+from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
+from motorprior.locomotion.trajectory_generator import add_support, advance_phase, how_much, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
 
-BODY = body_of(PUPPER_V2)
+BODY, GLIDE = body_of(PUPPER_V2), 0.3
 
 
 class GlidingBackend:
@@ -43,9 +56,10 @@ class GlidingBackend:
         return BackendState(
             base_pos=np.array([self.start[0] + 0.003 * self.count, self.start[1], 0.17]),
             base_quat=np.array([1.0, 0.0, 0.0, 0.0]) if self.count < self.fall_at else np.array([0.8, 0.6, 0, 0]),
-            base_lin_vel=np.zeros(3),
+            base_lin_vel=np.array([GLIDE, 0.0, 0.0]),
             base_ang_vel=np.zeros(3),
             measured_joint_pos=self.joints.copy() if self.count < self.fail_at else np.full(12, np.nan),
+            foot_pos=np.full((4, 3), np.nan),
             torque_squared_sum=2.0,
             fault=int(self.count >= self.fail_at),
         )
@@ -56,93 +70,120 @@ def test_gymnasium_contract():
     check_env(WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=20), skip_render_check=True)
 
 
+SPEED, TURN = 0.3, 0.2
+
+
+def steady_env(backend, **settings):
+    return WalkEnv(PUPPER_V2, backend, commands=Commands.steady(SPEED, TURN), **settings)
+
+
 def test_order_of_a_control_step():
     backend = GlidingBackend()
-    env = WalkEnv(PUPPER_V2, backend)
-    env.reset(seed=4)
-    rng = np.random.default_rng(0)
-    filtered, command, target, expected = np.zeros(16), np.empty(16), np.empty(12), np.empty(18)
-    phase, weights = 0.0, TaskWeights()
+    env, weights = steady_env(backend), TaskWeights()
+    observation, info = env.reset(seed=4)
+    rng, filtered, command, path = np.random.default_rng(0), np.zeros(17), np.empty(17), np.empty((2, 12))
+    phase, target, twist, expected = 0.0, NOMINAL_POSE.copy(), np.zeros(2), np.empty(23)
+    ramp, filtered_speed, goal = np.array([BODY.fastest, BODY.yaw_rate]) * 0.01 / RAMP, 0.0, 0.0
     for _ in range(150):
-        action = rng.uniform(-1.5, 1.5, 16)
+        twist = np.minimum(twist + ramp, [SPEED, TURN])  # before the observation
+        goal += 0.01 * twist[1]
+        np.testing.assert_allclose(info["command"], twist, atol=1e-12)
+        share = how_much(BODY, *twist)
+        np.testing.assert_allclose(observation[18:21], [share * max(-goal, -FURTHEST_HEADING), *twist], atol=1e-12)
+        np.testing.assert_allclose(
+            observation[21:], [share * math.cos(2 * math.pi * phase), share * math.sin(2 * math.pi * phase)], atol=1e-12
+        )
+        action = rng.uniform(-1.5, 1.5, 17)
         observation, earned, terminated, _, info = env.step(action)
         low_pass(action, 0.01, filtered)
-        action_to_command(filtered, BODY.residual, command)
-        joint_targets(BODY, phase, command[13], command[14], command[15], target)  # the old phase
-        target = np.clip(target + command[:12], JOINT_LOWER, JOINT_UPPER)
-        np.testing.assert_array_equal(backend.targets[-1], target)
-        np.testing.assert_array_equal(info["position_target"], target)
-        phase = advance_phase(phase, command[12], 0.01)
-        observe(np.array([1.0, 0, 0, 0]), np.zeros(3), target, phase, NOMINAL_POSE, expected)  # the new phase and state
-        np.testing.assert_array_equal(observation, expected)
-        assert earned == pytest.approx(0.003 + weights.alive - 2.0 * weights.torque)
+        action_to_command(BODY, filtered, command)
+        frequency, intensity, height, ratio, turn = command[12:]
+        later = advance_phase(phase, frequency, 0.01)
+        for row, at in zip(path, (phase, later), strict=True):  # the old phase, and the next for the lead
+            told = BODY, at, intensity * twist[0], intensity * twist[1] + share * turn
+            joint_targets(*told, frequency, height, (0.0, 0.0), ratio, share * BODY.swing_height, row)
+        wanted = path[0] + BODY.lead * (path[1] - path[0]) / 0.01 + command[:12]
+        add_support(BODY, phase, ratio, share, path[0], wanted)
+        target = target + np.clip(wanted - target, -0.01 * TARGET_SPEED, 0.01 * TARGET_SPEED)
+        target = np.clip(target, JOINT_LOWER, JOINT_UPPER)
+        np.testing.assert_allclose(backend.targets[-1], target, atol=1e-12)
+        np.testing.assert_array_equal(info["position_target"], backend.targets[-1])
+        phase = later
+        assert info["phase"] == pytest.approx(phase)
+        observe(np.array([1.0, 0, 0, 0]), np.zeros(3), backend.targets[-1], NOMINAL_POSE, expected)  # the new state
+        np.testing.assert_array_equal(observation[:17], expected[:17])
+        filtered_speed += (1.0 - math.exp(-0.01 / SPEED_FILTER)) * (GLIDE - filtered_speed)
+        wrong = weights.speed * abs(filtered_speed - twist[0]) + weights.heading * goal + weights.yaw_rate * twist[1]
+        assert earned == pytest.approx(0.01 * (weights.alive - wrong - 2.0 * weights.torque))
         assert not terminated
 
 
-def test_the_loop_over_the_two_compiled_functions_gives_the_same_bytes():
-    env, backend = WalkEnv(PUPPER_V2, GlidingBackend()), GlidingBackend()
+def test_the_loop_over_the_compiled_functions_gives_the_same_bytes():
+    env, backend = steady_env(GlidingBackend()), GlidingBackend()
     observation, _ = env.reset(seed=1)
-    state = backend.reset(1)
-    filtered, command, target, seen = np.zeros(16), np.zeros(16), np.zeros(12), np.zeros(18)
-    phase, weights = 0.0, TaskWeights().array()
-    observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, phase, NOMINAL_POSE, seen)
+    state, gait, seen, weights = backend.reset(1), new_gait(12, 4), np.zeros(23), TaskWeights().array()
+    begin_gait(BODY, gait)
+    observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, NOMINAL_POSE, seen)
     for step in range(60):
+        follow_command(BODY, gait, SPEED, TURN, 0.01, seen)
         assert observation.tobytes() == seen.tobytes()
-        action = np.sin(np.arange(16) + 0.1 * step)
+        action = np.sin(np.arange(17) + 0.1 * step)
         observation, earned, terminated, _, _ = env.step(action)
-        phase = command_step(BODY, action, filtered, phase, 0.01, command, target)
-        before, state = state.base_pos[0], backend.step(target.copy())
+        command_step(BODY, action, seen, gait, 0.01)
+        state = backend.step(gait.target.copy())
         mine, down = evaluate_step(
             BODY, state.base_pos, state.base_quat, state.base_lin_vel, state.base_ang_vel, state.measured_joint_pos,
-            state.torque_squared_sum, state.fault, before, phase, 0.01, weights, seen,
+            state.foot_pos, state.torque_squared_sum, state.fault, gait, 0.01, weights, seen,
         )  # fmt: skip
         assert (earned, terminated) == (mine, down)
 
 
-def test_targets_stay_inside_the_joint_limits():
-    target = np.empty(12)
-    filtered = np.ones(16)
-    filtered[:12] = np.tile([1.0, -1.0, -1.0], 4)
-    filtered[14] = -1.0
-    low = JOINT_LOWER.copy()
-    for phase in np.linspace(0, 0.99, 60):
-        command_step(BODY, filtered.copy(), filtered.copy(), phase, 0.01, np.empty(16), target)
-        assert np.all(target >= low) and np.all(target <= JOINT_UPPER)
+def test_every_seed_is_told_something_else_and_the_same_seed_the_same():
+    def told(seed):
+        env = WalkEnv(PUPPER_V2, GlidingBackend())
+        env.reset(seed=seed)
+        return [tuple(env.step(np.zeros(17))[4]["command"]) for _ in range(300)]
+
+    one, again, other = told(1), told(1), told(2)
+    assert one == again != other and len(set(one)) > 3
 
 
-def test_zero_policy_trots_at_1_25_hz():
-    env = WalkEnv(PUPPER_V2, GlidingBackend())
+@pytest.mark.parametrize("gait", GAITS)
+def test_zero_actions_step_at_the_robots_own_frequency(gait):
+    env = steady_env(GlidingBackend(), gait=gait)
     env.reset(seed=0)
-    phases = [env.step(np.zeros(16))[4]["phase"] for _ in range(81)]
-    assert phases[0] == pytest.approx(0.0125)
-    assert min(phases[79], 1.0 - phases[79]) == pytest.approx(0.0, abs=1e-9)  # 0.8 s
+    phases = np.array([env.step(np.zeros(17))[4]["phase"] for _ in range(100)])
+    steps = np.arange(1, 101) * PUPPER_V2.control_dt * PUPPER_V2.require_legs().frequency
+    assert np.allclose(phases, steps % 1.0)
+    assert phases.max() > 0.9  # or it never came round
 
 
 def test_reset_forgets_the_episode_before():
     def episode(env):
         first, _ = env.reset(seed=7)
-        return [first, *(env.step(np.full(16, 0.7))[0] for _ in range(5))]
+        return [first, *(env.step(np.full(17, 0.7))[0] for _ in range(5))]
 
     env = WalkEnv(PUPPER_V2, GlidingBackend())
     np.testing.assert_array_equal(episode(env), episode(env))
 
 
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
-    env = WalkEnv(PUPPER_V2, GlidingBackend(fall_at=2))
+    alone = TaskWeights(speed=0.0, lateral=0.0, heading=0.0, yaw_rate=0.0, tilt=0.0, torque=0.0, slip=0.0)
+    env = WalkEnv(PUPPER_V2, GlidingBackend(fall_at=2), alone)
     env.reset(seed=0)
-    _, upright, terminated, _, _ = env.step(np.zeros(16))
-    _, falling, down, truncated, _ = env.step(np.zeros(16))
+    _, upright, terminated, _, _ = env.step(np.zeros(17))
+    _, falling, down, truncated, _ = env.step(np.zeros(17))
     assert not terminated and down and not truncated
-    assert falling == pytest.approx(upright - TaskWeights().alive)
+    assert (upright, falling) == (pytest.approx(0.01 * alone.alive), 0.0)
     with pytest.raises(ConfigError, match="reset"):
-        env.step(np.zeros(16))
+        env.step(np.zeros(17))
 
 
 def test_a_fault_ends_the_episode_with_a_finite_observation():
     env = WalkEnv(PUPPER_V2, GlidingBackend(fail_at=2))
     env.reset(seed=0)
-    before = env.step(np.zeros(16))[0]
-    observation, earned, terminated, _, info = env.step(np.zeros(16))
+    before = env.step(np.zeros(17))[0]
+    observation, earned, terminated, _, info = env.step(np.zeros(17))
     assert (earned, terminated, info["fault"]) == (0.0, True, 1)
     np.testing.assert_array_equal(observation, before)
     with pytest.raises(SimulationFault):
@@ -152,7 +193,7 @@ def test_a_fault_ends_the_episode_with_a_finite_observation():
 def test_time_runs_out_as_truncation():
     env = WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=3)
     env.reset(seed=0)
-    assert [env.step(np.zeros(16))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
+    assert [env.step(np.zeros(17))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
 
 
 def test_unseeded_resets_differ_and_follow_from_the_first_seed():
@@ -170,19 +211,9 @@ def test_unseeded_resets_differ_and_follow_from_the_first_seed():
 def test_a_wrong_action_is_refused():
     env = WalkEnv(PUPPER_V2, GlidingBackend())
     with pytest.raises(ConfigError, match="reset"):
-        env.step(np.zeros(16))
+        env.step(np.zeros(17))
     env.reset(seed=0)
-    with pytest.raises(ConfigError, match=r"\(12,\), wanted \(16,\)"):
+    with pytest.raises(ConfigError, match=r"\(12,\), wanted \(17,\)"):
         env.step(np.zeros(12))
     with pytest.raises(ConfigError, match="not finite"):
-        env.step(np.full(16, np.nan))
-
-
-def test_statistics_of_an_episode_equal_numpy():
-    observations = np.random.default_rng(0).normal(3.0, 2.0, (50, 18))
-    count, mean, m2 = 0, np.zeros(18), np.zeros(18)
-    for observation in observations:
-        count = accumulate_moments(observation, count, mean, m2)
-    assert count == 50
-    np.testing.assert_allclose(mean, observations.mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(m2 / 50, observations.var(axis=0), rtol=1e-12)
+        env.step(np.full(17, np.nan))

@@ -1,114 +1,121 @@
-"""The linear policy by hand, its filter and scaling, and its file."""
+"""The policy by hand, its filter and scaling, and its file."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from policies import ACTIONS, OBSERVATIONS, as_file_content, random_policy
 
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.locomotion.body import action_size, observation_size
-from motorprior.locomotion.policy import (
-    Policy,
-    act,
-    action_to_command,
-    low_pass,
-)
+from motorprior.locomotion.body import action_size, body_of, observation_size
+from motorprior.locomotion.policy import Policy, act, action_to_command, low_pass, zero_policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
+BODY = body_of(PUPPER_V2)
 
-def a_policy(**changes):
+
+def a_policy(units=3, **changes):
     rng = np.random.default_rng(3)
-    policy = Policy(
-        weights=rng.standard_normal((16, 19)),
-        observation_mean=rng.standard_normal(18),
-        observation_std=rng.uniform(0.1, 2.0, 18),
-        kp=np.full(12, 8.8),
-        kd=np.full(12, 0.84),
-        control_dt=0.01,
-        robot=PUPPER_V2.name,
-        joint_names=PUPPER_V2.joint_names,
-        provenance={"seed": 3, "prior": "abc"},
-    )
-    return replace(policy, **changes)
+    arrays = random_policy(1.0, seed=3, units=units)
+    arrays = arrays._replace(mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.1, 2.0, OBSERVATIONS))
+    return as_file_content(arrays, provenance={"seed": 3, "prior": "abc"}, **changes)
 
 
-def command_of(action):
-    out = np.full(16, np.nan)
-    action_to_command(np.asarray(action, dtype=float), 0.5, out)
+def command_of(action, body=BODY):
+    out = np.full(ACTIONS, np.nan)
+    action_to_command(body, np.asarray(action, dtype=float), out)
+    return out
+
+
+def acted(policy, observation):
+    out = np.full(ACTIONS, np.nan)
+    act(policy, observation, out)
     return out
 
 
 def test_sizes():
-    assert (observation_size(12), action_size(12)) == (18, 16)
+    assert (observation_size(12), action_size(12)) == (23, 17)
 
 
-def test_action_is_the_clipped_affine_map_of_the_normalised_observation():
+@pytest.mark.parametrize("units", [0, 1, 6])
+def test_action_is_the_clipped_map_of_the_normalised_observation(units):
     rng = np.random.default_rng(0)
-    weights = rng.standard_normal((16, 19)) * 0.2
-    mean, std, observation = rng.standard_normal(18), rng.uniform(0.5, 2.0, 18), rng.standard_normal(18)
-    out = np.full(16, np.nan)
-    act(weights, mean, std, observation, out)
-    expected = weights @ np.append((observation - mean) / std, 1.0)
-    np.testing.assert_allclose(out, np.clip(expected, -1.0, 1.0), atol=1e-14)
-    assert np.any(np.abs(expected) < 1.0)
+    policy = random_policy(0.2, seed=1, units=units)
+    policy = policy._replace(mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.5, 2.0, OBSERVATIONS))
+    observation = rng.standard_normal(OBSERVATIONS)
+    inputs = np.append((observation - policy.mean) / policy.std, 1.0)
+    expected = policy.weights @ inputs + policy.readout.T @ np.tanh(policy.hidden @ inputs)
+    np.testing.assert_allclose(acted(policy, observation), np.clip(expected, -1.0, 1.0), atol=1e-13)
+    assert np.any(np.abs(expected) < 1.0) and np.any(np.abs(expected) > 1.0)
+    np.testing.assert_array_equal(acted(a_policy().arrays(), observation), acted(a_policy().arrays(), observation))
 
 
 def test_an_outlier_counts_as_ten_standard_deviations():
-    weights = np.zeros((16, 19))
-    weights[0, 5], weights[1, 5] = 0.01, -0.05
-    observation = np.zeros(18)
+    policy = zero_policy(12)
+    policy.weights[0, 5], policy.weights[1, 5] = 0.01, -0.05
+    observation = np.zeros(OBSERVATIONS)
     observation[5] = 1e6
-    out = np.empty(16)
-    act(weights, np.zeros(18), np.ones(18), observation, out)
-    assert out[:2] == pytest.approx([0.1, -0.5])
+    assert acted(policy, observation)[:2] == pytest.approx([0.1, -0.5])
+    deep = zero_policy(12)._replace(hidden=np.zeros((1, OBSERVATIONS + 1)), readout=np.zeros((1, ACTIONS)))
+    deep.hidden[0, 5], deep.readout[0, 2] = 0.05, 0.8
+    assert acted(deep, observation)[2] == pytest.approx(0.8 * math.tanh(0.5))
 
 
 def test_low_pass_is_the_sampled_first_order_step_response():
-    state = np.zeros(16)
+    state = np.zeros(ACTIONS)
     for _ in range(7):
-        low_pass(np.full(16, 0.8), 0.01, state)
+        low_pass(np.full(ACTIONS, 0.8), 0.01, state)
     np.testing.assert_allclose(state, 0.8 * (1.0 - math.exp(-2.0 * math.pi * 3.0 * 0.07)), rtol=1e-12)
 
 
 def test_low_pass_never_leaves_the_range_of_actions():
-    state = np.zeros(16)
+    state = np.zeros(ACTIONS)
     for _ in range(1000):
-        low_pass(np.full(16, 1e3), 0.01, state)
+        low_pass(np.full(ACTIONS, 1e3), 0.01, state)
     assert np.all(state <= 1.0) and state[0] == pytest.approx(1.0)
 
 
-def test_zero_action_trots_at_the_middle_of_every_range():
-    command = command_of(np.zeros(16))
+def test_zero_action_is_the_usual_gait_and_the_whole_stride():
+    command = command_of(np.zeros(ACTIONS))
     np.testing.assert_array_equal(command[:12], 0.0)
-    assert command[12:] == pytest.approx([1.25, 0.5, 0.25, 1.0])
+    assert command[12:] == pytest.approx([BODY.frequency, 1.0, 0.0, 1.0, 0.0])
+    walk = body_of(PUPPER_V2, "walk")
+    assert command_of(np.zeros(ACTIONS), walk)[15] == pytest.approx(1.0 / 3.0), "the gait's own swing/stance ratio"
 
 
 def test_ends_of_every_range():
-    np.testing.assert_allclose(command_of(np.ones(16)), [0.5] * 12 + [2.0, 1.0, 1.0, 5.0])
-    np.testing.assert_allclose(command_of(-np.ones(16)), [-0.5] * 12 + [0.5, 0.0, -0.5, 0.2], atol=1e-15)
+    f, h, turn = BODY.frequency, BODY.swing_height, BODY.yaw_rate
+    np.testing.assert_allclose(command_of(np.ones(ACTIONS)), [0.3] * 12 + [1.4 * f, 1.75, 0.5 * h, 2.0, turn])
+    np.testing.assert_allclose(command_of(-np.ones(ACTIONS)), [-0.3] * 12 + [0.6 * f, 0.25, -0.5 * h, 0.5, -turn])
 
 
-def test_file_holds_everything(tmp_path):
-    path, policy = tmp_path / "policy.safetensors", a_policy()
+@pytest.mark.parametrize("units", [0, 3])
+def test_file_holds_everything(tmp_path, units):
+    path, policy = tmp_path / "policy.safetensors", a_policy(units, gait="bound")
     policy.save(path)
     loaded = Policy.load(path)
-    for name in ("weights", "observation_mean", "observation_std", "kp", "kd"):
+    for name in ("weights", "hidden", "readout", "observation_mean", "observation_std", "kp", "kd"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(policy, name))
-    for name in ("control_dt", "robot", "joint_names", "provenance"):
+        assert getattr(loaded, name).shape == getattr(policy, name).shape
+    for name in ("control_dt", "robot", "joint_names", "gait", "provenance"):
         assert getattr(loaded, name) == getattr(policy, name)
+    seen = np.random.default_rng(0).standard_normal(OBSERVATIONS)
+    np.testing.assert_array_equal(acted(loaded.arrays(), seen), acted(policy.arrays(), seen))
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"weights": np.zeros((16, 18))}, r"weights is float64\(16, 18\), wanted float64\(16, 19\)"),
-        ({"weights": np.full((16, 19), np.nan)}, r"weights\[0, 0\] is not finite"),
+        ({"weights": np.zeros((17, 23))}, r"weights is float64\(17, 23\), wanted float64\(17, 24\)"),
+        ({"weights": np.full((17, 24), np.nan)}, r"weights\[0, 0\] is not finite"),
         ({"kp": np.float64(8.8)}, r"kp is float64\(\), wanted float64\(12,\)"),
-        ({"observation_std": np.zeros(18)}, "observation_std holds 0, not above 0"),
+        ({"hidden": np.zeros((2, 24))}, r"readout is float64\(3, 17\), wanted float64\(2, 17\)"),
+        ({"readout": np.zeros((3, 16))}, r"readout is float64\(3, 16\), wanted float64\(3, 17\)"),
+        ({"gait": "amble"}, "gait = 'amble' is not"),
+        ({"observation_std": np.zeros(23)}, "observation_std holds 0, not above 0"),
         ({"robot": 3}, "robot = 3 is not a text"),
-        ({"joint_names": ("a",)}, r"weights is float64\(16, 19\), wanted float64\(5, 8\)"),
+        ({"joint_names": ("a",)}, r"weights is float64\(17, 24\), wanted float64\(6, 13\)"),
         ({"joint_names": ()}, "joint_names"),
         ({"control_dt": 0.0}, "control_dt"),
     ],
@@ -127,19 +134,30 @@ def test_another_robots_policy_is_refused():
     a_policy().require_robot(PUPPER_V2)
 
 
+def test_a_policy_of_another_gait_or_clock_is_refused():
+    with pytest.raises(ConfigError, match="the policy was trained to bound, wanted gait 'trot' -> use the gait bound"):
+        a_policy(gait="bound").require_gait("trot")
+    a_policy(gait="bound").require_gait("bound")
+    with pytest.raises(ConfigError, match=r"control period of 0\.01 s, here it is 0\.02 s"):
+        a_policy().require_clock(0.02)
+    a_policy().require_clock(0.01)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda tensors, header: header.update(schema_version=2), "schema_version = 2 is not 1"),
+        (lambda tensors, header: header.update(schema_version=1), "schema_version = 1 is not 2"),
         (lambda tensors, header: header.update(kind="prior"), "a prior, not a policy"),
         (lambda tensors, header: header.update(colour=1), r"unknown keys \['colour'\]"),
         (lambda tensors, header: header.pop("robot"), r"missing keys \['robot'\]"),
+        (lambda tensors, header: header.update(gait="hop"), "gait = 'hop' is not"),
+        (lambda tensors, header: tensors.pop("hidden"), r"missing keys \['hidden'\]"),
         (lambda tensors, header: header.update(robot=7), "robot = 7 is not a text"),
         (lambda tensors, header: header.update(control_dt="fast"), "control_dt"),
         (lambda tensors, header: header.update(joint_names=None), "joint_names"),
         (lambda tensors, header: tensors.pop("kd"), r"missing keys \['kd'\]"),
         (lambda tensors, header: tensors.update(kd=np.zeros(3)), r"kd is float64\(3,\), wanted float64\(12,\)"),
-        (lambda tensors, header: tensors.update(weights=np.zeros((16, 19), np.float32)), "float32"),
+        (lambda tensors, header: tensors.update(weights=np.zeros((17, 24), np.float32)), "float32"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused(tmp_path, change, words):

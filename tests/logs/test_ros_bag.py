@@ -1,5 +1,6 @@
 """A ROS 2 bag becomes a motor log; it needs the extra `ros`."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import LogError
+from motorprior.logs.mcap_chunks import unpacked
 from motorprior.logs.registry import read_log
 
 LINE = "=" * 80
@@ -78,3 +80,80 @@ def test_without_the_extra_the_message_names_it(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "a.mcap").write_bytes(b"")
     with pytest.raises(LogError, match=r"motorprior\[ros\]"):
         read_log(tmp_path / "a.mcap")
+
+
+def write_packed(path: Path, packing: str, message: bytes, chunk_size: int = 1_000_000, count: int = 1) -> Path:
+    """A bag of one topic whose messages are these bytes."""
+    writer_of = pytest.importorskip("mcap.writer", reason="the extra ros is not installed")
+    how = {"zstd": writer_of.CompressionType.ZSTD, "lz4": writer_of.CompressionType.LZ4}[packing]
+    with open(path, "wb") as file:
+        writer = writer_of.Writer(file, chunk_size=chunk_size, compression=how)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", DEFINITION.encode())
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for time in range(count):
+            writer.add_message(channel, log_time=time, data=message, publish_time=time)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_a_chunk_that_unpacks_to_too_much_is_refused_before_it_does(tmp_path: Path, packing: str):
+    path = write_packed(tmp_path / "a.mcap", packing, bytes(70_000_000))
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(LogError, match=r"a\.mcap: a chunk of 7\d{7} bytes, more than 64000000"):
+        read_log(path)
+
+
+def test_many_chunks_that_unpack_to_too_much_together_are_refused(tmp_path: Path):
+    path = write_packed(tmp_path / "a.mcap", "zstd", bytes(5_000_000), count=25)
+    assert path.stat().st_size < 400_000
+    with pytest.raises(LogError, match="it unpacks to more than 100000000 bytes"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+@pytest.mark.parametrize("said", [1000, 30_000_000])
+def test_a_chunk_that_does_not_unpack_to_what_it_says_is_refused(packing: str, said: int):
+    records = pytest.importorskip("mcap.records", reason="the extra ros is not installed")
+    module = {"zstd": "zstandard", "lz4": "lz4.frame"}[packing]
+    packed = pytest.importorskip(module, reason="the extra ros is not installed").compress(bytes(20_000_000))
+    chunk = records.Chunk(
+        compression=packing, data=packed, message_start_time=0, message_end_time=0, uncompressed_crc=0,
+        uncompressed_size=said,
+    )  # fmt: skip
+    with pytest.raises(LogError, match=f"says that it unpacks to {said} bytes, and does not"):
+        unpacked(chunk, Path("a.mcap"))
+    whole = unpacked(replace(chunk, uncompressed_size=20_000_000), Path("a.mcap"))
+    assert whole.data == bytes(20_000_000) and whole.compression == ""
+
+
+def test_chunks_in_one_another_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """One chunk named a thousand times would be a thousand times the data."""
+    summaries = pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    path, read = write_bag(tmp_path / "a.mcap"), summaries.SeekingReader.get_summary
+
+    def doubled(self: object) -> object:
+        summary = read(self)
+        summary.chunk_indexes += summary.chunk_indexes
+        return summary
+
+    monkeypatch.setattr(summaries.SeekingReader, "get_summary", doubled)
+    with pytest.raises(LogError, match="lie in one another"):
+        read_log(path)
+
+
+def test_a_bag_whose_summary_names_no_chunks_is_read_from_its_beginning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    summaries = pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    path, read = write_bag(tmp_path / "a.mcap"), summaries.SeekingReader.get_summary
+    indexed = read_log(path)
+
+    def without(self: object) -> object:
+        summary = read(self)
+        summary.chunk_indexes.clear()
+        return summary
+
+    monkeypatch.setattr(summaries.SeekingReader, "get_summary", without)
+    np.testing.assert_array_equal(read_log(path).joint_pos, indexed.joint_pos)

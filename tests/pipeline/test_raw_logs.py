@@ -1,15 +1,17 @@
 """`logs import` takes every format by its look, and puts any of them on a grid."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from foreign_files import ANGLE, JOINTS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline import raw_logs
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 
 
@@ -56,3 +58,13 @@ def test_a_period_too_short_for_its_log_is_refused_with_the_shortest(tmp_path: P
     shortest = float(refusal.value.remedy.split()[-2])
     import_logs(LogsImport((path,), tmp_path / "out", period=shortest))
     assert 90 <= read_parquet(tmp_path / "out" / "swing.parquet").num_rows <= 100
+
+
+def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):
+    """Of two logs of one name only one would be left."""
+    out, path = tmp_path / "out", write_bam(tmp_path)
+    with taken(out), ThreadPoolExecutor(1) as other, pytest.raises(ArtifactError, match="another command writes there"):
+        other.submit(import_logs, LogsImport((path,), out)).result()
+    assert not out.exists()
+    import_logs(LogsImport((path,), out))
+    assert [file.name for file in out.iterdir()] == [path.name.split(".")[0] + ".parquet"]

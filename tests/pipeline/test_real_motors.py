@@ -20,7 +20,7 @@ from motorprior.pipeline.look_by_replay import beginning
 from motorprior.pipeline.look_with_loads import SHOWN
 from motorprior.pipeline.real_motors import TRACES, RealMotors, fleet_of, read_logs_of, run_real_motors
 from motorprior.report.page import Report, render
-from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_rows, error_rows, from_tensors
+from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_table, error_rows, from_tensors
 from motorprior.report.real_motors import real_motors
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
@@ -55,7 +55,8 @@ def test_the_prior_is_nearer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
         assert prior < 0.4 * pd
     assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", model=None)} == set(JOINTS)
     assert [row[0] for row in error_rows(found)] == [*JOINTS, "second", "mean"]
-    assert any("armature" in row[0] for row in constant_rows(found))
+    assert any("armature" in row[0] for row in constant_table(found).rows)
+    assert constant_table(found).columns[-2:] == ("fleet 5 %", "fleet 95 %")
     text = "\n".join(said)
     for words in (
         "the logs state them",
@@ -156,14 +157,23 @@ def test_a_constant_in_which_motors_are_alike_is_not_shown_by_the_logs():
         {"delay": np.array([0.0100, 0.0104]), "armature": np.array([1.0, 2.0])},
         dict.fromkeys(SHOWN, "u"),
     )
-    rows = constant_rows(not_shown_results(constants, units) + constant_results(shown_by_logs(constants), units, "ab"))
-    assert rows == [
-        ["delay [u]", "–", "not shown by the logs", "–", "–", "–"],
-        ["armature [u]", "1", "1.5", "2", "–", "–"],
-    ]
-    said = beside_each_other(constants, units)
+    shown = shown_by_logs(constants, ())
+    table = constant_table(not_shown_results(constants, shown, units) + constant_results(shown, units, "ab"))
+    assert table.columns == ("constant", "least", "median", "most"), "no fleet, no columns of a fleet"
+    assert table.rows == (("delay [u]", "–", "not shown by the logs", "–"), ("armature [u]", "1", "1.5", "2"))
+    said = beside_each_other(constants, shown, units)
     assert "differ most in armature (1 to 2 u)" in said and said.endswith("not shown by the logs: delay")
-    assert "delay" in beside_each_other({"delay": np.array([0.01])}, units), "of one motor nothing tells"
+    assert shown_by_logs(constants, {"delay"}).keys() == constants.keys(), "alike, but felt"
+
+
+def test_of_one_motor_a_log_shows_the_constants_that_it_feels():
+    constants, units = {"delay": np.array([0.01]), "armature": np.array([1.0])}, dict.fromkeys(SHOWN, "u")
+    shown = shown_by_logs(constants, {"armature"})
+    table = constant_table(not_shown_results(constants, shown, units) + constant_results(shown, units, "a"))
+    assert table.columns == ("constant", "your motor")
+    assert table.rows == (("delay [u]", "not shown by the logs"), ("armature [u]", "1"))
+    said = beside_each_other(constants, shown, units)
+    assert said == "your motor has armature 1 u; not shown by the logs: delay"
 
 
 def test_draws_of_a_constant_are_the_same_whatever_else_is_drawn():

@@ -78,6 +78,9 @@ def test_a_failure_interrupts_the_others_and_is_raised():
 @pytest.mark.parametrize("threads", [2, 3])
 def test_an_interrupt_reaches_every_thread(threads: int):
     ended: list[str] = []
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # ignored in what a shell starts in the background
 
     def interrupt() -> None:
         Event().wait(0.2)  # all threads are started by then, and waited for
@@ -90,6 +93,9 @@ def test_an_interrupt_reaches_every_thread(threads: int):
             meeting.wait()
         return patient(ended, seconds=seconds)(progress)
 
-    with pytest.raises(KeyboardInterrupt):
-        side_by_side([partial(work, seconds=0.5 / (n + 1)) for n in range(threads)], threads, SILENT)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            side_by_side([partial(work, seconds=0.5 / (n + 1)) for n in range(threads)], threads, SILENT)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert ended == ["kept"] * threads

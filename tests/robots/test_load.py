@@ -8,9 +8,11 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import open_loop_trot
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy import zero_policy
+from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
+from motorprior.robots.robot import Gait, Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -119,16 +121,85 @@ def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: R
     assert (world.model.npair, world.model.nu) == (4, 0)
 
 
+@pytest.mark.parametrize(
+    ("turned", "into", "words"),
+    [
+        ('_h" axis="0 1 0"', '_h" axis="0 -1 0"', "foot 'FR' is"),
+        ('_k" axis="0 1 0" range="-160 0"', '_k" axis="0 -1 0" range="-160 160"', "foot 'FR' is"),
+        ('_a" axis="1 0 0"', '_a" axis="-1 0 0"', "foot 'FR' goes right as 'FR_a' grows"),
+        ('pos="0 0 -0.2" mass="0.02"', 'pos="0.2 0 0" mass="0.02"', "foot 'FR' is"),
+    ],
+)
+def test_legs_that_turn_another_way_load_but_do_not_walk(tmp_path: Path, turned: str, into: str, words: str):
+    assert turned in quadruped()
+    (tmp_path / "dog.xml").write_text(quadruped().replace(turned, into))
+    (tmp_path / "dog.toml").write_text(LEGS_TOML)
+    robot = load_robot(tmp_path / "dog.toml")
+    with pytest.raises(ConfigError, match=f"cannot walk: .*{words}"):
+        robot.require_legs()
+
+
 def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
     motors = IdealPd.uniform(12, 20.0, 0.5, 10.0, 0.01)
-    simulator = WalkSimulator(lambda rng: motors, WorldConfig.of(dog), WalkConfig(30))
-    episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0, trace=True)
+    walk = WalkConfig(30, commands=Commands.steady(0.3))
+    episode = WalkSimulator(lambda rng: motors, WorldConfig.of(dog), walk).run(zero_policy(12), seed=0, trace=True)
     assert episode.fault == 0 and episode.trace.shape == (episode.steps, 19)
-    targets = open_loop_trot(body_of(dog), 80, 1.25, 0.5, 0.25, 1.0, dog.control_dt).reshape(-1, 4, 3)
+    targets = open_loop_gait(body_of(dog), 80, 0.3, 1.25, 0.0, 1.0, dog.control_dt).reshape(-1, 4, 3)
     front_right, front_left, rear_right, rear_left = targets.swapaxes(0, 1)
     np.testing.assert_allclose(front_right, rear_left)
     np.testing.assert_allclose(front_right[:40], front_left[40:], atol=1e-9)  # half a cycle of 0.8 s apart
     assert np.ptp(rear_right[:, 2]) > 0.3
+
+
+def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
+    hips = 0.4 * np.cos(0.8) + 0.02
+    gait = dog.require_legs()
+    assert gait.frequency == pytest.approx(0.32 * np.sqrt(9.81 / hips), abs=0.005)
+    assert gait.swing_height == pytest.approx(0.24 * hips, abs=5e-4)
+    speed = np.sqrt(9.81 * hips)
+    assert gait.forward == pytest.approx((-0.16 * speed, 0.5 * speed), abs=0.005)
+    assert (gait.yaw_rate, gait.residual) == (0.6, 0.3)
+    body = body_of(dog)
+    assert (body.slowest, body.fastest, body.frequency) == (*gait.forward, gait.frequency)
+    np.testing.assert_allclose(np.abs(body.rest[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)  # folded evenly
+    np.testing.assert_allclose(body.rest[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)
+
+
+def test_robots_of_equal_froude_number_move_alike():
+    small, large = Gait.of_size(0.1), Gait.of_size(0.4)
+    assert large.swing_height == pytest.approx(4.0 * small.swing_height)
+    assert large.frequency == pytest.approx(0.5 * small.frequency, rel=0.01)
+    assert large.forward[1] == pytest.approx(2.0 * small.forward[1], rel=0.02)
+
+
+def test_the_table_gait_replaces_what_it_names(tmp_path: Path, dog: Robot):
+    table = "\n[gait]\nfrequency = 3\nforward = [0, 1.5]\nresidual = 0.2\n"
+    gait = load_robot(written(tmp_path, LEGS_TOML + table, "dog", quadruped())).require_legs()
+    usual = dog.require_legs()
+    assert gait == Gait(3.0, usual.swing_height, (0.0, 1.5), usual.yaw_rate, 0.2)
+    assert all(isinstance(value, float) for value in (gait.frequency, *gait.forward))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("forward = [0.1, 0.5]", r"\[gait\]: forward \[0.1, 0.5\] m/s is not two speeds with standing still between"),
+        ("forward = [-0.5, 0.0]", r"forward \[-0.5, 0.0\] m/s is not two speeds.*0 or negative, then the fastest"),
+        ("forward = [-0.2, 0.1, 0.5]", r"forward \[-0.2, 0.1, 0.5\] m/s is not two speeds"),
+        ("forward = [0.5]", r"forward"),
+        ("forward = 0.5", r"forward = 0.5 is not"),
+        ("forward = [-0.2, 11.0]", r"forward = \[-0.2, 11.0\] is not"),
+        ("frequency = 0.0", r"frequency = 0 is not a finite number from 0.2 to 10"),
+        ("swing_height = -0.1", r"swing_height = -0.1 is not"),
+        ("yaw_rate = -1.0", r"yaw_rate = -1 is not"),
+        ('residual = "some"', r"residual = 'some' is not"),
+        ("amplitude = 0.5", r"unknown keys \['amplitude'\].*the keys are"),
+    ],
+)
+def test_a_gait_that_no_robot_can_walk_is_refused_with_key_and_remedy(tmp_path: Path, line: str, words: str):
+    with pytest.raises(ArtifactError, match=words) as refused:
+        load_robot(written(tmp_path, f"{LEGS_TOML}\n[gait]\n{line}\n", "dog", quadruped()))
+    assert refused.value.remedy and "dog.toml" in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
-from motorprior.search.ars import Ars, ArsConfig, Moments, perturbed
+from motorprior.search.ars import Ars, ArsConfig, perturbed
+from motorprior.search.moments import Moments
 
 TARGET = np.array([1.0, -2.0, 0.5, 0.0, 3.0])
 
@@ -33,6 +34,24 @@ def test_update_by_hand():
     search.tell(np.array([[4.0, 2.0], [1.0, 0.0], [1.0, 3.0]]), [])
     np.testing.assert_allclose(search.parameters, 0.1 / (2.0 * np.sqrt(1.25)) * (2.0 * d[0] - 2.0 * d[2]))
     assert search.iteration == 1
+
+
+def test_without_a_choice_of_directions_all_of_them_count():
+    """Versions V1 and V2 of the paper; with fewer top directions than directions it is V1-t or V2-t, as above."""
+    search = Ars(ArsConfig(num_directions=3, num_top_directions=3, step_size=0.1, delta_std=0.5), 2, 1)
+    d, returns = [search.direction(k) for k in range(3)], np.array([[4.0, 2.0], [1.0, 0.0], [1.0, 3.0]])
+    search.tell(returns, [])
+    expected = 0.1 / (3.0 * returns.std()) * (2.0 * d[0] + 1.0 * d[1] - 2.0 * d[2])
+    np.testing.assert_allclose(search.parameters, expected)
+
+
+def test_the_average_follows_the_parameters_by_a_tenth_of_the_way():
+    search, expected = Ars(ArsConfig(seed=3), 5, 2), np.zeros(5)
+    for _ in range(4):
+        iterate(search)
+        expected = expected + 0.1 * (search.parameters - expected)
+        np.testing.assert_allclose(search.average, expected, rtol=1e-12)
+    assert not np.allclose(search.average, search.parameters)
 
 
 def test_candidates_are_mirrored_pairs_drawn_from_their_seed():

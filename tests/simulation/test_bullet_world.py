@@ -8,7 +8,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import advance_phase, joint_targets
+from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO
@@ -67,11 +67,8 @@ def make():
 
 
 def trot(steps):
-    targets, phase = np.zeros((steps, 12)), 0.0
-    for step in range(steps):
-        joint_targets(body_of(PUPPER_V2), phase, 0.4, 0.1, 1.0, targets[step])
-        phase = advance_phase(phase, 1.5, spec.CONTROL_DT)
-    return targets
+    body = body_of(PUPPER_V2)._replace(swing_height=0.02)
+    return open_loop_gait(body, steps, 0.15, 1.5, 0.0, 1.0, spec.CONTROL_DT)
 
 
 def played(world, motors, targets):

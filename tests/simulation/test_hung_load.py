@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.windows import EXTERNAL, POS, STIFFNESS, training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.hung_load import with_loads
 from motorprior.simulation.world import World, WorldConfig
+
+RECIPE = PRESETS["rollout"]
 
 
 def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> tuple[MotorLog, np.ndarray]:
@@ -36,6 +40,17 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
     return log, torque
 
 
+def swaying(pose: np.ndarray, amplitude: float = 0.01, rows: int = 400) -> MotorLog:
+    """All joints sway about a pose, once a second."""
+    time = 0.002 * np.arange(rows)
+    phase = 2 * np.pi * time[:, None] + np.arange(12)
+    pos, vel = pose + amplitude * np.sin(phase), 2 * np.pi * amplitude * np.cos(phase)
+    return MotorLog(
+        time=time, position_target=pos + 0.1 * np.sin(phase), joint_pos=pos, joint_vel=vel,
+        joint_names=spec.JOINT_NAMES, robot=spec.ROBOT_NAME, motor="none", source="test",
+    )  # fmt: skip
+
+
 def test_inertia_times_acceleration_is_torque_plus_load():
     log, torque = moved(0.05)
     loaded = with_loads(log, PUPPER_V2)
@@ -51,6 +66,32 @@ def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
     knee = with_loads(log, PUPPER_V2).load_inertia[0, 2]  # pyright: ignore[reportOptionalSubscript]
     expected = spec.SHANK.inertia[1] + spec.SHANK.mass * (spec.SHANK.com[0] ** 2 + spec.SHANK.com[2] ** 2)
     assert knee == pytest.approx(expected, rel=1e-6)
+
+
+def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
+    """At rest the load is gravity alone; tip every joint by itself and see."""
+    log = swaying(spec.NOMINAL_POSE, 0.0)
+    stiffness, tip = with_loads(log, PUPPER_V2).load_stiffness, 1e-4
+    assert stiffness is not None
+    for joint in range(log.num_joints):
+        ahead, behind = (swaying(spec.NOMINAL_POSE + way * tip * np.eye(12)[joint], 0.0) for way in (1.0, -1.0))
+        torque = [with_loads(each, PUPPER_V2).external_torque[0, joint] for each in (ahead, behind)]  # pyright: ignore[reportOptionalSubscript]
+        assert stiffness[0, joint] == pytest.approx((torque[0] - torque[1]) / (2 * tip), rel=1e-4, abs=1e-7)
+    assert np.abs(stiffness[0]).min() > 1e-3
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_a_fit_s_joint_that_left_the_recording_feels_gravity_where_it_is(joint: int):
+    """What free runs give a joint 0.1 rad off the recording is the load of a recording 0.1 rad off."""
+    log, away = swaying(spec.NOMINAL_POSE), 0.1 * np.eye(12)[joint]
+    own, other = (
+        training_data(with_loads(each, PUPPER_V2), RECIPE, "test").series[joint]
+        for each in (log, replace(log, joint_pos=log.joint_pos + away, position_target=log.position_target + away))
+    )
+    where, there = own[:, POS] + 0.1, other[:, EXTERNAL] + other[:, STIFFNESS] * other[:, POS]
+    here = own[:, EXTERNAL] + own[:, STIFFNESS] * own[:, POS]
+    felt = own[:, EXTERNAL] + own[:, STIFFNESS] * where
+    assert np.abs(felt - there).max() < 0.15 * np.abs(here - there).max()
 
 
 @pytest.mark.parametrize(

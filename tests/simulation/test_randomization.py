@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from policies import random_policy
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
@@ -25,11 +26,12 @@ from motorprior.simulation.world import World, WorldConfig, hold_target, read_jo
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
     encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
-    command_delay=(0.001, 0.018), push=0.1, push_interval=0.2,
+    command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
+    sensor_jitter=0.008, dropped=0.1,
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
-POLICY = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
+POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 STEPS = 100
 
 
@@ -40,7 +42,7 @@ def draw_pd(rng):
 
 def episode(randomization, seed=3):
     return WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS, randomization=randomization)).run(
-        *POLICY, seed, trace=True
+        POLICY, seed, trace=True
     )
 
 
@@ -53,7 +55,7 @@ def test_off_by_default():
     assert nominal.friction == 1.0 and np.all(nominal.mass == 1.0) and nominal.push.shape == (0, 2)
     np.testing.assert_array_equal(nominal.gravity, [0.0, 0.0, -9.81])
     sensors = Randomization().sensors(PUPPER_V2, 5, 100)
-    assert (len(sensors.noise), sensors.delay, len(sensors.past)) == (0, 0.0, 0)
+    assert (len(sensors.noise), len(sensors.ages), len(sensors.past)) == (0, 0, 0)
 
 
 def test_the_compiled_episode_is_the_python_episode_with_everything_on():
@@ -61,7 +63,7 @@ def test_the_compiled_episode_is_the_python_episode_with_everything_on():
     compiled = WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk)
     python = BackendSimulator(PUPPER_V2, MujocoBackend(draw_pd, WorldConfig.of(PUPPER_V2), EVERYTHING, STEPS), walk)
     for seed in range(4):
-        one, other = (simulator.run(*POLICY, seed, trace=True) for simulator in (compiled, python))
+        one, other = (simulator.run(POLICY, seed, trace=True) for simulator in (compiled, python))
         assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
         np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
         np.testing.assert_array_equal(one.mean, other.mean)
@@ -70,12 +72,12 @@ def test_the_compiled_episode_is_the_python_episode_with_everything_on():
 def test_an_episode_does_not_depend_on_those_before_it():
     used = WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS, randomization=EVERYTHING))
     for seed in (8, 9):
-        used.run(*POLICY, seed)
-    after, fresh = used.run(*POLICY, 3, trace=True), episode(EVERYTHING)
+        used.run(POLICY, seed)
+    after, fresh = used.run(POLICY, 3, trace=True), episode(EVERYTHING)
     np.testing.assert_array_equal(after.trace, fresh.trace)
     assert (
         episode(Randomization()).total
-        == WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS)).run(*POLICY, 3).total
+        == WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS)).run(POLICY, 3).total
     )
 
 
@@ -245,25 +247,49 @@ def test_both_engines_fall_along_the_tilted_gravity():
 
 
 def test_perfect_sensors_tell_the_truth():
-    observation = np.arange(18.0)
+    observation = np.arange(23.0)
     sense(perfect_sensors(), 0, observation)
-    np.testing.assert_array_equal(observation, np.arange(18.0))
+    np.testing.assert_array_equal(observation, np.arange(23.0))
 
 
 @pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
-def test_delayed_readings_are_interpolated_and_the_phase_is_not_delayed(delay):
-    truth = np.random.default_rng(0).standard_normal((10, 18))
-    sensors = Sensors(np.zeros((0, 16)), delay, np.zeros((int(delay) + 2, 16)))
+def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_delayed(delay):
+    truth = np.random.default_rng(0).standard_normal((10, 23))
+    sensors = Sensors(np.zeros((0, 17)), np.full(100, delay), np.zeros((int(delay) + 2, 17)))
     for count, row in enumerate(truth):
         observation = row.copy()
         sense(sensors, count, observation)
-        late = [np.interp(max(count - delay, 0.0), np.arange(10), truth[:, i]) for i in range(16)]
-        np.testing.assert_allclose(observation, [*late, *row[16:]], atol=1e-12)
+        late = [np.interp(max(count - delay, 0.0), np.arange(10), truth[:, i]) for i in range(17)]
+        np.testing.assert_allclose(observation, [*late, *row[17:]], atol=1e-12)
+
+
+def test_lost_frames_are_the_last_ones_again_and_jitter_is_within_its_range():
+    lossy = Randomization(dropped=0.3).sensors(PUPPER_V2, 1, 2000)
+    lost = lossy.ages > 0.0
+    assert 0.27 < lost.mean() < 0.33 and not lost[0], "the first frame comes"
+    truth, seen = np.arange(2001.0), []
+    for count in range(2001):
+        observation = np.full(23, truth[count])
+        sense(lossy, count, observation)
+        seen.append(observation[0])
+    came = np.maximum.accumulate(np.where(lost, -1.0, truth))
+    np.testing.assert_array_equal(seen, came)
+    late = Randomization(sensor_delay=(0.01, 0.01), sensor_jitter=0.005).sensors(PUPPER_V2, 1, 2000).ages
+    late = late * PUPPER_V2.control_dt
+    assert 0.01 <= late.min() < 0.0101 and 0.0149 < late.max() <= 0.015 and len(np.unique(late)) == len(late)
 
 
 def test_noise_has_the_stated_deviations():
     noise = Randomization(joint_noise=0.01, tilt_noise=0.02, rate_noise=0.03).sensors(PUPPER_V2, 0, 20_000).noise
-    np.testing.assert_allclose(noise.std(axis=0), [0.02] * 2 + [0.03] * 2 + [0.01] * 12, rtol=0.03)
+    np.testing.assert_allclose(noise.std(axis=0), [0.02] * 2 + [0.03] * 3 + [0.01] * 12, rtol=0.03)
+
+
+def test_a_gyroscope_is_off_by_another_constant_in_every_episode():
+    draws = [Randomization(gyro_bias=0.02).sensors(PUPPER_V2, seed, 5).noise for seed in range(400)]
+    for noise in draws:
+        np.testing.assert_array_equal(noise, np.tile(noise[0], (6, 1)))
+        assert not noise[0, :2].any() and not noise[0, 5:].any()
+    np.testing.assert_allclose(np.std([noise[0, 2:5] for noise in draws], axis=0), 0.02, rtol=0.15)
 
 
 @pytest.mark.parametrize(

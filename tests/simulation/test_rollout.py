@@ -8,6 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from policies import random_policy
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
@@ -17,11 +18,15 @@ from motorprior.actuator.torque_law import measure_joint_pos, step_actuator
 from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gaits import GAITS, GaitName
+from motorprior.locomotion.policy import PolicyArrays, zero_policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
 from motorprior.search.policy_search import Champion, advance, new_search, train
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization
@@ -29,19 +34,20 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldConfig
 
 STEPS = 120
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 FLEET = load_fleet("pupper_v2")
 
 
 def pd_network():
-    """A latent network that acts like a soft PD of 6 N·m/rad and 0.3 N·m·s/rad, each z a little differently."""
+    """A latent network that acts like a PD of 9 N·m/rad and 0.8 N·m·s/rad, each z a little differently."""
     w1, w2 = np.zeros((4, 8)), np.zeros((8, 8))
-    w1[0, 0], w1[2, 0] = 0.1, -0.1  # the newest error and velocity; softsign is nearly linear here
+    w1[0, 0], w1[2, 0] = 0.1, -0.18  # the newest error and velocity; softsign is nearly linear here
     w2[0, 0] = 1.0
     v1 = 0.002 * np.random.default_rng(0).standard_normal((3, 8))
     return LatentNetwork(
         w1=w1, v1=v1, b1=np.zeros(8), w2=w2, b2=np.zeros(8), w3=np.r_[1.0, np.zeros(7)], b3=np.array(0.0),
         log_armature=np.array(np.log(0.003)), armature_slope=np.array([0.2, 0.0, 0.0]), taps=(0, 2), period=0.002,
-        error_scale=0.1, velocity_scale=2.0, torque_scale=6.0, torque_limit=1.26, has_armature=True,
+        error_scale=0.1, velocity_scale=2.0, torque_scale=9.0, torque_limit=1.26, has_armature=True,
     )  # fmt: skip
 
 
@@ -59,24 +65,23 @@ def draw_latent(rng):
 
 
 def draw_grey_box(rng):
-    """The soft PD's network leads, a geared motor as soft follows."""
+    """A tenth of the PD's network, and a geared motor."""
     slope = 0.1 * rng.standard_normal((3, len(PARAMETERS)))
     center = np.array([
         *(np.log([9.0, 0.09, 0.003, 0.008, 1.3, 0.002, 0.05, 0.01, 0.004, 0.2, 70.0, 0.015, 0.03])), 0.1,
     ])  # fmt: skip
-    network = replace(pd_network(), torque_scale=0.6, motor=GearedMotor(center, slope), has_armature=False)
+    network = replace(pd_network(), torque_scale=0.9, motor=GearedMotor(center, slope), has_armature=False)
     return LatentActuator(network, rng.standard_normal((12, 3)))
 
 
-Weights = tuple[np.ndarray, np.ndarray, np.ndarray]
 KINDS = {
     "ideal_pd": (draw_pd, WorldConfig.of(PUPPER_V2, physics_dt=0.002)),
     "physical": (draw_physical, WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
     "latent": (draw_latent, WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
     "grey_box": (draw_grey_box, WorldConfig.of(PUPPER_V2, physics_dt=0.002)),
 }
-POLICY = (0.05 * np.random.default_rng(1).standard_normal((16, 19)), np.full(18, 0.1), np.full(18, 0.7))
-CLUMSY = (3.0 * np.random.default_rng(2).standard_normal((16, 19)), np.zeros(18), np.full(18, 0.5))
+POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
+CLUMSY = random_policy(3.0, seed=4, std=0.5)
 
 
 @pytest.fixture(params=KINDS)
@@ -115,12 +120,12 @@ class PlainLoop:
         data, measured = self.world.data, np.zeros(12)
         measure_joint_pos(self.motors, data.qpos[-12:], measured)
         pos, quat, lin, ang = data.qpos[:3], data.qpos[3:7], data.qvel[:3], data.qvel[3:6]
-        parts = pos.copy(), quat.copy(), lin.copy(), ang.copy(), measured
+        parts = pos.copy(), quat.copy(), lin.copy(), ang.copy(), measured, data.geom_xpos[self.world.arrays.feet]
         return BackendState(*parts, torque_squared_sum, self.world.fault())
 
 
 @pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])
-def test_compiled_equals_python_bit_for_bit(kind, policy: Weights, falls):
+def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
     draw, world = kind
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
     simulators = (
@@ -129,7 +134,7 @@ def test_compiled_equals_python_bit_for_bit(kind, policy: Weights, falls):
         BackendSimulator(PUPPER_V2, PlainLoop(draw, world), walk),
     )
     for seed in (0, 1):
-        episode, *others = (simulator.run(*policy, seed, trace=True) for simulator in simulators)
+        episode, *others = (simulator.run(policy, seed, trace=True) for simulator in simulators)
         for other in others:
             assert (episode.total, episode.steps, episode.fault) == (other.total, other.steps, other.fault)
             for name in ("displacement", "mean", "m2"):
@@ -138,33 +143,84 @@ def test_compiled_equals_python_bit_for_bit(kind, policy: Weights, falls):
         assert episode.count == episode.steps and (episode.steps < STEPS) == falls
 
 
+EVERY = Randomization(sensor_delay=(0.004, 0.025), command_delay=(0.001, 0.018), gyro_bias=0.05, rate_noise=0.05)
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
+    draw, world = KINDS["ideal_pd"]
+    walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2), gait)
+    policy = random_policy(0.05, seed=4, units=6)
+    python = BackendSimulator(PUPPER_V2, MujocoBackend(draw, world, EVERY, STEPS), walk)
+    for seed in (0, 1):
+        one, other = (each.run(policy, seed, trace=True) for each in (WalkSimulator(draw, world, walk), python))
+        assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
+        for name in ("displacement", "mean", "m2"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
+        assert one.m2[19:21].min() > 0.0, "speed and turn were commanded, and changed"
+
+
+def test_hidden_units_gait_and_commands_change_the_episode():
+    draw, world = KINDS["ideal_pd"]
+    plain = WalkConfig(STEPS, commands=Commands.steady(0.3))
+    walks = plain, replace(plain, gait="pace"), replace(plain, commands=Commands.steady(0.3, 0.4))
+    totals = {WalkSimulator(draw, world, walk).run(POLICY, 0).total for walk in walks}
+    deep = random_policy(0.05, seed=1, mean=0.1, std=0.7, units=4)
+    totals.add(WalkSimulator(draw, world, plain).run(deep, 0).total)
+    assert len(totals) == 4
+
+
+def test_a_robot_told_to_stand_stands_and_one_told_to_walk_goes_its_way():
+    draw, world = KINDS["ideal_pd"]
+    still, ahead, back = (
+        WalkSimulator(draw, world, WalkConfig(300, commands=Commands.steady(speed))).run(zero_policy(12), 0, trace=True)
+        for speed in (0.0, 0.3, -0.2)
+    )
+    assert np.abs(still.displacement).max() < 0.01 and np.ptp(still.trace[100:, 7:], axis=0).max() < 0.01
+    assert ahead.steps == back.steps == 300
+    assert ahead.displacement[0] > 0.4 and back.displacement[0] < -0.2
+
+
+def test_motion_goes_with_the_trace():
+    draw, world = KINDS["physical"]
+    episode = WalkSimulator(draw, world, WalkConfig(60, commands=Commands.steady(0.4))).run(POLICY, 0, trace=True)
+    assert episode.trace.shape == (episode.steps, 19) and episode.motion.shape == (episode.steps, 6 + 24)
+    # within a control step of 10 ms the base moves by about its velocity at both ends
+    moved, velocity = np.diff(episode.trace[:, :3], axis=0), episode.motion[:, :3]
+    np.testing.assert_allclose(moved, 0.005 * (velocity[1:] + velocity[:-1]), atol=1.5e-3)
+    assert not episode.motion[0, 18:].any() and np.abs(episode.motion[1:, 18:]).max() > 0.1
+
+
 def test_same_seed_same_episode_and_another_seed_other_motors(kind):
     draw, world = kind
     simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS))
-    first, other, again = (simulator.run(*POLICY, seed, trace=True) for seed in (0, 1, 0))
+    first, other, again = (simulator.run(POLICY, seed, trace=True) for seed in (0, 1, 0))
     assert first.trace.tobytes() == again.trace.tobytes() and first.total == again.total
     assert first.total != other.total
-    assert first.total == simulator.run(*POLICY, 0).total  # tracing changes nothing
+    assert first.total == simulator.run(POLICY, 0).total  # tracing changes nothing
 
 
 def test_encoder_noise_is_drawn_from_the_seed_and_only_observed():
-    noisy = WalkConfig(episode_steps=STEPS, randomization=Randomization(joint_noise=0.02))
-    clean = WalkConfig(episode_steps=STEPS)
-    blind = (np.zeros((16, 19)), np.zeros(18), np.ones(18))  # does not look, so the noise cannot reach the robot
+    noisy = WalkConfig(
+        episode_steps=STEPS, randomization=Randomization(joint_noise=0.02), commands=Commands.steady(0.0)
+    )
+    clean = replace(noisy, randomization=Randomization())
+    blind = zero_policy(12)  # does not look, so the noise cannot reach the robot
     simulators = [WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk) for walk in (noisy, noisy, clean)]
-    first, again, without = (simulator.run(*blind, 3, trace=True) for simulator in simulators)
+    first, again, without = (simulator.run(blind, 3, trace=True) for simulator in simulators)
     np.testing.assert_array_equal(first.trace, without.trace)
     np.testing.assert_array_equal(first.m2, again.m2)
     # the observed variance of a joint grows by 0.02²; 12 joints · 120 steps: within 4·sqrt(2/1440) = 15 %
-    grown = (first.m2 - without.m2)[4:16].sum() / (12 * STEPS)
+    grown = (first.m2 - without.m2)[5:17].sum() / (12 * STEPS)
     assert grown == pytest.approx(0.02**2, rel=0.15)
-    np.testing.assert_array_equal(first.m2[:4], without.m2[:4])
+    np.testing.assert_array_equal(first.m2[:5], without.m2[:5])
 
 
 def test_the_zero_policy_trots_and_stays_up():
     for draw, world in KINDS.values():
-        simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS))
-        episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), 0, trace=True)
+        simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)))
+        episode = simulator.run(zero_policy(12), 0, trace=True)
         assert episode.steps == STEPS and episode.fault == 0
         assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings
 
@@ -173,9 +229,9 @@ def test_any_number_of_workers_gives_the_same_search():
     def searched(workers):
         walk = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01))
         executor = make_executor(lambda: WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk), workers)
-        search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), PUPPER_V2.num_joints)
+        search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), SHAPE)
         try:
-            champion = train(search, executor, 2, Champion.none_yet(PUPPER_V2.num_joints))
+            champion = train(search, SHAPE, executor, 2, Champion.none_yet(SHAPE))
         finally:
             executor.close()
         found = [*search.state().values(), *champion.state().values()]
@@ -183,7 +239,7 @@ def test_any_number_of_workers_gives_the_same_search():
 
     serial = searched(1)
     assert searched(2) == serial and searched(3) == serial
-    assert np.any(np.frombuffer(serial[: 304 * 8]) != 0.0)  # the parameters come first, and have moved
+    assert np.any(np.frombuffer(serial[: SHAPE.size * 8]) != 0.0)  # the parameters come first, and have moved
 
 
 def test_both_signs_of_a_direction_walk_on_the_same_motors():
@@ -194,33 +250,35 @@ def test_both_signs_of_a_direction_walk_on_the_same_motors():
         return draw_pd(rng)
 
     executor = make_executor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), WalkConfig(episode_steps=2)), 1)
-    search = new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1), PUPPER_V2.num_joints)
+    search = new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1), SHAPE)
     for _ in range(2):
-        advance(search, executor)
+        advance(search, SHAPE, executor)
     assert drawn[::2] == drawn[1::2] and len(set(drawn)) == 6
 
 
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({0: np.zeros((16, 18))}, r"weights has shape \(16, 18\), wanted \(16, 19\)"),
-        ({0: np.zeros(304)}, r"weights has shape \(304,\)"),
-        ({0: np.full((16, 19), np.nan)}, r"weights\[0, 0\] is not finite"),
-        ({1: np.zeros(16)}, "observation_mean has shape"),
-        ({2: np.full(18, np.inf)}, r"observation_std\[0\] is not finite"),
+        ({"weights": np.zeros((17, 23))}, r"weights has shape \(17, 23\), wanted \(17, 24\)"),
+        ({"weights": np.zeros(408)}, r"weights has shape \(408,\)"),
+        ({"weights": np.full((17, 24), np.nan)}, r"weights\[0, 0\] is not finite"),
+        ({"hidden": np.zeros((2, 23))}, r"hidden has shape \(2, 23\), wanted \(2, 24\)"),
+        ({"readout": np.zeros((2, 17))}, r"readout has shape \(2, 17\), wanted \(0, 17\)"),
+        ({"mean": np.zeros(16)}, "observation_mean has shape"),
+        ({"std": np.full(23, np.inf)}, r"observation_std\[0\] is not finite"),
     ],
 )
 def test_a_policy_that_compiled_code_would_misread_is_refused(changed, words):
-    policy = [changed.get(place, value) for place, value in enumerate(POLICY)]
+    policy = POLICY._replace(**changed)
     walk = WalkConfig(episode_steps=2)
     for simulator in (
         WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk),
         BackendSimulator(PUPPER_V2, MujocoBackend(draw_pd, WorldConfig.of(PUPPER_V2)), walk),
     ):
         with pytest.raises(ConfigError, match=words):
-            simulator.run(*policy, seed=0)
+            simulator.run(policy, seed=0)
 
 
 def test_physical_motors_refuse_the_learned_motors_clock():
     with pytest.raises(ConfigError, match=r"0\.001"):
-        WalkSimulator(draw_physical, WorldConfig.of(PUPPER_V2, physics_dt=0.002)).run(*POLICY, 0)
+        WalkSimulator(draw_physical, WorldConfig.of(PUPPER_V2, physics_dt=0.002)).run(POLICY, 0)

@@ -7,10 +7,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from policies import random_policy
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
@@ -149,9 +152,8 @@ NAN = replace(PD, kd=np.full(12, np.nan))
 @pytest.mark.parametrize("motors", [BROKEN, NAN], ids=["absurd gains", "NaN"])
 def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_reward(motors, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo may write its log here
-    weights = np.random.default_rng(0).standard_normal((16, 19))
     simulator = WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2))
-    episode = simulator.run(weights, np.zeros(18), np.ones(18), seed=0)
+    episode = simulator.run(random_policy(1.0, seed=0), seed=0)
     assert episode.fault == 1 and episode.steps < 250
     assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
     backend = MujocoBackend(lambda rng: motors, WorldConfig.of(PUPPER_V2))
@@ -163,12 +165,12 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
 
 
 def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):
-    # 4 kB hold a robot in the air and no constraint: the first touch of the ground is one too many
+    # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet, is too much
     monkeypatch.chdir(tmp_path)
     small = mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
     cramped = WorldConfig.of(replace(PUPPER_V2, model=GeneratedModel(lambda: small)))
-    weights = (np.zeros((16, 19)), np.zeros(18), np.ones(18))
-    episode = WalkSimulator(lambda rng: PD, cramped, WalkConfig(episode_steps=60)).run(*weights, seed=0)
+    standing = WalkConfig(episode_steps=60, commands=Commands.steady(0.0))
+    episode = WalkSimulator(lambda rng: PD, cramped, standing).run(zero_policy(12), seed=0)
     assert (episode.fault, FAULTS[episode.fault]) == (2, "MuJoCo ran out of contact or constraint memory")
     assert episode.steps < 60 and np.isfinite(episode.total)
 
@@ -177,7 +179,7 @@ def test_a_link_without_inertia_ends_the_episode_with_its_name():
     simulator = WalkSimulator(lambda rng: LIMP, WorldConfig.of(PUPPER_V2))
     model = simulator.world.model
     model.body_mass[-1], model.body_inertia[-1] = 0.0, 0.0
-    episode = simulator.run(np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0)
+    episode = simulator.run(zero_policy(12), seed=0)
     assert (episode.fault, episode.steps) == (3, 1) and "singular" in FAULTS[3]
 
 
@@ -194,23 +196,19 @@ def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
 
 def test_a_step_that_breaks_earns_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    episode = WalkSimulator(lambda rng: NAN, WorldConfig.of(PUPPER_V2)).run(
-        np.zeros((16, 19)), np.zeros(18), np.ones(18), seed=0
-    )
+    episode = WalkSimulator(lambda rng: NAN, WorldConfig.of(PUPPER_V2)).run(zero_policy(12), seed=0)
     assert (episode.total, episode.steps, episode.fault) == (0.0, 1, 1)
 
 
 def test_after_a_fault_the_next_episode_is_as_if_nothing_had_happened(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     queue = [NAN, PD]
-    weights = 0.1 * np.random.default_rng(0).standard_normal((16, 19))
+    policy = random_policy(0.1, seed=0)
     walk = WalkConfig(episode_steps=60)
     simulator = WalkSimulator(lambda rng: queue.pop(0), WorldConfig.of(PUPPER_V2), walk)
-    assert simulator.run(weights, np.zeros(18), np.ones(18), seed=0).fault == 1
-    after = simulator.run(weights, np.zeros(18), np.ones(18), seed=0)
-    clean = WalkSimulator(lambda rng: PD, WorldConfig.of(PUPPER_V2), walk).run(
-        weights, np.zeros(18), np.ones(18), seed=0
-    )
+    assert simulator.run(policy, seed=0).fault == 1
+    after = simulator.run(policy, seed=0)
+    clean = WalkSimulator(lambda rng: PD, WorldConfig.of(PUPPER_V2), walk).run(policy, seed=0)
     assert (after.total, after.steps, after.fault) == (clean.total, clean.steps, 0)
 
 

@@ -19,6 +19,8 @@ from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
 _KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
+IDEAL_PD_ROWS = 4
+"""Of the parameters."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +78,13 @@ class IdealPd:
 
 
 @njit(cache=True, nogil=True)
-def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+def reset_pd(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Fill the delay line with the present target."""
     fill_line(arrays.memory, 0, position_target)
 
 
 @njit(cache=True, nogil=True)
-def _step(
+def step_pd(
     arrays: ActuatorArrays,
     physics_dt: float,
     position_target: np.ndarray,
@@ -101,5 +103,10 @@ def _step(
 
 
 IDEAL_PD = ActuatorKind(
-    "ideal_pd", "ideal PD", "#979da6", reset=_reset, step=_step, variants=(Model("tuned_pd", "tuned PD", "#a8672c"),)
+    "ideal_pd",
+    "ideal PD",
+    "#979da6",
+    reset=reset_pd,
+    step=step_pd,
+    variants=(Model("tuned_pd", "tuned PD", "#a8672c"),),
 )

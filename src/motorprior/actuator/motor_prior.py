@@ -116,21 +116,24 @@ class MotorPrior:
     joint_names: tuple[str, ...] = ()
     gains: np.ndarray | None = None
 
-    def sample(self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None) -> LatentActuator:
-        """Draw ``count`` new motors, z ~ N(0, I).
+    def sample(
+        self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None, spread: float = 1.0
+    ) -> LatentActuator:
+        """Draw ``count`` new motors, z ~ N(0, spread²·I).
 
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
             gains: (2, count) stated kp and kd, ignored where none count. If not given, those of the training motors: of
                 as many, each one's in its place, otherwise their medians.
+            spread: 0 for the mean motor alone, more than 1 for more different motors than there are [-].
 
         Raises:
             ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or ``gains`` are not so many positive
                 numbers.
         """
         require_count("count", count)
-        z = generator_of(seed).standard_normal((count, self.network.num_latents))
+        z = spread * generator_of(seed).standard_normal((count, self.network.num_latents))
         return LatentActuator(self.network, z, gains=self._told(count, gains))
 
     def _told(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:

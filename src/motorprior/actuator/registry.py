@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from motorprior.actuator.foreign_step import FOREIGN
+from motorprior.actuator.friction_pd import FRICTION_PD
 from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.ideal_pd import IDEAL_PD
 from motorprior.actuator.kind import ActuatorKind, Model
@@ -10,7 +11,7 @@ from motorprior.actuator.latent import LATENT
 from motorprior.actuator.physical import PHYSICAL
 from motorprior.exceptions import ConfigError
 
-KINDS: tuple[ActuatorKind, ...] = (IDEAL_PD, PHYSICAL, LATENT, GREY_BOX, FOREIGN)
+KINDS: tuple[ActuatorKind, ...] = (IDEAL_PD, FRICTION_PD, PHYSICAL, LATENT, GREY_BOX, FOREIGN)
 
 
 def models() -> dict[str, Model]:

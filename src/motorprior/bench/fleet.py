@@ -50,13 +50,17 @@ class Distribution:
             return 0.5 * (self.values["low"] + self.values["high"])
         return self.values["center"]
 
-    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """(count,) draws."""
+    def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
+        """(count,) draws, see `Fleet.sample`."""
         if self.kind == "constant":
             return np.full(count, self.center)
         if self.kind == "uniform":
             return rng.uniform(self.values["low"], self.values["high"], count)
-        noise = np.hypot(self.values["spread"], self.values["center_uncertainty"]) * rng.standard_normal(count)
+        spread, uncertainty = self.values["spread"], self.values["center_uncertainty"]
+        if of_one_robot:
+            noise = spread * rng.standard_normal(count) + uncertainty * rng.standard_normal()
+        else:
+            noise = np.hypot(spread, uncertainty) * rng.standard_normal(count)
         if self.kind == "lognormal":
             return self.center * np.exp(noise)
         return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
@@ -77,19 +81,21 @@ class Fleet:
         """Of every motor drawn from it."""
         return FAMILIES[self.family].kind
 
-    def sample(self, count: int, seed: int | np.random.Generator) -> TrueMotors:
+    def sample(self, count: int, seed: int | np.random.Generator, of_one_robot: bool = False) -> TrueMotors:
         """Draw the constants of ``count`` motors.
 
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
+            of_one_robot: what is not known of the fleet's center is the same for all of them; otherwise it is drawn for
+                every motor, so that it averages out over a robot.
 
         Raises:
             ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or a motor cannot be simulated.
         """
         require_count("count", count)
         rng, family = generator_of(seed), FAMILIES[self.family]
-        values = {name: d.sample(rng, count) for name, d in self.parameters.items()}
+        values = {name: d.sample(rng, count, of_one_robot) for name, d in self.parameters.items()}
         family.require_stable(values, f"fleet {self.name}, a motor drawn from it")
         return family.motors(values)
 

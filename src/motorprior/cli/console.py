@@ -31,7 +31,7 @@ class Bar:
             self._progress.update(self._task, completed=self._done, note=note)
         elif time.monotonic() - self._printed > 10.0:
             self._printed = time.monotonic()
-            CONSOLE.print(f"  {self._name}: {self._done}/{self._total} {note}")
+            CONSOLE.print(f"  {self._name}: {self._done}/{self._total} {note}", markup=False, soft_wrap=True)
 
     def remove(self) -> None:
         """Take it from the screen."""

@@ -24,6 +24,7 @@ from motorprior.cli.diff import Diff, run_diff  # noqa: E402
 from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.identify import IdentifyCommand, identify  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
+from motorprior.cli.play import PlayCommand, play  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
@@ -55,6 +56,7 @@ Command = (
     | Annotated[SimulateCommand, tyro.conf.subcommand("simulate")]
     | Annotated[ReplayCommand, tyro.conf.subcommand("replay")]
     | Annotated[WalkCommand, tyro.conf.subcommand("walk")]
+    | Annotated[PlayCommand, tyro.conf.subcommand("play")]
     | Annotated[TransferCommand, tyro.conf.subcommand("transfer")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Deploy, tyro.conf.subcommand("deploy")]
@@ -77,6 +79,7 @@ RUN = {
     SimulateCommand: simulate,
     ReplayCommand: replay,
     WalkCommand: walk,
+    PlayCommand: play,
     TransferCommand: transfer,
     Doctor: run_doctor_command,
     Deploy: run_deploy_command,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import tyro
 
+from motorprior.cli.console import TERMINAL
 from motorprior.pipeline.report import SETTINGS, build_report
 from motorprior.pipeline.walk_report import build_walk_report
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -21,10 +22,16 @@ class MakeReport:
     """Folder that `motorprior demo` wrote, or that `motorprior walk` wrote policies into."""
     robot: str = DEFAULT_ROBOT
     """Robot of the policies, where it is no demo's folder: a shipped one by name, or a .toml file."""
+    robustness: bool = True
+    """Of policies also measure how long they stay upright with pushes, on slippery ground, late or heavy; some ten
+    seconds for each."""
 
 
 def run_report(config: MakeReport) -> None:
     """Write the page and print its path."""
-    command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
-    is_demo = (config.run / SETTINGS).is_file()
-    print(build_report(config.run) if is_demo else build_walk_report(config.run, config.robot, command))
+    words = ["motorprior", "report", str(config.run), "--robot", config.robot]
+    command = shlex.join([*words, *([] if config.robustness else ["--no-robustness"])])
+    if (config.run / SETTINGS).is_file():
+        print(build_report(config.run))
+    else:
+        print(build_walk_report(config.run, config.robot, command, config.robustness, TERMINAL))

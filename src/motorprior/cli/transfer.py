@@ -1,29 +1,95 @@
-"""``motorprior transfer``: every policy in its own simulation and on the twin."""
+"""``motorprior transfer``: every policy in its own simulation and on the twin, or the whole study of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import shlex
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 import tyro
+from rich.markdown import Markdown
 
-from motorprior.cli.console import TERMINAL, table
+from motorprior.cli.console import CONSOLE, TERMINAL, table
+from motorprior.exceptions import ConfigError
+from motorprior.pipeline.study import run_study
+from motorprior.pipeline.study_report import TABLES, build_study_report
+from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
 from motorprior.transfer.study import DRAWS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TransferCommand(Transfer):
-    """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise."""
+    """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise.
 
-    walks: tyro.conf.Positional[tuple[Path, ...]]
+    With --study nothing is given but a folder: policies are trained on every model of a bench's motors, with several
+    seeds, and watched on four twins; the page in the folder says what transfers.
+    """
+
+    walks: tyro.conf.Positional[tuple[Path, ...]] = ()
+    study: bool = False
+    """The whole study, an hour and a half on two cores. A rerun continues where it stopped. The options that follow are
+    for it."""
+    quick: bool = False
+    """Minutes instead: 2 seeds, 6 walks, 10 iterations, 300 Adam steps, unless others are given. It decides nothing."""
+    foreign: str = Study.foreign
+    """Population of the twins with motors of another family."""
+    seeds: int = Study.seeds
+    """Policies per condition."""
+    draws: int = Study.draws
+    """Walks of each policy at each place."""
+    seconds: float = Study.seconds
+    """Of a walk [s]."""
+    iterations: int = Study.iterations
+    """ARS iterations per policy, the same for every condition."""
+    motors: int = Study.motors
+    """Motors on the bench."""
+    bench_steps: int = Study.bench_steps
+    """Samples per motor."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    seed: int = Study.seed
+    """Of the bench and the priors; policies of different studies share no search seed."""
 
 
 def transfer(config: TransferCommand) -> None:
-    """See `run_transfer`."""
-    show_transfer(run_transfer(config, TERMINAL))
+    """See `run_transfer` and `run_study`."""
+    given = {field.name: getattr(config, field.name) for field in fields(Study)}
+    if not config.study:
+        _refuse_others(given, tuple(field.name for field in fields(Transfer)))
+        values = {field.name: getattr(config, field.name) for field in fields(Transfer)}
+        return show_transfer(run_transfer(Transfer(**values), TERMINAL))
+    if config.walks or config.engine is not None:
+        raise ConfigError(
+            "a study trains its own policies in its own engines", remedy="give neither walks nor an engine"
+        )
+    run_study(Study(**given), TERMINAL)
+    page = build_study_report(config.out, _command(given))
+    CONSOLE.print(Markdown((config.out / TABLES).read_text("utf-8")))
+    print(page)
+    return None
+
+
+def _command(given: dict) -> str:
+    """What makes the same page again."""
+    words = ["motorprior", "transfer", "--study"]
+    for field in fields(Study):
+        value, option = given[field.name], f"--{field.name.replace('_', '-')}"
+        if value is True:
+            words.append(option)
+        elif field.default is MISSING or value != field.default:
+            words += [option, str(value)]
+    return shlex.join(words)
+
+
+def _refuse_others(given: dict, known: tuple[str, ...]) -> None:
+    """Refuse a study's options without a study."""
+    for field in fields(Study):
+        if field.name not in known and field.default is not MISSING and given[field.name] != field.default:
+            remedy = "run the whole study, or leave it out"
+            raise ConfigError(f"{field.name} is for the study", remedy=remedy, argument=field.name)
 
 
 def show_transfer(results: Results) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 import tyro
 
-from motorprior.cli.console import TERMINAL
+from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.pipeline.walk_seeds import PICTURE, run_walk_seeds
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,17 @@ class WalkCommand(Walk):
     """Train a walking policy."""
 
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
+    seeds: int = 1
+    """Number of trainings, with seeds from search.seed on, each in a folder seed_K of its own, and a picture of all."""
 
 
 def walk(config: WalkCommand) -> None:
-    """See `run_walk`."""
-    run_walk(config, TERMINAL)
+    """See `run_walk`, and `run_walk_seeds` for more seeds than one."""
+    one = Walk(**{name: getattr(config, name) for name in (field.name for field in fields(Walk))})
+    if config.seeds == 1:
+        run_walk(one, TERMINAL)
+        return
+    results = run_walk_seeds(one, config.seeds, TERMINAL)
+    rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
+    table("Best policies in their own simulation", ("seed", "mean return [m]"), rows)
+    print(config.out / PICTURE)

@@ -60,6 +60,7 @@ def backend_state(robot: Robot, telemetry: Telemetry, torque: np.ndarray, fault:
         base_lin_vel=np.zeros(3),
         base_ang_vel=np.array([telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate]),
         measured_joint_pos=telemetry.pos.copy(),
+        foot_pos=np.full((len(robot.legs), 3), np.nan),
         torque_squared_sum=float(np.sum(np.square(torque))),
         fault=fault,
     )

@@ -14,7 +14,7 @@ from motorprior.hardware import deploy, excitation_run
 from motorprior.hardware.control_loop import Timing, clock_results
 from motorprior.hardware.doctor import Diagnosis, examine
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.pilot import pilot
+from motorprior.hardware.pilot import pilot, walks_alone
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_facts import RunFacts
@@ -58,14 +58,18 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
         RobotFault: why the walk ended early.
     """
     _require("seconds", settings.seconds, 0.0, 1e6)
-    _require("throttle", settings.throttle, 0.0, 1.0, or_equal=True)
+    gait = robot.require_legs()
+    if settings.forward is not None:
+        _require("forward", settings.forward, *gait.forward, or_equal=True)
+    _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
+    command = walks_alone(gait) if settings.forward is None else settings.forward, settings.yaw_rate
     policy = Policy.load(path)
     deploy.check_policy(robot, policy)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, robot.require_wire().safety)
     if settings.dry_run:
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
-            steps = deploy.rehearse(link, policy, stop, settings.seconds or 5.0, say)
+            steps = deploy.rehearse(link, policy, stop, settings.seconds or 5.0, say, command)
         say(f"dry run: {steps} control steps, nothing was sent")
         return Results()
     require_terminal(settings.yes)
@@ -81,8 +85,8 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
 
         run = deploy.walk(
             link, policy, gains, stop,
-            seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            pilot=lambda: pilot(settings.throttle), status=say, timing=timing,
+            command=command, seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
+            pilot=lambda: pilot(gait, settings.forward, settings.yaw_rate), status=say, timing=timing,
         )  # fmt: skip
         facts.outcome = run.stopped_by
     say(f"stopped by {run.stopped_by}; {out / LOG}")

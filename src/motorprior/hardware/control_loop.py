@@ -35,6 +35,7 @@ class Timing:
         stamp: the robot's time stamp of that measurement.
         skipped: steps that were left out because the one before took too long.
         broken_off: how late the step was that a fault ended instead of a command; None if there was none.
+        ended: when the motion ended, on the clock of ``sent``; None while it goes on.
     """
 
     sent: array = field(default_factory=lambda: array("d"))
@@ -43,6 +44,7 @@ class Timing:
     stamp: array = field(default_factory=lambda: array("d"))
     skipped: int = 0
     broken_off: float | None = None
+    ended: float | None = None
 
     def add(self, sent: float, late: float, measurement: Measurement) -> None:
         """Count one more step."""
@@ -102,7 +104,7 @@ class ControlLoop:
     def __init__(self, link: RobotLink, limits: SafetyLimits, period: float, stop: Callable[[], bool]):
         self._link, self._period, self._stop = link, period, stop
         self._pace = Pace(limits, period)
-        self._deadline = time.monotonic() + period
+        self._deadline, self._paused = time.monotonic() + period, False
         self.timing = Timing()
 
     def play(
@@ -123,12 +125,18 @@ class ControlLoop:
         Raises:
             RobotFault: see `RobotLink.check`, `RobotLink.send` and `Pace.check`.
         """
-        measurement, self.timing = None, timing or Timing()
+        self.timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
+        try:
+            return self._play(motion, mode, after_step)
+        finally:
+            self.timing.ended = time.monotonic()
+
+    def _play(self, motion: Motion, mode: Mode, after_step: Callable[[Measurement], None]) -> Measurement | None:
+        measurement = None
         while not self._stop():
             try:
-                self._link.receive(self._deadline)
-                measurement = self._link.check()
+                measurement = self._look()
                 target = motion(measurement)
                 if target is None:
                     return measurement
@@ -137,19 +145,28 @@ class ControlLoop:
                 self.timing.broken_off = max(0.0, time.monotonic() - self._deadline)
                 raise
             self.timing.add(sent, sent - self._deadline, measurement)
-            self._pace.check(sent - self._deadline)
             after_step(measurement)
-            self._next_deadline(measurement)
+            self._next_deadline(measurement, sent)
         return measurement
 
-    def _next_deadline(self, measurement: Measurement) -> None:
+    def _look(self) -> Measurement:
+        """Wait for the deadline; the latest measurement then."""
+        self._link.receive(self._deadline)
+        if self._paused or time.monotonic() - self._deadline > self._period:
+            self._link.after_pause()
+            self._paused = False
+        return self._link.check()
+
+    def _next_deadline(self, measurement: Measurement, sent: float) -> None:
         """Move the deadline one period on, a little nearer to a fresh measurement; skip those that have passed."""
-        wanted = self._deadline - measurement.arrival - _AFTER_TELEMETRY
+        due, now = self._deadline, time.monotonic()
+        wanted = due - measurement.arrival - _AFTER_TELEMETRY
         wanted -= self._period * round(wanted / self._period)
         self._deadline += self._period - min(_LARGEST_SHIFT, max(-_LARGEST_SHIFT, wanted))
-        behind = time.monotonic() - self._deadline
+        behind = now - self._deadline
+        self._pace.check(now - due if behind > 0.0 else sent - due)
         if behind > 0.0:
             skipped = math.ceil(behind / self._period)
             self._deadline += skipped * self._period
             self.timing.skipped += skipped
-            self._pace.check(behind + self._period)  # this step took so long that the next one is left out
+            self._paused = True

@@ -31,8 +31,8 @@ _WIND_DOWN = 1.0
 class Pilot(Protocol):
     """A person who steers, with keyboard or gamepad."""
 
-    def throttle(self) -> float | None:
-        """0..1, or None to stop."""
+    def command(self) -> tuple[float, float] | None:
+        """Speed [m/s] and yaw rate [rad/s], or None to stop."""
         ...
 
 
@@ -106,6 +106,7 @@ def walk(
     gains: Gains,
     stop: StopRequest,
     *,
+    command: tuple[float, float] = (0.0, 0.0),
     seconds: float | None = None,
     need_imu: bool = True,
     confirm: Callable[[], None] = lambda: None,
@@ -120,6 +121,7 @@ def walk(
         policy: see `check_policy`.
         gains: to send.
         stop: ends the walk.
+        command: speed [m/s] and yaw rate [rad/s] where nobody steers; a ``pilot`` has its own to begin with.
         seconds: ends it too [s].
         need_imu: refuse a robot whose IMU is not read.
         confirm: the arm step; raises if the user does not want to.
@@ -130,8 +132,8 @@ def walk(
     Raises:
         RobotFault: why the walk ended early; the robot is idle.
     """
-    walker = Walker(link.robot, policy)
-    look_and_confirm(link, confirm, need_imu, walker.warm_up)
+    walker = Walker(link.robot, policy, need_imu)
+    walker.rates_at_rest = look_and_confirm(link, confirm, need_imu, walker.warm_up).rates
     timing, ended_by = timing or Timing(), ""
 
     def work(loop: ControlLoop) -> None:
@@ -139,11 +141,11 @@ def walk(
 
         def motion(measurement: Measurement) -> np.ndarray | None:
             nonlocal ended_by
-            throttle = steering.throttle() if steering is not None else 1.0
-            if throttle is None or time.monotonic() >= end:
-                ended_by = "pilot" if throttle is None else "time"
+            wanted = steering.command() if steering is not None else command
+            if wanted is None or time.monotonic() >= end:
+                ended_by = "pilot" if wanted is None else "time"
                 return None
-            walker.throttle = throttle
+            walker.forward, walker.yaw_rate = wanted
             return walker(measurement)
 
         with pilot() as steering:
@@ -153,10 +155,20 @@ def walk(
     return Run(timing, ended_by or stop.reason or "")
 
 
-def rehearse(link: RobotLink, policy: Policy, stop: StopRequest, seconds: float, status: Callable[[str], None]) -> int:
-    """Compute the targets of a policy, and send nothing; returns the number of control steps."""
+def rehearse(
+    link: RobotLink,
+    policy: Policy,
+    stop: StopRequest,
+    seconds: float,
+    status: Callable[[str], None],
+    command: tuple[float, float] = (0.0, 0.0),
+) -> int:
+    """Compute the targets of a policy for a command, and send nothing; returns the number of control steps."""
     walker = Walker(link.robot, policy)
-    walker.warm_up(first_look(link, need_imu=False))
+    look = first_look(link, need_imu=False)
+    walker.warm_up(look.measurement)
+    walker.rates_at_rest = look.rates
+    walker.forward, walker.yaw_rate = command
     show, steps = _status_line(link, walker, status), 0
     deadline = time.monotonic()
     end = deadline + seconds
@@ -185,8 +197,9 @@ def _status_line(link: RobotLink, walker: Walker, status: Callable[[str], None])
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
-            f"{period * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  throttle "
-            f"{walker.throttle:.1f}  telemetry {age:.0f} ms old, damaged {link.rejected + stream.impossible}{battery}"
+            f"{period * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  command "
+            f"{walker.forward:+.2f} m/s {walker.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
+            f"{link.rejected + stream.impossible}{battery}"
         )
 
     return show

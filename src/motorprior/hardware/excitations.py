@@ -10,7 +10,7 @@ from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.settings import Excitation
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import open_loop_trot
+from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.robot import Robot
 
 _SIGNALS: dict[str, excitation.Signal] = {
@@ -19,8 +19,8 @@ _SIGNALS: dict[str, excitation.Signal] = {
     "steps": excitation.held_steps,
     "multisine": excitation.multisine,
 }
-_TROT = (1.25, 0.5, 0.25, 1.0)
-"""Frequency [Hz], intensity [-], height [rad] and swing/stance ratio [-] of the gait."""
+_SLOW = 0.5
+"""Frequency and speed of the gait, as shares of the robot's usual frequency and highest speed [-]."""
 _FADE = 0.5
 """The amplitude grows from 0, and goes back to it, in this time [s]."""
 
@@ -72,7 +72,9 @@ def excitation_targets(
     control_dt, names, nominal = robot.control_dt, robot.joint_names, robot.nominal_pose
     steps, rng = round(seconds / control_dt), np.random.default_rng([seed, robot.num_joints])
     if kind == "gait":
-        away = open_loop_trot(body_of(robot), steps, *_TROT, control_dt) - nominal
+        body = body_of(robot)
+        forward, frequency = _SLOW * body.fastest, _SLOW * body.frequency
+        away = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, control_dt) - nominal
     else:
         away = np.stack([_SIGNALS[kind](rng, steps, control_dt) for _ in names], axis=1)
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))

@@ -16,6 +16,9 @@ from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
+_ONCE_IN = 1.0
+"""Least time [s] between two pauses of the host after which joints get time to move again."""
+
 
 class _Lasting:
     """Whether a condition has held for ``duration`` [s]: a single damaged frame proves nothing."""
@@ -88,8 +91,16 @@ class Tracking:
         """Restart from the next measurement, with ``lag`` [s]: the motors had no current until now."""
         self._lag = lag
         self._reference: np.ndarray | None = None
-        self._last, self._away = 0.0, np.zeros(len(self._names))
+        self._last, self._moves_since, self._away = 0.0, -math.inf, np.zeros(len(self._names))
         self._windows: list[tuple[float, np.ndarray, np.ndarray]] = []
+
+    def begin_again(self, now: float) -> None:
+        """Look for stuck joints from ``now`` [s] on: the host stood still, and joints rested that would have moved.
+
+        At most once in `_ONCE_IN`, so that no number of pauses hides a joint that is stuck.
+        """
+        if now - self._moves_since >= _ONCE_IN:
+            self._windows, self._moves_since = [], now
 
     def check(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> None:
         """Raise for a joint that is too far away for too long, or that does not move although it is led."""
@@ -111,6 +122,8 @@ class Tracking:
 
     def _check_stuck(self, joint_pos: np.ndarray, now: float) -> None:
         assert self._reference is not None
+        if now < self._moves_since:
+            return
         self._windows.append((now, joint_pos.copy(), self._reference.copy()))
         if now - self._windows[0][0] < self._limits.stuck_time - 1e-3:
             return
@@ -185,24 +198,32 @@ def is_imu_alive(telemetry: Telemetry) -> bool:
 
 
 class Pace:
-    """Whether the host keeps up with its own clock."""
+    """Whether the host keeps up with its own clock.
+
+    Args:
+        limits: bounds.
+        period: control period [s].
+    """
 
     def __init__(self, limits: SafetyLimits, period: float):
-        self._limits, self._period, self._recent = limits, period, [False] * 100
+        self._limits, self._period, self._late = limits, period, [0.0] * 100
         self._count = 0
 
     def check(self, late: float) -> None:
-        """Count one control step whose command left ``late`` [s] after its time.
+        """Count one control step that was done, or whose command left, ``late`` [s] after its time.
 
         Raises:
-            RobotFault: one step far too late, or too many late ones; the robot sits down.
+            RobotFault: one step far too late, too many late ones, or too much lateness in all; the robot sits down.
         """
-        self._recent[self._count % len(self._recent)] = late > 0.5 * self._period
+        limits, steps = self._limits, self._late
+        steps[self._count % len(steps)] = late if late > 0.5 * self._period else 0.0
         self._count += 1
-        if late > self._limits.tick_delay or sum(self._recent) > self._limits.late_ticks:
+        many, together = len(steps) - steps.count(0.0), sum(steps)
+        if late > limits.tick_delay or many > limits.late_ticks or together > limits.stalled_time:
             raise RobotFault(
                 "slow host",
-                f"a control step came {1e3 * late:.0f} ms late, {sum(self._recent)} of the last hundred were late",
+                f"a control step came {1e3 * late:.0f} ms late, {many} of the last hundred were late, by "
+                f"{1e3 * together:.0f} ms in all",
                 safe_state="crouch",
                 remedy="close other programs on this computer",
             )

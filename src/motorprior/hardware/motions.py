@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from motorprior.backend import BackendState
 from motorprior.hardware.axes import backend_state
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.locomotion.body import action_size
+from motorprior.locomotion.body import YAW_RATE, action_size
 from motorprior.locomotion.gait_controller import GaitController
-from motorprior.locomotion.policy import INTENSITY, Policy, act
+from motorprior.locomotion.policy import Policy, act
 from motorprior.robots.robot import Robot
 
 Motion = Callable[[Measurement], np.ndarray | None]
@@ -57,19 +58,22 @@ class Walker:
     """A policy as a motion, on the `GaitController` of `WalkEnv`.
 
     Attributes:
-        throttle: 0..1, share of the intensity that the policy asks for. 1 is the policy as it was trained; it was not
-            trained for another.
+        forward: commanded speed [m/s].
+        yaw_rate: commanded yaw rate [rad/s], to the left.
+        rates_at_rest: (3,) what the gyroscope says of a robot that does not turn [rad/s]; the heading would drift.
 
     Args:
         robot: a legged one.
         policy: trained for it.
+        has_imu: without one it walks as if it stood upright and turned as it is told.
     """
 
-    def __init__(self, robot: Robot, policy: Policy):
-        self._robot, self._policy = robot, policy
-        self._controller = GaitController(robot, policy.control_dt)
-        self._action, self._intensity = np.zeros(action_size(robot.num_joints)), robot.num_joints + INTENSITY
-        self.throttle = 1.0
+    def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
+        self._robot, self._policy, self._has_imu = robot, policy.arrays(), has_imu
+        self._controller = GaitController(robot, policy.control_dt, policy.gait)
+        self._action = np.zeros(action_size(robot.num_joints))
+        self.forward = self.yaw_rate = 0.0
+        self.rates_at_rest = np.zeros(3)
 
     @property
     def observation(self) -> np.ndarray:
@@ -78,25 +82,24 @@ class Walker:
 
     def step(self, state: BackendState) -> np.ndarray:
         """The (joints,) targets [rad] for a state: observe, act, command."""
-        policy, action = self._policy, self._action
-        observation = self._controller.observe(state)
-        act(policy.weights, policy.observation_mean, policy.observation_std, observation, action)
-        if self.throttle < 1.0:  # intensity = (action + 1) / 2, so this scales it
-            action[self._intensity] = self.throttle * (action[self._intensity] + 1.0) - 1.0
-        return self._controller.command(action)
+        self._controller.read(replace(state, base_ang_vel=state.base_ang_vel - self.rates_at_rest))
+        if not self._has_imu:  # a rate of 0 would be read as a turn that never comes, and steered against
+            self._controller.observation[YAW_RATE] = self._controller.gait.twist[1]
+        act(self._policy, self._controller.follow(self.forward, self.yaw_rate), self._action)
+        return self._controller.command(self._action)
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """`step` as a `Motion`."""
         return self.step(backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints)))
 
     def winding_down(self, seconds: float) -> Motion:
-        """The same gait with less and less throttle: a third of the time is stepping in place."""
-        steps, begun, step = round(seconds / self._policy.control_dt), self.throttle, 0
+        """Come to a stand and stay so for the rest of the time."""
+        steps, step = round(seconds / self._controller.control_dt), 0
 
         def target(measurement: Measurement) -> np.ndarray | None:
             nonlocal step
             step += 1
-            self.throttle = begun * max(0.0, 1.0 - 1.5 * step / steps)
+            self.forward = self.yaw_rate = 0.0
             return self(measurement) if step <= steps else None
 
         return target

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
 
@@ -34,6 +35,11 @@ damaged one, a damaged gain or current limit throws a walking robot over (`bench
 one that arrives stays until the robot is armed again."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
+"""[s] in which telemetry comes that waited somewhere else than in this process."""
+_MOST_LATE_READS = 100
+"""A device that sends without end must not be listened to without end."""
+_MOST_UNCHECKED = 1000
+"""Frames that wait for a check; while nothing moves nobody may ask for one."""
 
 
 class RobotLink:
@@ -68,7 +74,7 @@ class RobotLink:
         self._guardian: Guardian | None = None
         self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(robot, limits)
         self._extras = Extras(robot, limits)
-        self._checked: Measurement | None = None
+        self._unchecked: deque[Measurement] = deque(maxlen=_MOST_UNCHECKED)
         self._error_line: str | None = None
         self._forgiven: set[str] = set()
 
@@ -102,19 +108,38 @@ class RobotLink:
     def receive(self, until: float) -> None:
         """Read messages of the robot until ``until`` [s] on the monotonic clock; at least what is there already.
 
+        After a pause of this host much may be there, and only the last of it is new.
+
         Raises:
             RobotFault: the port is gone.
         """
-        while True:
-            for arrival, message in self._port.wait(until):
+        late_reads = 0
+        while late_reads < _MOST_LATE_READS:
+            heard = self._port.wait(until)
+            for arrival, message in heard:
                 if isinstance(message, str):
                     self._hear(message)
                     continue
                 measurement = self.stream.take(from_wire(self._wire, message), arrival)
                 if measurement is not None:
+                    self._unchecked.append(measurement)
                     self._record(measurement)
             if time.monotonic() >= until:
-                return
+                if not heard:
+                    return
+                late_reads += 1
+
+    def after_pause(self) -> None:
+        """Go on after this host left out control steps, in which telemetry waited and joints rested.
+
+        Raises:
+            RobotFault: see `receive`.
+        """
+        now, latest = time.monotonic(), self.stream.latest
+        if latest is None or now - latest.sampled > self.robot.control_dt:
+            self.receive(now + _CATCH_UP)
+        if (latest := self.stream.latest) is not None:
+            self._tracking.begin_again(1e-3 * latest.telemetry.ts)
 
     def check(self) -> Measurement:
         """The latest measurement, of a robot without a fault.
@@ -125,19 +150,11 @@ class RobotLink:
         if self._error_line is not None:
             line, self._error_line = self._error_line, None
             raise RobotFault("firmware", f"the robot says {line!r}", remedy="switch it off and on again")
+        unchecked = list(self._unchecked)
+        self._unchecked.clear()
         measurement = check_stream(self.stream, self.limits, time.monotonic())
-        if measurement is self._checked:
-            return measurement
-        self._checked = measurement
-        telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
-        with self._unless_forgiven():
-            self._extras.check(telemetry, now)
-        with self._unless_forgiven():
-            self._imu.check(telemetry, now)
-        self._tilt.check(telemetry, now)
-        if (target := self.target) is not None:
-            with self._unless_forgiven():
-                self._tracking.check(telemetry.pos, target, now)
+        for one in unchecked:
+            self._check_robot(one)
         return measurement
 
     def arm(self, kp: float, kd: float, max_current: float) -> None:
@@ -218,6 +235,18 @@ class RobotLink:
                 for _ in range(repeats):
                     self._port.send(command)
             time.sleep(_IDLE_PAUSE)
+
+    def _check_robot(self, measurement: Measurement) -> None:
+        """Every frame, in turn: after a pause of the host, a joint that moved there and back did not stand still."""
+        telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
+        with self._unless_forgiven():
+            self._extras.check(telemetry, now)
+        with self._unless_forgiven():
+            self._imu.check(telemetry, now)
+        self._tilt.check(telemetry, now)
+        if (target := self.target) is not None:
+            with self._unless_forgiven():
+                self._tracking.check(telemetry.pos, target, now)
 
     @contextlib.contextmanager
     def _unless_forgiven(self) -> Iterator[None]:

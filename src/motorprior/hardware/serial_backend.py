@@ -25,7 +25,7 @@ class SerialBackend:
     """The Gymnasium environment `locomotion.env.WalkEnv` on a real robot; `deploy` does not use it.
 
     Holds targets in real time: `step` returns one control period after the step before. The caller must step
-    again in time: after 80 ms without a step the watchdog takes the current away.
+    again in time: after 130 ms without a step the watchdog takes the current away.
 
     Attributes:
         fault: why the robot is idle, None while it is well.

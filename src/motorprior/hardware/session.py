@@ -21,7 +21,7 @@ from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.health import is_imu_alive
 from motorprior.hardware.motions import Motion, ramp
-from motorprior.hardware.real_time import no_garbage_collection, real_time_priority
+from motorprior.hardware.real_time import locked_memory, no_garbage_collection, real_time_priority
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.robot_run import Mode
@@ -37,6 +37,8 @@ _RANGE_SLACK = 0.1
 _HOLD = 0.5
 _STILL = 0.1
 """Largest motion of a joint during the check before arming [rad]; more comes from homing or from a hand."""
+_LARGEST_BIAS = 0.1
+"""Of a gyroscope at rest [rad/s]; 0.05 rad/s are common in a cheap one before it is calibrated."""
 _NOT_TO_BE_TRUSTED = ("program error", "impossible command", "frozen IMU")
 """Faults after which the present motion, or its input, cannot be trusted to come to rest."""
 _QUICK = 0.1
@@ -109,7 +111,21 @@ class Gains:
         )
 
 
-def first_look(link: RobotLink, need_imu: bool) -> Measurement:
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What was seen of a robot at rest.
+
+    Attributes:
+        measurement: the last one.
+        rates: (3,) mean rates about the body's x, y and z axes: what the gyroscope is off by [rad/s]; 0 if one of them
+            is more than _LARGEST_BIAS, which is no error but a motion.
+    """
+
+    measurement: Measurement
+    rates: np.ndarray
+
+
+def first_look(link: RobotLink, need_imu: bool) -> Look:
     """Check telemetry for half a second and refuse a robot that must not be armed.
 
     Raises:
@@ -118,8 +134,8 @@ def first_look(link: RobotLink, need_imu: bool) -> Measurement:
     """
     link.receive(time.monotonic() + 0.2 * _FIRST_LOOK)  # what waited in buffers comes first
     first, before = link.check().telemetry, link.stream.accepted
-    link.receive(time.monotonic() + 0.8 * _FIRST_LOOK)
-    measurement, robot = link.check(), link.robot
+    rates, robot = _mean_rates(link, 0.8 * _FIRST_LOOK), link.robot
+    measurement = link.check()
     telemetry, frames = measurement.telemetry, link.stream.accepted - before
     seconds, fewest = 1e-3 * (telemetry.ts - first.ts), _FEWEST_FRAMES / robot.control_dt
     if frames < max(2.0, fewest * seconds):
@@ -153,7 +169,17 @@ def first_look(link: RobotLink, need_imu: bool) -> Measurement:
         )
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
-    return measurement
+    return Look(measurement, rates if np.abs(rates).max() <= _LARGEST_BIAS else np.zeros(3))
+
+
+def _mean_rates(link: RobotLink, seconds: float) -> np.ndarray:
+    """(3,) mean of the rates in the frames of the next ``seconds`` [rad/s]."""
+    end, seen = time.monotonic() + seconds, []
+    while (now := time.monotonic()) < end:
+        link.receive(min(end, now + link.robot.control_dt))
+        telemetry = link.check().telemetry
+        seen.append((telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))
+    return np.mean(seen, axis=0)
 
 
 def look_and_confirm(
@@ -161,18 +187,17 @@ def look_and_confirm(
     confirm: Callable[[], None],
     need_imu: bool,
     prepare: Callable[[Measurement], None] = lambda _: None,
-) -> None:
-    """Look, prepare, and the arm step; a robot that waited for these is looked at once more.
+) -> Look:
+    """Look, prepare, and the arm step; a robot that waited for these is looked at once more. Returns the last look.
 
     Raises:
         RobotFault: ``confirm`` refused, or see `first_look`.
     """
     seen = first_look(link, need_imu)
     before = time.monotonic()
-    prepare(seen)
+    prepare(seen.measurement)
     confirm()
-    if time.monotonic() - before > _QUICK:
-        first_look(link, need_imu)
+    return first_look(link, need_imu) if time.monotonic() - before > _QUICK else seen
 
 
 def run_armed(
@@ -199,7 +224,7 @@ def run_armed(
         RobotFault: the fault that ended the run; the robot is idle.
     """
     way_down = _WayDown(link)
-    with no_garbage_collection(), real_time_priority():
+    with locked_memory(), no_garbage_collection(), real_time_priority():
         try:
             link.arm(gains.kp, gains.kd, gains.max_current)
             loop = ControlLoop(link, link.limits, link.robot.control_dt, stop)
@@ -247,7 +272,9 @@ class _WayDown:
         link, robot = self._link, self._link.robot
         link.gate.let_down()
         link.forgive("stuck")  # the ground holds a foot fast while the body comes down; going on is safer than falling
-        patient = replace(link.limits, tick_delay=float("inf"), late_ticks=100)  # a late crouch is better than none
+        never = float("inf")
+        # A late crouch is better than none.
+        patient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
         loop = ControlLoop(link, patient, robot.control_dt, lambda: False)
         if self.wind_down is not None:
             loop.play(self.wind_down(), Mode.WALK)

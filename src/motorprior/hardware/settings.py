@@ -31,7 +31,9 @@ class DeploySettings:
         out: folder for run.csv (measurements, and the target then in force), run.json (settings, gains, limits,
             outcome) and figures.json (how well the clock was kept); runs/deploy/<date> if not given.
         seconds: time to walk [s]; until it is stopped if not given.
-        throttle: share of the trained intensity of the gait to begin with, 0..1 [-].
+        forward: speed to begin with [m/s]. If it is not given, a robot that somebody steers with keys or a gamepad
+            stands until it is told to walk, and one that nobody steers walks at 0.3 m/s.
+        yaw_rate: turn to the left to begin with [rad/s].
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A]; the robot's own if not given.
@@ -42,7 +44,8 @@ class DeploySettings:
 
     out: Path | None = None
     seconds: float | None = None
-    throttle: float = 1.0
+    forward: float | None = None
+    yaw_rate: float = 0.0
     kp: float | None = None
     kd: float | None = None
     max_current: float | None = None

@@ -6,7 +6,9 @@ since the last one. The robot's clock is tied to the host's by the quickest fram
     host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), not after its arrival
 
 so the age of a measurement includes what it waited in buffers, less the shortest way that frames took. The smallest may
-be that of a damaged stamp, which would make every frame of the next seconds look old.
+be that of a damaged stamp, which would make every frame of the next seconds look old. A stamp ahead of all others is
+taken for damaged, unless those that follow agree with it: then all before had waited, in the buffer of a port that was
+opened long before it was read.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ _WINDOW = 5.0
 _FURTHEST_ANGLE = 2.0 * math.pi  # the firmware's own bound of a joint angle
 _SLACK = 0.05  # [rad] on top of speed times time: the time stamps are whole milliseconds
 _EARLIEST = 0.03  # [s] by which a frame may come quicker than any before; a stamp further ahead is a damaged one
+_AGREEING = 3  # stamps in a row that are right together
 _SETTLING = 20  # frames until the quickest way is known
 _RESTART = 2.0  # [s] of a clock that runs from 0 again
 
@@ -69,6 +72,7 @@ class TelemetryStream:
 
     def __init__(self, limits: SafetyLimits):
         self._limits, self._tie = limits, ClockTie()
+        self._ahead: list[float] = []
         self.latest: Measurement | None = None
         self.accepted = self.repeated = self.impossible = self.impossible_in_a_row = 0
 
@@ -100,13 +104,22 @@ class TelemetryStream:
 
     def _could_follow(self, new: Telemetry, last: Measurement, arrival: float) -> bool:
         step = 1e-3 * (new.ts - last.telemetry.ts)
-        if step < 0.0 or (self.accepted > _SETTLING and self._tie.offset - (arrival - 1e-3 * new.ts) > _EARLIEST):
+        if step < 0.0 or not self._is_in_time(arrival - 1e-3 * new.ts):
             return False
         moved = np.abs(new.pos - last.telemetry.pos).max()
         turned = max(abs(new.roll - last.telemetry.roll), abs(new.pitch - last.telemetry.pitch))
         return bool(
             moved <= self._limits.joint_speed * step + _SLACK and turned <= self._limits.body_rate * step + _SLACK
         )
+
+    def _is_in_time(self, offset: float) -> bool:
+        """Whether a stamp, by its host time minus robot time [s], is not from the future, or no other than the last."""
+        if self.accepted <= _SETTLING or self._tie.offset - offset <= _EARLIEST:
+            self._ahead = []
+            return True
+        agreeing = [each for each in self._ahead if abs(each - offset) <= _EARLIEST]
+        self._ahead = [*agreeing, offset][-_AGREEING:]
+        return len(self._ahead) == _AGREEING
 
 
 def _is_old(new: Telemetry, last: Telemetry) -> bool:

@@ -1,4 +1,4 @@
-"""Baselines fitted to a log with known loads: a PD with its gains alone, and a PD with armature and delay."""
+"""Baselines fitted to a log with known loads: a PD with its gains alone, with armature and delay, and with friction."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.logs.motor_log import MotorLog
@@ -48,7 +49,10 @@ GAINS = ("kp", "kd", "torque_limit")
 """Constants that are fitted for an ideal PD."""
 EVERYTHING = (*GAINS, "armature", "delay")
 """Constants that are fitted for the tuned PD."""
-_START = {"armature": 0.001, "delay": 0.008}
+FRICTION = (*EVERYTHING, "coulomb")
+"""Constants that are fitted for a PD with friction."""
+START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}
+"""Where the fit of a constant begins, that a nominal PD does not have [kg·m²], [s], [N·m]."""
 _BROKEN = 1e3
 """Error of a simulation that broke down [rad]."""
 _BEGINNINGS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18), (1.5, 15.0, 150.0)))
@@ -74,18 +78,17 @@ def fit_pd(
     Returns:
         A PD of one motor; `repeated` copies it for several.
     """
-    error = _closed_loop_error(log, progress)
-    first = np.log([_START.get(name, float(getattr(nominal, name)[0])) for name in free])
+    error = closed_loop_error(log, progress)
+    first = np.log([START.get(name, float(getattr(nominal, name)[0])) for name in free])
 
     def model(values: np.ndarray) -> IdealPd:
         chosen = {name: np.array([value]) for name, value in zip(free, np.exp(values), strict=True)}
         return replace(nominal, **chosen)
 
     def cost(values: np.ndarray) -> float:
-        return error(model(values))
+        return error(repeated(model(values), log.num_joints))
 
-    options = {"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": _simplex(first)}
-    return model(minimize(cost, first, method="Nelder-Mead", options=options).x)
+    return model(least(cost, first).x)
 
 
 def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> IdealPd:
@@ -93,17 +96,22 @@ def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> Id
 
     Nothing needs to be known of the motors: the gains that are tried span small servos and large direct drives.
     """
-    error = _closed_loop_error(log, progress)
+    error = closed_loop_error(log, progress)
     starts = [IdealPd.uniform(1, kp, kp * share, limit) for kp, share, limit in _BEGINNINGS]
-    return repeated(fit_pd(log, min(starts, key=error), EVERYTHING, progress), log.num_joints)
+    return repeated(
+        fit_pd(log, min(starts, key=lambda start: error(repeated(start, log.num_joints))), EVERYTHING, progress),
+        log.num_joints,
+    )
 
 
-def _closed_loop_error(log: MotorLog, progress: Callable[[int], None] | None) -> Callable[[IdealPd], float]:
-    """Mean over motors of the joint RMSE [rad] of the log's commands and loads on the dynamometer."""
+def closed_loop_error(log: MotorLog, progress: Callable[[int], None] | None) -> Callable[[Actuator], float]:
+    """Mean over the log's motors of the joint RMSE [rad] of its commands and loads on the dynamometer.
+
+    Takes models of all of them; one that broke down has an error of 1000 rad. ``progress`` is called after every one.
+    """
     cases = trials(log, _SEGMENTS)
 
-    def error(model: IdealPd) -> float:
-        motors = repeated(model, log.num_joints)
+    def error(motors: Actuator) -> float:
         with np.errstate(over="ignore", invalid="ignore"):
             found = np.mean([rmse(run(motors, trial).joint_pos, truth, axis=0) for trial, truth in cases])
         if progress is not None:
@@ -113,8 +121,11 @@ def _closed_loop_error(log: MotorLog, progress: Callable[[int], None] | None) ->
     return error
 
 
-def _simplex(first: np.ndarray) -> np.ndarray:
-    return np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
+def least(cost: Callable[[np.ndarray], float], first: np.ndarray) -> OptimizeResult:
+    """Nelder-Mead search over (N,) logarithms from ``first``, EVALUATIONS at most."""
+    simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
+    options = {"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
+    return minimize(cost, first, method="Nelder-Mead", options=options)
 
 
 def repeated(model: IdealPd, num_motors: int) -> IdealPd:

@@ -21,6 +21,7 @@ from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.initial_motor import sized_center, states_kd, with_motor
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.speed_limits import SPEED_LIMITS, least_outputs
 from motorprior.identification.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -85,7 +86,7 @@ def fit_fleet(
     """
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
-    fit, held = MotorFit(with_motor(network, center, terms), runs, chosen), _held(terms, runs)
+    fit, held = bounded_fit(network, center, terms, runs, chosen), _held(terms, runs)
     belief, began = weak_belief(len(center)).holding(held), center
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
@@ -108,7 +109,8 @@ def fit_fleet(
         found = again.better(fit.polish(other, belief, steps, reach))
         report()
     z = np.where(held, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
-    center, z = _unlimited(fit, z)
+    z = _unlimited(fit, z, together)
+    center = _center(fit)
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
     center, z = center + middle, z - middle
@@ -127,36 +129,45 @@ def _recentred(fit: MotorFit, found: Fit, held: np.ndarray) -> tuple[MotorFit, F
     z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
     middle = np.where(held, 0.0, np.median(z, axis=0))
     center, left = _center(fit) + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
-    moved = MotorFit(with_motor(fit.network, center, fit.network.motor.terms), fit.runs, fit.mask)
+    moved = bounded_fit(fit.network, center, fit.network.motor.terms, fit.runs, fit.mask)
+    left = moved.within(left)  # a median of others may be out of a motor's reach
     loss = moved.losses(left)
     return moved, Fit(left, loss, loss)
 
 
-def _unlimited(fit: MotorFit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Center (P,) and latents (M, Z) with limits that are ROOM times what the logs reach, where no motor shows its own.
+def bounded_fit(
+    network: LatentNetwork,
+    center: np.ndarray,
+    terms: tuple[str, ...],
+    runs: WindowRuns,
+    chosen: np.ndarray | None = None,
+) -> MotorFit:
+    """A fit around this central motor in which no motor has a limit below the speed that it held (`speed_limits`)."""
+    return MotorFit(with_motor(network, center, terms), runs, chosen, least_outputs(center, terms, runs.held_speed))
 
-    A limit that a log does not show would stay where the search went, and the motors then saturate in others.
+
+def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
+    """(M, Z) latents with limits that are ROOM times what the logs reach, in those motors that do not show their own.
+
+    A limit that a log does not show would stay where the search went, and the motor then saturate in others. Of motors
+    that are fitted together those that show theirs tell of the others, if they are half of them or more.
     """
     assert fit.network.motor is not None
-    center, terms = _center(fit), fit.network.motor.terms
-    names = parameters_of(terms)
+    center, names = _center(fit), parameters_of(fit.network.motor.terms)
     kp = names.index("kp")
-    reached = {
-        "torque_limit": float(np.max(np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request)),
-        "profile_speed": fit.runs.fastest,
-        "no_load_speed": fit.runs.fastest,
-    }
+    asked = np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request
+    reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
     losses = fit.losses(z)
     for name, most in reached.items():
-        if name not in names or not most:
+        if name not in names or not most.max():
             continue
-        row, wider, free = names.index(name), center.copy(), z.copy()
-        wider[row] = max(center[row], np.log(ROOM * most))
-        free[:, row] = np.maximum(center[row] + z[:, row] - wider[row], 0.0)
-        trial = MotorFit(with_motor(fit.network, wider, terms), fit.runs, fit.mask)
-        if np.all(trial.losses(free) <= UNSEEN * losses):
-            fit, center, z = trial, wider, free
-    return center, z
+        row, free = names.index(name), z.copy()
+        farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
+        free[:, row] = np.clip(np.log(ROOM * most.max()) - center[row], z[:, row], farthest)
+        unseen = fit.losses(free) <= UNSEEN * losses
+        if unseen.mean() > 0.5 or not together:
+            z = np.where(unseen[:, None], free, z)
+    return z
 
 
 def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:

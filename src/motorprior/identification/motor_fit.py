@@ -97,10 +97,17 @@ class MotorFit:
         network: decoder from z to motors.
         runs: the logs of M motors.
         chosen: (N,) mask of the windows that count; all if not given.
+        least: (M, Z) bounds of z, which searches and steps keep; none if not given.
     """
 
-    def __init__(self, network: LatentNetwork, runs: WindowRuns, chosen: np.ndarray | None = None):
-        self.network, self.runs, self.mask = network, runs, chosen
+    def __init__(
+        self,
+        network: LatentNetwork,
+        runs: WindowRuns,
+        chosen: np.ndarray | None = None,
+        least: np.ndarray | None = None,
+    ):
+        self.network, self.runs, self.mask, self._least = network, runs, chosen, least
         self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
         self._everyone = np.arange(runs.num_motors)
 
@@ -114,6 +121,10 @@ class MotorFit:
         with np.errstate(over="ignore", invalid="ignore"):
             found = self.runs.residuals(self.network, z, motor)[:, self._chosen]
         return found.reshape(len(motor), -1)
+
+    def within(self, z: np.ndarray) -> np.ndarray:
+        """(M, ..., Z) z, or the bound where it is below."""
+        return z if self._least is None else np.maximum(z, _beside(self._least, z))
 
     def losses(self, z: np.ndarray) -> np.ndarray:
         """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z)."""
@@ -142,6 +153,7 @@ class MotorFit:
 
     def best_of(self, candidates: np.ndarray, belief: Belief) -> np.ndarray:
         """(M, Z) of each motor the candidate with the least energy; candidates are (M, K, Z)."""
+        candidates = self.within(candidates)
         energy = self.losses(candidates) + belief.energy(candidates)
         return candidates[self._everyone, energy.argmin(axis=1)]
 
@@ -173,13 +185,13 @@ class MotorFit:
             reach: of the differences, WIDE or NARROW.
             report: called after every step.
         """
-        z, damping = start, np.full(len(start), 1e-2)
+        z, damping = self.within(start), np.full(len(start), 1e-2)
         loss = self.losses(z)
         energy = loss + belief.energy(z)
         slope, curvature = self._derivatives(z, reach)
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
-            candidates = z[:, None] - self._moves(z, slope, curvature, belief, tried)
+            candidates = self.within(z[:, None] - self._moves(z, slope, curvature, belief, tried))
             losses = self.losses(candidates)
             energies = losses + belief.energy(candidates)
             best = energies.argmin(axis=1)
@@ -201,9 +213,13 @@ class MotorFit:
     def _moves(
         self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, belief: Belief, damping: np.ndarray
     ) -> np.ndarray:
-        """(M, K, Z) steps for K dampings each."""
+        """(M, K, Z) steps for K dampings each; what would leave a bound on which it lies stays, as if it were known."""
         matrix = curvature + belief.precision[..., None] * np.eye(z.shape[1])
         gradient = slope + belief.precision * (z - belief.mean)
+        if self._least is not None:
+            free = (z > self._least) | (gradient < 0.0)
+            gradient = gradient * free
+            matrix = matrix * (free[:, :, None] & free[:, None] | np.eye(z.shape[1], dtype=bool))
         diagonal = np.einsum("mpp->mp", matrix)
         scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
         damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])

@@ -25,7 +25,7 @@ from scipy.stats import wilcoxon
 from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order
-from motorprior.identification.fleet_fit import TURNS, fit_fleet, weak_belief
+from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, weak_belief
 from motorprior.identification.initial_motor import encoded, with_motor
 from motorprior.identification.motor_fit import MotorFit
 from motorprior.identification.window_runs import WindowRuns
@@ -161,7 +161,7 @@ class _Trial:
         ]
         start = np.stack(columns, axis=1)
         center = np.median(start, axis=0)
-        fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._seen)
+        fit = bounded_fit(self._network, center, terms, self._runs, self._seen)
         return self._state(terms, center, fit.polish(start - center, weak_belief(len(center)), _STEPS).z)
 
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:

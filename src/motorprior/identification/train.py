@@ -78,7 +78,8 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and what to say of them.
+        report: called with parts of `work_of` and what to say of them; with 0 several times a second during a fit of
+            physics, so that what it raises ends the fit soon.
         checkpoints: where an interrupted training goes on.
 
     Raises:
@@ -122,7 +123,7 @@ def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Pa
 def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> Identified:
-    runs = WindowRuns(data, preset)
+    runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
     found, saved = _physics(data, preset, runs, seed, report, checkpoints)
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     network = found.network(without_residual(data.scales, preset))
@@ -181,7 +182,8 @@ def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, r
         return Selection((), {})
     motors = len(data.series)
     some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
-    few = WindowRuns(some_stretches(data, preset, max(ROWS, WINDOWS * preset.window)), preset, some)
+    part = some_stretches(data, preset, max(ROWS, WINDOWS * preset.window))
+    few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
     chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
     if not chosen.saved:
         report(_STAGE * len(TERMS), "the log is too short to choose terms by")

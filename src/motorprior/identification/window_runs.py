@@ -10,6 +10,7 @@ a log shows neither backlash nor encoder zero (`closed_loop`), which are then th
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.identification.loss import SCALES
 from motorprior.identification.presets import Preset
+from motorprior.identification.speed_limits import held_speed
 from motorprior.identification.windows import (
     EXTERNAL,
     INERTIA,
@@ -149,12 +151,20 @@ class WindowRuns:
         data: the logs.
         preset: window, warm-up and period.
         motors: of the log that are used; all if not given.
+        beat: called several times a second during `residuals`; what it raises ends them.
 
     Attributes:
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+        held_speed: (M,) speed [rad/s] that each motor held somewhere in the whole log (`speed_limits`).
     """
 
-    def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
+    def __init__(
+        self,
+        data: TrainingData,
+        preset: Preset,
+        motors: np.ndarray | None = None,
+        beat: Callable[[], None] = lambda: None,
+    ):
         series = data.series if motors is None else data.series[motors]
         self.preset, self._measured, self.segments, self.gain_unit = preset, data.measured, [], data.gain_unit
         for part in data.parts:
@@ -164,7 +174,9 @@ class WindowRuns:
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
         self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
-        self._threads = ThreadPoolExecutor(os.cpu_count() or 1)
+        error = series[..., TARGET] - series[..., POS]
+        self.held_speed = held_speed(series[..., VEL], error, preset.period)
+        self._threads, self._beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
 
     @property
     def windows(self) -> int:
@@ -207,7 +219,9 @@ class WindowRuns:
                 some = slice(first, min(first + LANES_PER_TASK, lanes))
                 tasks.append((network, z[some], motor[some], segment, out[some, inside]))
             done += segment.windows
-        list(self._threads.map(lambda task: self._run(*task), tasks))
+        self._beat()
+        for _ in self._threads.map(lambda task: self._run(*task), tasks):
+            self._beat()
         return out
 
     def recorded(self, channel: int) -> np.ndarray:

@@ -12,10 +12,12 @@ from gymnasium.spaces import Box
 from motorprior.bounds import is_number, require_count, require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import evaluate_step
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.locomotion.task import TaskWeights
+from motorprior.locomotion.timetable import Timetable
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -23,18 +25,15 @@ if TYPE_CHECKING:
 
 
 def observation_bounds(num_joints: int) -> np.ndarray:
-    """Of |tilt| [rad], |rates| [rad/s], |joints| [rad] and phase. No episode that goes on comes near them."""
-    return np.array([np.pi, np.pi, 1e3, 1e3, *[4.0 * np.pi] * num_joints, 1.0, 1.0])
+    """Of |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase.
+
+    No episode that goes on comes near them.
+    """
+    return np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *[4.0 * np.pi] * num_joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
 
 
 class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Walk towards world +x, the initial heading.
-
-    Order, which the compiled rollout mirrors:
-        reset: backend.reset; phase = 0; filter state = 0; observation of state and phase.
-        step: filtered = low_pass(action); command = scale(filtered); targets = trot(phase) + residuals,
-        clipped to the joint limits; backend.step(targets); phase advances by the commanded frequency; reward
-        and end from the new state; observation of the new state and the new phase.
+    """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
 
     Args:
         robot: a legged one.
@@ -43,6 +42,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         episode_steps: control steps until truncation.
         control_dt: control period [s]; the robot's if not given.
         draw_sensors: how the sensors err, from the backend's seed and ``episode_steps``; perfect ones if None.
+        commands: drawn by the backend's seed; all that the robot is built for if not given.
+        gait: which leg steps when, see `locomotion.gaits`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
@@ -55,6 +56,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         episode_steps: int = 500,
         control_dt: float | None = None,
         draw_sensors: Callable[[int, int], Sensors] | None = None,
+        commands: Commands | Timetable | None = None,
+        gait: str = "trot",
     ):
         require_count("episode_steps", episode_steps)
         control_dt = robot.control_dt if control_dt is None else control_dt
@@ -63,12 +66,12 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         furthest, self._action_shape = observation_bounds(robot.num_joints), (action_size(robot.num_joints),)
         self.observation_space = Box(-furthest, furthest, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, self._action_shape, np.float64)
-        self._controller, self._backend = GaitController(robot, float(control_dt)), backend
+        self._controller, self._backend = GaitController(robot, float(control_dt), gait), backend
+        self._robot, self._commands, self._schedule = robot, commands or Commands(), np.zeros((0, 2))
         self._weights = (weights or TaskWeights()).array()
         self._episode_steps = episode_steps
         self._draw_sensors = draw_sensors
         self._sensors = perfect_sensors()
-        self._previous_x = 0.0
         self._steps = 0
         self._running = False
 
@@ -94,12 +97,11 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
         self._steps, self._running = 0, True
         self._controller.reset()
-        self._previous_x = float(state.base_pos[0])
         if self._draw_sensors is not None:
             self._sensors = self._draw_sensors(drawn, self._episode_steps)
-        observation = self._controller.observe(state)
-        sense(self._sensors, 0, observation)
-        return observation.copy(), self._info(state)
+        self._schedule = self._commands.schedule(self._robot, drawn, self._episode_steps)
+        self._controller.read(state)
+        return self._observed(), self._info(state)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one control step.
@@ -109,8 +111,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Returns:
             Observation, reward [m], terminated (fell or fault), truncated (time is up), and an info
-            with fault, phase, position_target (joints,) [rad], measured_joint_pos (joints,) [rad], base_pos (3,) [m]
-            and base_quat (4,).
+            with fault, phase, command in force (2,) [m/s, rad/s], position_target (joints,) [rad], measured_joint_pos
+            (joints,) [rad], base_pos (3,) [m] and base_quat (4,).
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
@@ -118,19 +120,23 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         state = self._backend.step(self._controller.command(raw))
         earned, terminated = self._evaluate(state)
         self._steps += 1
-        observation = self._controller.observation
-        if state.fault == 0:
-            sense(self._sensors, self._steps, observation)
+        observation = self._observed() if state.fault == 0 else self._controller.observation.copy()
         truncated = not terminated and self._steps >= self._episode_steps
         self._running = not (terminated or truncated)
-        return observation.copy(), earned, terminated, truncated, self._info(state)
+        return observation, earned, terminated, truncated, self._info(state)
 
     def close(self) -> None:
         """Close the backend."""
         self._backend.close()
 
+    def _observed(self) -> np.ndarray:
+        """The observation of this control step, whose readings are true so far."""
+        sense(self._sensors, self._steps, self._controller.observation)
+        forward, yaw_rate = self._schedule[min(self._steps, self._episode_steps - 1)]
+        return self._controller.follow(forward, yaw_rate).copy()
+
     def _evaluate(self, state: BackendState) -> tuple[float, bool]:
-        """Reward [m] and end of the episode; fills the observation and remembers where the base is."""
+        """Reward [m] and end of the episode; fills the readings of the observation."""
         controller = self._controller
         earned, terminated = evaluate_step(
             controller.body,
@@ -139,22 +145,22 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             state.base_lin_vel,
             state.base_ang_vel,
             state.measured_joint_pos,
+            state.foot_pos,
             float(state.torque_squared_sum),
             int(state.fault),
-            self._previous_x,
-            controller.phase,
+            controller.gait,
             controller.control_dt,
             self._weights,
             controller.observation,
         )
-        self._previous_x = float(state.base_pos[0])
         return float(earned), bool(terminated)
 
     def _info(self, state: BackendState) -> dict[str, Any]:
         """What a recorder or a study wants to know about the step."""
         return {
             "fault": int(state.fault),
-            "phase": float(self._controller.phase),
+            "phase": self._controller.gait.phase,
+            "command": self._controller.gait.twist.copy(),
             "position_target": self._controller.target,
             "measured_joint_pos": np.array(state.measured_joint_pos),
             "base_pos": np.array(state.base_pos),

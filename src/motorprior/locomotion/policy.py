@@ -1,7 +1,8 @@
-"""The linear walking policy: its formulas, compiled, and its file.
+"""The walking policy: its formulas, compiled, and its file.
 
-An action is numbers in [-1, 1]: a residual on the trot's target of every joint, then frequency, intensity, height and
-swing/stance ratio of the trot. Layout and ranges: jietan/puppersim (Apache-2.0).
+An action is numbers in [-1, 1]: a residual on the gait's target of every joint, then frequency, intensity, height,
+swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), the
+turn is added.
 """
 
 from __future__ import annotations
@@ -10,36 +11,45 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from motorprior.artifacts import require_keys, write_tensors
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import MODULATION, action_size, observation_size
+from motorprior.locomotion.body import MODULATION, Body, action_size, observation_size
+from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.robots.robot import Robot
-from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number
+from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number, one_of
 
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
-FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO = 0, 1, 2, 3  # places in a command after the residuals
-FREQUENCY_LOW, FREQUENCY_HIGH = 0.5, 2.0  # [Hz]
-INTENSITY_LOW, INTENSITY_HIGH = 0.0, 1.0
-HEIGHT_LOW, HEIGHT_HIGH = -0.5, 1.0  # [rad] of knee extension
-RATIO_HIGH = 5.0  # time in swing over time in stance; the lowest is 1/5
+FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # places in a command after the residuals
+FREQUENCY_SHARE = 0.4  # the frequency is modulated by this share of the usual one
+INTENSITY_SHARE = 0.75  # and the stride by this share of what the command asks for
+HEIGHT_SHARE = 0.5  # [swing heights] the body is raised or lowered by
+RATIO_HIGH = 2.0  # the swing/stance ratio is at most so many times the usual one; the lowest is its inverse
 
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
     "policy",
-    1,
-    {"control_dt": number(above=0.0), "robot": TEXT, "joint_names": many(TEXT, least=1), "provenance": TABLE},
+    2,
+    {
+        "control_dt": number(above=0.0),
+        "robot": TEXT,
+        "joint_names": many(TEXT, least=1),
+        "gait": one_of(*GAITS),
+        "provenance": TABLE,
+    },
     _REMEDY,
     "policy.safetensors",
     "walk",
 )
 _TENSORS = {
     "weights": Tensor(("actions", "inputs")),
+    "hidden": Tensor(("units", "inputs")),
+    "readout": Tensor(("units", "actions")),
     "observation_mean": Tensor(("observations",)),
     "observation_std": Tensor(("observations",), above=0.0),
     "kp": Tensor(("joints",)),
@@ -47,29 +57,63 @@ _TENSORS = {
 }
 
 
-@njit(cache=True)
-def act(weights: np.ndarray, mean: np.ndarray, std: np.ndarray, observation: np.ndarray, out: np.ndarray) -> None:
-    """Action of the linear policy: clip(W · [n; 1], -1, 1), n = clip((observation - mean) / std, -10, 10).
+class PolicyArrays(NamedTuple):
+    """The numbers of a policy, for compiled code."""
 
-    Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
+    weights: np.ndarray
+    """W, (actions, observations + 1); the last column is the bias"""
+    hidden: np.ndarray
+    """H, (units, observations + 1); no rows for a linear policy"""
+    readout: np.ndarray
+    """V, (units, actions)"""
+    mean: np.ndarray
+    """(observations,) running mean of observations"""
+    std: np.ndarray
+    """(observations,) running standard deviation, > 0"""
+
+
+def zero_policy(num_joints: int) -> PolicyArrays:
+    """The policy that leaves the gait as it is."""
+    observations, actions = observation_size(num_joints), action_size(num_joints)
+    weights = np.zeros((actions, observations + 1))
+    nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
+    return PolicyArrays(weights, *nothing, np.zeros(observations), np.ones(observations))
+
+
+@njit(cache=True)
+def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
+    """Action of a policy: clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1), n = clip((observation - mean) / std, -10, 10).
+
+    Linear where there are no hidden units. Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
 
     Args:
-        weights: shape (actions, observations + 1); the last column is the bias.
-        mean: shape (observations,), running mean of observations.
-        std: shape (observations,), running standard deviation, > 0.
+        policy: its arrays.
         observation: shape (observations,), see `motorprior.locomotion.task.observe`.
         out: shape (actions,), in [-1, 1], overwritten.
     """
+    weights, hidden = policy.weights, policy.hidden
     actions, observations = weights.shape[0], weights.shape[1] - 1
     for i in range(actions):
         out[i] = weights[i, observations]
     for j in range(observations):
-        normalised = (observation[j] - mean[j]) / std[j]
-        normalised = min(NORMALISED_LIMIT, max(-NORMALISED_LIMIT, normalised))
+        normalised = _normalised(policy, observation, j)
         for i in range(actions):
             out[i] += weights[i, j] * normalised
+    for unit in range(hidden.shape[0]):
+        activation = hidden[unit, observations]
+        for j in range(observations):
+            activation += hidden[unit, j] * _normalised(policy, observation, j)
+        activation = math.tanh(activation)
+        for i in range(actions):
+            out[i] += policy.readout[unit, i] * activation
     for i in range(actions):
         out[i] = min(1.0, max(-1.0, out[i]))
+
+
+@njit(cache=True)
+def _normalised(policy: PolicyArrays, observation: np.ndarray, index: int) -> float:
+    value = (observation[index] - policy.mean[index]) / policy.std[index]
+    return min(NORMALISED_LIMIT, max(-NORMALISED_LIMIT, value))
 
 
 @njit(cache=True)
@@ -87,29 +131,26 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def action_to_command(action: np.ndarray, residual: float, out: np.ndarray) -> None:
-    """Scale an action to the trot's units. Zero trots: 1.25 Hz, half intensity, height 0.25, ratio 1.
+def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
+    """Scale an action to the gait's units. Zero is the usual gait: no residual, no turn, the stride of the command.
 
-    Linear in each range but the ratio's, which is 5^action: longer in swing as easily as shorter. Height 0.25
-    stands 12 mm taller than the nominal pose; that is no tiptoe, so zero means the middle of this range too.
+    frequency = f (1 + 0.4 a), intensity = 1 + 0.75 a, height = a · swing_height / 2, ratio = r 2^a: longer in swing as
+    easily as shorter, turn = a · yaw_rate.
 
     Args:
-        action: shape (actions,), in [-1, 1], already filtered.
-        residual: largest residual [rad].
-        out: shape (actions,), overwritten: residuals [rad], frequency [Hz], intensity, height [rad], ratio.
+        body: of the robot; its usual frequency f, ratio r, swing_height, yaw_rate, and largest residual.
+        action: a, shape (actions,), in [-1, 1], already filtered.
+        out: shape (actions,), overwritten: residuals [rad], frequency [Hz], intensity, height [m], ratio, turn [rad/s].
     """
     joints = out.shape[0] - MODULATION
     for joint in range(joints):
-        out[joint] = residual * action[joint]
-    frequency, intensity, height = (
-        0.5 * (action[joints + FREQUENCY] + 1.0),
-        0.5 * (action[joints + INTENSITY] + 1.0),
-        0.5 * (action[joints + HEIGHT] + 1.0),
-    )
-    out[joints + FREQUENCY] = FREQUENCY_LOW + frequency * (FREQUENCY_HIGH - FREQUENCY_LOW)
-    out[joints + INTENSITY] = INTENSITY_LOW + intensity * (INTENSITY_HIGH - INTENSITY_LOW)
-    out[joints + HEIGHT] = HEIGHT_LOW + height * (HEIGHT_HIGH - HEIGHT_LOW)
-    out[joints + SWING_STANCE_RATIO] = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(RATIO_HIGH))
+        out[joint] = body.residual * action[joint]
+    out[joints + FREQUENCY] = body.frequency * (1.0 + FREQUENCY_SHARE * action[joints + FREQUENCY])
+    out[joints + INTENSITY] = 1.0 + INTENSITY_SHARE * action[joints + INTENSITY]
+    out[joints + HEIGHT] = HEIGHT_SHARE * body.swing_height * action[joints + HEIGHT]
+    ratio = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(RATIO_HIGH))
+    out[joints + SWING_STANCE_RATIO] = body.swing_stance_ratio * ratio
+    out[joints + TURN] = body.yaw_rate * action[joints + TURN]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +159,8 @@ class Policy:
 
     Attributes:
         weights: shape (actions, observations + 1), the last column is the bias.
+        hidden: shape (units, observations + 1); no rows for a linear policy.
+        readout: shape (units, actions).
         observation_mean: shape (observations,), units of the observation.
         observation_std: shape (observations,), > 0.
         kp: shape (joints,) [N·m/rad], position gains of the motors in training.
@@ -125,10 +168,13 @@ class Policy:
         control_dt: control period [s] in training.
         robot: name of the robot.
         joint_names: the joints in the order of residuals and observed angles.
+        gait: which leg steps when, see `locomotion.gaits`.
         provenance: settings of its training; JSON values only.
     """
 
     weights: np.ndarray
+    hidden: np.ndarray
+    readout: np.ndarray
     observation_mean: np.ndarray
     observation_std: np.ndarray
     kp: np.ndarray
@@ -136,6 +182,7 @@ class Policy:
     control_dt: float
     robot: str
     joint_names: tuple[str, ...]
+    gait: GaitName = "trot"
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, where: str | Path | None = None) -> None:
@@ -151,9 +198,14 @@ class Policy:
         sizes |= {"observations": observations, "inputs": observations + 1}
         check_tensors({name: getattr(self, name) for name in _TENSORS}, _TENSORS, where, _REMEDY, sizes)
 
+    def arrays(self) -> PolicyArrays:
+        """Its numbers for compiled code; the inner loop of `act` runs over the actions."""
+        weights = np.asfortranarray(self.weights)
+        return PolicyArrays(weights, self.hidden, self.readout, self.observation_mean, self.observation_std)
+
     def _header(self) -> dict[str, Any]:
         return _HEADER.write(
-            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names),
+            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names), gait=self.gait,
             provenance=dict(self.provenance),
         )  # fmt: skip
 
@@ -169,6 +221,18 @@ class Policy:
         if self.joint_names != robot.joint_names:
             problem = f"its joints are {list(self.joint_names)}, the robot's are {list(robot.joint_names)}"
             raise ConfigError(problem, where=where, remedy=remedy)
+
+    def require_gait(self, gait: str, where: str | Path | None = None) -> None:
+        """Refuse a policy of another gait.
+
+        Raises:
+            ConfigError: it was trained for another one.
+        """
+        if self.gait != gait:
+            raise ConfigError(
+                f"the policy was trained to {self.gait}, wanted gait {gait!r}", where=where,
+                remedy=f"use the gait {self.gait}", argument="gait",
+            )  # fmt: skip
 
     def require_clock(self, control_dt: float, where: str | Path | None = None) -> None:
         """Refuse to run at another rate than the policy learned: its low-pass and its trot count control steps.
@@ -199,7 +263,7 @@ class Policy:
         require_keys(tensors, _TENSORS, path, _REMEDY)
         policy = cls(
             **tensors, control_dt=float(header["control_dt"]), robot=header["robot"],
-            joint_names=tuple(header["joint_names"]), provenance=header["provenance"],
+            joint_names=tuple(header["joint_names"]), gait=header["gait"], provenance=header["provenance"],
         )  # fmt: skip
         policy.check(path)
         return policy

@@ -15,15 +15,15 @@ class Sensors(NamedTuple):
 
     noise: np.ndarray
     """(observations, readings) to add to each observation; no rows if there is none"""
-    delay: float
-    """age of a reading [control steps]"""
+    ages: np.ndarray
+    """(observations,) age of the reading in each observation [control steps]"""
     past: np.ndarray
     """(rows, readings) true readings, a delay line; no rows if there is no delay; state"""
 
 
 def perfect_sensors() -> Sensors:
     """Neither noise nor delay."""
-    return Sensors(np.zeros((0, 0)), 0.0, np.zeros((0, 0)))
+    return Sensors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)))
 
 
 @njit(cache=True, nogil=True)
@@ -44,7 +44,7 @@ def sense(sensors: Sensors, count: int, observation: np.ndarray) -> None:
             fill_line(sensors.past, 0, observation[:readings])
         newest = write_line(sensors.past, 0, count, observation[:readings])
         for i in range(readings):
-            observation[i] = interpolated(sensors.past, 0, newest, sensors.delay, i)
+            observation[i] = interpolated(sensors.past, 0, newest, sensors.ages[count], i)
     if sensors.noise.shape[0] > 0:
         for i in range(sensors.noise.shape[1]):
             observation[i] += sensors.noise[count, i]

@@ -1,7 +1,7 @@
 """The walking task: observation, reward, and the end of an episode.
 
-Observation, clipped displacement and limits: jietan/puppersim (Apache-2.0). The reward for staying up, the
-lighter torque penalty and the penalties for not going straight are ours: without the first two a fall pays.
+A robot follows a command: a speed along its own heading and a yaw rate. It observes what it can measure itself:
+attitude and rates of its IMU, its joints, the command, and the heading that its gyroscope adds up.
 """
 
 from __future__ import annotations
@@ -13,10 +13,13 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
-from motorprior.locomotion.body import PHASE_READINGS, TILT_READINGS
+from motorprior.locomotion.body import TILT_READINGS
 from motorprior.rotations import roll_pitch_yaw
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
+SPEED_FILTER = 0.3
+"""Time constant of the speed that is compared with the command [s], about a step of a leg: within a step every gait
+speeds up and slows down."""
 
 
 @dataclass(frozen=True)
@@ -24,24 +27,27 @@ class TaskWeights:
     """Coefficients of the reward, all of which counts as metres walked.
 
     Attributes:
-        max_speed: forward speed beyond which nothing more is earned, and backward speed beyond which nothing
-            more is lost [m/s].
-        alive: for each control step upright [m].
-        torque: against Σ (torque/reference_torque)² over the joints, for each control step [m].
-        lateral: against |sideways speed| [m/s per m/s].
-        yaw_rate: against |yaw rate| [m/s per rad/s].
-        heading: against |yaw| away from the initial heading [m/s per rad].
+        alive: for each second upright [m/s].
+        speed: against |filtered forward speed - commanded speed| [m/s per m/s].
+        lateral: against |filtered sideways speed| [m/s per m/s].
+        heading: against |heading error| [m/s per rad].
+        yaw_rate: against |yaw rate - commanded yaw rate| [m/s per rad/s].
+        tilt: against |roll| + |pitch| [m/s per rad].
+        torque: against Σ (torque/reference_torque)² over the joints [m/s].
+        slip: against Σ sliding speed over the feet on the ground [m/s per m/s].
 
     Raises:
         ConfigError: a coefficient that is negative, not finite or no number.
     """
 
-    max_speed: float = 0.5
-    alive: float = 0.004
-    torque: float = 0.3e-4
-    lateral: float = 0.1
+    alive: float = 1.0
+    speed: float = 2.0
+    lateral: float = 1.0
+    heading: float = 1.0
     yaw_rate: float = 0.02
-    heading: float = 0.4
+    tilt: float = 0.2
+    torque: float = 0.003
+    slip: float = 0.5
 
     def __post_init__(self) -> None:
         """Refuse coefficients that are negative, not finite or no numbers."""
@@ -49,7 +55,7 @@ class TaskWeights:
             require_number(f"task.{name}", value)
 
     def array(self) -> np.ndarray:
-        """Shape (6,), in the order of the attributes, for `reward`."""
+        """Shape (8,), in the order of the attributes, for `reward`."""
         return np.array(astuple(self), dtype=np.float64)
 
 
@@ -58,65 +64,73 @@ def observe(
     base_quat: np.ndarray,
     base_ang_vel_local: np.ndarray,
     measured_joint_pos: np.ndarray,
-    phase: float,
     nominal_pose: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Observation: roll, pitch, their rates, joint angles, (cos 2πφ + 1)/2, (sin 2πφ + 1)/2.
+    """What sensors read: roll, pitch, the three rates, joint angles.
 
-    The rates are the body's own about x and y, as a gyroscope reads them, not derivatives of Euler angles.
+    The rates are the body's own, as a gyroscope reads them, not derivatives of Euler angles.
 
     Args:
         base_quat: shape (4,), (w, x, y, z), base to world.
         base_ang_vel_local: shape (3,) [rad/s], in the body frame.
         measured_joint_pos: shape (joints,) [rad], as the encoders measure it.
-        phase: gait phase φ in [0, 1).
         nominal_pose: shape (joints,) [rad].
-        out: shape (joints + 6,) [rad, rad/s, rad relative to the nominal pose, 0..1], overwritten.
+        out: shape (observations,); its first 5 + joints are overwritten [rad, rad/s, rad relative to the nominal pose].
     """
     roll, pitch, _ = roll_pitch_yaw(base_quat)
     out[0] = roll
     out[1] = pitch
-    out[2] = base_ang_vel_local[0]
-    out[3] = base_ang_vel_local[1]
+    for axis in range(3):
+        out[2 + axis] = base_ang_vel_local[axis]
     for joint in range(nominal_pose.shape[0]):
         out[TILT_READINGS + joint] = measured_joint_pos[joint] - nominal_pose[joint]
-    first = out.shape[0] - PHASE_READINGS
-    out[first] = 0.5 * (math.cos(2.0 * math.pi * phase) + 1.0)
-    out[first + 1] = 0.5 * (math.sin(2.0 * math.pi * phase) + 1.0)
+
+
+@njit(cache=True)
+def heading_rate(observation: np.ndarray) -> float:
+    """Rate of the heading [rad/s] from observed attitude and rates: (ω_y sin φ + ω_z cos φ) / cos θ."""
+    roll, pitch = observation[0], observation[1]
+    return (observation[3] * math.sin(roll) + observation[4] * math.cos(roll)) / math.cos(pitch)
+
+
+@njit(cache=True)
+def wrapped(angle: float) -> float:
+    """The same angle in [-π, π) [rad]."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @njit(cache=True)
 def reward(
-    forward_delta: float,
-    lateral_velocity: float,
-    yaw_rate: float,
-    yaw: float,
+    speed_error: float,
+    lateral_speed: float,
+    heading_error: float,
+    yaw_rate_error: float,
+    tilt: float,
     sum_torque_squared: float,
+    slip: float,
     alive: bool,
     control_dt: float,
     weights: np.ndarray,
 ) -> float:
-    """Reward of one control step [m].
-
-    r = clip(Δx, ±max_speed·dt) + alive - torque·Στ² - dt (lateral·|v_y| + yaw_rate·|ω_z| + heading·|ψ|).
+    """Reward of one control step [m]: dt (alive - Σ weight · |what is wrong|).
 
     Args:
-        forward_delta: Δx, displacement along world x, the initial heading [m].
-        lateral_velocity: v_y, along world y [m/s].
-        yaw_rate: ω_z [rad/s].
-        yaw: ψ, away from the initial heading [rad].
+        speed_error: filtered forward speed less the commanded one [m/s].
+        lateral_speed: filtered speed to the left [m/s].
+        heading_error: heading less the integral of the commanded yaw rate [rad].
+        yaw_rate_error: yaw rate less the commanded one [rad/s].
+        tilt: |roll| + |pitch| [rad].
         sum_torque_squared: Στ², torques over the reference torque, mean over the physics steps of this control step.
+        slip: sum of the speeds at which feet slide on the ground [m/s], see `control_step.sliding`.
         alive: false in the step in which the robot falls.
         control_dt: dt, control period [s].
-        weights: shape (6,), `TaskWeights.array()`.
+        weights: shape (8,), `TaskWeights.array()`.
     """
-    furthest = weights[0] * control_dt
-    earned = min(furthest, max(-furthest, forward_delta)) - weights[2] * sum_torque_squared
-    if alive:
-        earned += weights[1]
-    crooked = weights[3] * abs(lateral_velocity) + weights[4] * abs(yaw_rate) + weights[5] * abs(yaw)
-    return earned - control_dt * crooked
+    earned = weights[0] if alive else 0.0
+    earned -= weights[1] * abs(speed_error) + weights[2] * abs(lateral_speed)
+    earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
+    return control_dt * (earned - weights[5] * tilt - weights[6] * sum_torque_squared - weights[7] * slip)
 
 
 @njit(cache=True)

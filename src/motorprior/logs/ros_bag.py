@@ -10,6 +10,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.mapped_table import if_it_has
+from motorprior.logs.mcap_chunks import mcap_messages
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.table_columns import unreadable
 from motorprior.robots.robot import Robot
@@ -121,20 +123,25 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
             remedy='pip install "motorprior[ros]"',
         ) from error  # fmt: skip
     with open(path, "rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        summary = reader.get_summary()
+        summary = make_reader(file).get_summary()
         if summary is None:
             raise LogError(
                 "the bag has no summary: its recorder was not closed",
                 where=path,
                 remedy="repair it with `mcap recover`",
             )
-        kinds, channels = summary.schemas, list(summary.channels.values())
-        topics = [c.topic for c in channels if c.schema_id in kinds and kinds[c.schema_id].name == JOINT_STATE]
-        if not topics:
+        kinds = {number: kind for number, kind in summary.schemas.items() if kind.name == JOINT_STATE}
+        channels = {number: channel for number, channel in summary.channels.items() if channel.schema_id in kinds}
+        if not channels:
             raise LogError(f"no topic of {JOINT_STATE}", where=path, remedy=_REMEDY)
-        for _, channel, message, content in reader.iter_decoded_messages(topics=topics):
-            yield channel.topic, message.log_time, content
+        found = [
+            (message.log_time, message.channel_id, message.data)
+            for message in mcap_messages(file, summary.chunk_indexes, set(channels), path)
+        ]
+    factory = DecoderFactory()
+    decoders = {n: factory.decoder_for(c.message_encoding, kinds[c.schema_id]) for n, c in channels.items()}
+    for time, number, data in sorted(found, key=itemgetter(0)):
+        yield channels[number].topic, time, decoders[number](data)
 
 
 def _state_and_command(topics: dict[str, _Topic], path: Path) -> tuple[_Topic, _Topic]:

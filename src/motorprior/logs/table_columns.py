@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -65,7 +67,7 @@ def _batches(path: Path, names: list[str]) -> Iterator[Any]:
         with pq.ParquetFile(path, pre_buffer=False) as file:  # or it holds the whole file in memory
             wanted = present(file.schema_arrow.names, names, path)
             _require_numbers(file.schema_arrow, wanted, path)
-            _require_few(file.metadata, set(wanted), path)
+            _require_few(file, set(wanted), path)
             yield from file.iter_batches(columns=wanted)
     else:
         yield from csv_batches(path, present(list(csv_head(path).names), names, path))
@@ -100,14 +102,40 @@ def _require_numbers(schema: Any, wanted: list[str], path: Path) -> None:
             raise LogError(f"{name} is {kind}, not numbers", where=path, remedy=CORRECT)
 
 
-def _require_few(metadata: Any, wanted: set[str], path: Path) -> None:
+def _require_few(file: Any, wanted: set[str], path: Path) -> None:
     """Refuse columns of lists that unfold to more numbers than a log may have."""
-    groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
-    used = [k for k in range(metadata.num_columns) if metadata.schema.column(k).path.split(".")[0] in wanted]
-    count = sum(group.column(k).num_values for group in groups for k in used)
+    schema, metadata = file.schema_arrow, file.metadata
+    lists = {name for name in wanted if hasattr(schema.field(name).type, "value_type")}
+    count = metadata.num_rows * (len(wanted) - len(lists))
+    if lists:
+        used = [k for k in range(metadata.num_columns) if metadata.schema.column(k).path.split(".")[0] in lists]
+        count += _numbers_in(path, used)
     if count > MAX_NUMBERS:
         problem = f"{count} numbers in {', '.join(sorted(wanted))}, more than {MAX_NUMBERS}"
         raise LogError(problem, where=path, remedy="split the recording")
+
+
+_COUNT = """
+import sys, pyarrow.parquet
+metadata = pyarrow.parquet.read_metadata(sys.argv[1])
+groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
+print(sum(group.column(int(k)).num_values for group in groups for k in sys.argv[2:]))
+"""
+
+
+def _numbers_in(path: Path, columns: list[int]) -> int:
+    """Numbers in some columns of a Parquet file, as it says itself.
+
+    Asked in a process of its own: pyarrow ends the process that asks about a column whose size statistics are damaged.
+
+    Raises:
+        LogError: that process ended.
+    """
+    words = [sys.executable, "-c", _COUNT, str(path.absolute()), *map(str, columns)]
+    asked = subprocess.run(words, capture_output=True, text=True, check=False)
+    if asked.returncode != 0 or not asked.stdout.strip().isdigit():
+        raise LogError("cannot be read (the description of a column is damaged)", where=path, remedy=COPY_AGAIN)
+    return int(asked.stdout)
 
 
 def present(have: list[str], names: list[str], path: Path) -> list[str]:

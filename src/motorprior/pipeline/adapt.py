@@ -18,7 +18,7 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.motor_choice import prior_and_robot
+from motorprior.pipeline.prior_file import prior_and_robot
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet_file import write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.pipeline.log_postures import PostureName, replayers_of
 from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.replay import read_logs
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.fleet_calibration import Calibration, calibrate, calibrated_fleet, is_identified, searches
 from motorprior.transfer.fleet_problem import FleetProblem
+from motorprior.transfer.real_replay import Replayer
 
-FLEET, PICTURE = "fleet.toml", "calibration.png"
+FLEET, PICTURE, PRIOR_BANDS = "fleet.toml", "calibration.png", "prior"
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,9 @@ class Calibrate:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     fleet: str | None = None
     """Fleet where the fit begins, and what the logs cannot tell stays; the robot's own if none is given."""
+    prior: Path | None = None
+    """Prior of the fitted fleet, from its bench: its 50 and 90 % bands are drawn over the same logs. The fit is not
+    repeated."""
     posture: PostureName = "auto"
     """How the robot's base was held: standing on its feet, or hung in the air. "auto" takes what a log states, or the
     one in which the fleet's central motor replays it clearly better."""
@@ -50,21 +58,42 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
     """Calibrate, or read what this very calibration found.
 
     Raises:
-        LogError, ArtifactError, ConfigError: a log, fleet or setting that cannot be used.
+        LogError, ArtifactError, ConfigError: a log, fleet, prior or setting that cannot be used.
     """
     for name in ("starts", "iterations", "draws"):
         require_count(name, getattr(config, name))
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    fleet = load_robot_fleet(robot, config.fleet)
+    fleet, prior = load_robot_fleet(robot, config.fleet), config.prior and load_prior(config.prior, robot)
     logs, prepared = read_logs(config.logs, robot)
     files = sorted(path for path in config.logs.iterdir() if path.is_file()) if config.logs.is_dir() else [config.logs]
-    wanted = description("calibrate", asdict(config), [*fleet_files(robot, config.fleet), *files, *robot.files])
+    settings = {name: value for name, value in asdict(config).items() if name != "prior"}
+    wanted = description("calibrate", settings, [*fleet_files(robot, config.fleet), *files, *robot.files])
+    ready = cache(lambda: replayers_of(logs, prepared, robot, fleet, config.posture, progress))
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress)
-            _calibrate(config, FleetProblem(fleet, robot, replayers), progress)
-    return read_results(config.out)
+            _calibrate(config, FleetProblem(fleet, robot, ready()), progress)
+    if config.prior is None or prior is None:
+        return read_results(config.out)
+    folder, inputs = config.out / PRIOR_BANDS, [config.prior, config.out / FLEET, *files, *robot.files]
+    wanted = description("calibrate", settings, inputs)
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            _draw_prior(config, folder, ready(), robot, prior, progress)
+    return read_results(config.out) + read_results(folder)
+
+
+def _draw_prior(
+    config: Calibrate, folder: Path, replayers: dict[str, Replayer], robot: Robot, prior: MotorPrior, progress: Progress
+) -> None:
+    """The picture of a prior's bands beside those of the fleet that was fitted, and how much they hold."""
+    from motorprior.pipeline.calibration_bands import draw_prior_bands
+
+    fleet = load_robot_fleet(robot, str(config.out / FLEET))
+    with progress.start(f"{config.draws} draws of the prior", len(replayers)) as task:
+        picture, covered = draw_prior_bands(replayers, robot, fleet, prior, config.draws, config.seed, task)
+    (folder / PICTURE).write_bytes(picture)
+    write_results(folder, covered)
 
 
 def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorSource, drawn_from
 from motorprior.pipeline.progress import SILENT, Progress
@@ -16,7 +17,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 from motorprior.transfer.study import DRAWS, evaluate
-from motorprior.transfer.twin import DURATION_STEPS, twin_simulator
+from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, twin_simulator
 
 _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
@@ -28,7 +29,7 @@ def compare(
     *,
     progress: Progress = SILENT,
 ) -> Results:
-    """Walk every policy on every set of motors, 24 draws of 5 s each; the same draws for all policies.
+    """Walk every policy on every set of motors, 24 draws of 5 s each, straight ahead; the same draws for all policies.
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.
@@ -55,22 +56,24 @@ def compare(
         for policy in each:
             policy.require_robot(robot, name)
             policy.require_clock(robot.control_dt, name)
-    simulators = {name: _simulator(robot, motors) for name, motors in twins.items()}
-    count = sum(map(len, seeds.values())) * len(simulators)
+    gaits: set[GaitName] = {policy.gait for each in seeds.values() for policy in each}
+    simulators = {(name, gait): _simulator(robot, twins[name], gait) for name in twins for gait in gaits}
+    count = sum(map(len, seeds.values())) * len(twins)
     rows = []
     with progress.start(f"compare: {count} x {DRAWS} draws", DRAWS * count) as task:
         for model, each in seeds.items():
-            for motor_set, simulator in simulators.items():
+            for motor_set in twins:
                 for seed, policy in enumerate(each):
-                    walking, _ = evaluate(robot, policy, simulator, task.advance)
+                    walking, _ = evaluate(robot, policy, simulators[motor_set, policy.gait], task.advance)
                     for quantity, unit in _UNITS.items():
                         value = getattr(walking, quantity)
                         rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))
     return Results.of(rows)
 
 
-def _simulator(robot: Robot, motors: MotorSource) -> WalkSimulator:
+def _simulator(robot: Robot, motors: MotorSource, gait: GaitName) -> WalkSimulator:
     if isinstance(motors, Fleet):
-        return twin_simulator(robot, motors)
+        return twin_simulator(robot, motors, gait)
     draw, physics_dt = drawn_from(motors, robot)
-    return WalkSimulator(draw, WorldConfig.of(robot, physics_dt=physics_dt), WalkConfig(DURATION_STEPS))
+    walk = WalkConfig(DURATION_STEPS, commands=straight_ahead(robot), gait=gait)
+    return WalkSimulator(draw, WorldConfig.of(robot, physics_dt=physics_dt), walk)

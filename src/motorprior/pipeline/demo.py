@@ -28,12 +28,12 @@ from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, s
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
 from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.pipeline.walk_seeds import SEEDS_APART
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.search.ars import ArsConfig
+from motorprior.simulation.randomization import Randomization
 
-SEEDS_APART = 1000
-"""Policies of different demo seeds share no search seed."""
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 Made = TypeVar("Made")
 
@@ -218,6 +218,7 @@ def _walks(config: Demo) -> list[Walk]:
             config.out / "walk" / f"{name}_{seed}",
             motors,
             iterations=config.iterations,
+            randomization=Randomization(),  # the motors alone differ between conditions
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
             workers=max(1, config.workers // policies),  # more than one where cores are left over
             robot=config.robot,

@@ -39,7 +39,7 @@ class Demo:
     """Samples per motor and preset."""
     adam_steps: int | None = None
     """Adam steps of each identification; the preset's own number if not given."""
-    iterations: int = 100
+    iterations: int = 50
     """ARS iterations per policy."""
     seeds: int = 2
     """Policies per condition."""

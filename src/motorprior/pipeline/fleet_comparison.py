@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -14,8 +14,8 @@ DRAWS = 400
 """Of the fleet."""
 LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 ALIKE = 1.05
-"""Most over least of a constant that logs do not show: where motors are no farther apart, the fit left it where its
-search ended by chance; of one motor alone, nothing tells."""
+"""Most over least of a constant that logs do not show, unless they feel it (`identification.felt`): where motors are no
+farther apart, the fit left it where its search ended by chance."""
 TOLD = 3
 """Most constants in which motors are said to differ from each other."""
 
@@ -43,14 +43,13 @@ def beside_the_fleet(fleet: Fleet, constants: Mapping[str, np.ndarray], units: M
     return said + (f"; inside in {', '.join(inside)}" if inside else "")
 
 
-def shown_by_logs(constants: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The constants in which the motors differ by more than ALIKE."""
-    return {name: values for name, values in constants.items() if _ratio(values) > ALIKE}
+def shown_by_logs(constants: Mapping[str, np.ndarray], felt: Collection[str]) -> dict[str, np.ndarray]:
+    """The constants that the logs feel, or in which the motors differ by more than ALIKE."""
+    return {name: values for name, values in constants.items() if name in felt or _ratio(values) > ALIKE}
 
 
-def not_shown_results(constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Results:
-    """A row for each of the others, with the motors' median."""
-    shown = shown_by_logs(constants)
+def not_shown_results(constants: Mapping[str, np.ndarray], shown: Collection[str], units: Mapping[str, str]) -> Results:
+    """A row for each constant that is not ``shown``, with the motors' median."""
     return Results.of(
         Result(f"{CONSTANT}{name}", units[name], float(np.median(values)), statistic=NOT_SHOWN)
         for name, values in constants.items()
@@ -58,14 +57,26 @@ def not_shown_results(constants: Mapping[str, np.ndarray], units: Mapping[str, s
     )
 
 
-def beside_each_other(constants: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
-    """A sentence: the constants in which the motors differ most, and those that the logs do not show."""
-    shown = shown_by_logs(constants)
-    most = sorted(shown, key=lambda name: -_ratio(shown[name]))[:TOLD]
-    differ = [f"{name} ({np.min(shown[name]):.3g} to {np.max(shown[name]):.3g} {units[name]})" for name in most]
-    said = f"your motors differ most in {', '.join(differ)}" if differ else "no constant tells your motors apart"
+def beside_each_other(
+    constants: Mapping[str, np.ndarray], shown: Mapping[str, np.ndarray], units: Mapping[str, str]
+) -> str:
+    """A sentence: the constants in which the motors differ most, and those that the logs do not show.
+
+    Of one motor, all that are ``shown``.
+    """
+    if all(len(values) == 1 for values in constants.values()):
+        values = [f"{name} {float(value[0]):.3g} {units[name]}" for name, value in shown.items()]
+        said = f"your motor has {', '.join(values)}" if values else "the logs tell no constant of your motor"
+    else:
+        said = _differences({name: values for name, values in shown.items() if _ratio(values) > ALIKE}, units)
     hidden = [name for name in constants if name not in shown]
     return said + (f"; not shown by the logs: {', '.join(hidden)}" if hidden else "")
+
+
+def _differences(apart: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    most = sorted(apart, key=lambda name: -_ratio(apart[name]))[:TOLD]
+    differ = [f"{name} ({np.min(apart[name]):.3g} to {np.max(apart[name]):.3g} {units[name]})" for name in most]
+    return f"your motors differ most in {', '.join(differ)}" if differ else "no constant tells your motors apart"
 
 
 def _ratio(values: np.ndarray) -> float:

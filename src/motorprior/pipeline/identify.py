@@ -190,6 +190,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     from motorprior.identification.reference import reference_metrics
     from motorprior.identification.standardise import MOTORS_TO_TRUST, widened
     from motorprior.identification.train import identify, work_of
+    from motorprior.identification.used_share import used_share
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
@@ -197,12 +198,16 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
             f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
             f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
         )
+    said = ""
+    progress.note(used_share(data, recipe))
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
 
         def report(work: int, text: str) -> None:
-            if kept is not None:
+            if kept is not None and work:
                 kept.clock.note()
-            task.advance(work, text)
+            nonlocal said
+            said = text or said  # a beat has nothing to say
+            task.advance(work, said)
 
         found = identify(data, recipe, job.seed, report, kept)
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,15 +90,16 @@ def look_with_loads(
         traces += (free_run_trace(errors.logs[place[0]], known.joint_names[place[1]], place[1], runs, models),)
     names = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())
     constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in names}
+    shown = shown_by_logs(constants, _felt(prior, known, preset, constants))
     lines = (
         errors.compared(),
         *_warned(prior),
-        *_told(prior, constants, fleet, known.joint_names),
+        *_told(prior, constants, shown, fleet, known.joint_names),
         errors.unlike("prior"),
     )
-    shown = shown_by_logs(constants)
     rows = errors.rows(RMSE) + short.rows(FREE_RUN) + constant_results(shown, SHOWN, known.joint_names)
-    rows += not_shown_results(constants, SHOWN) + (Results() if fleet is None else fleet_results(fleet, shown, SHOWN))
+    rows += not_shown_results(constants, shown, SHOWN)
+    rows += Results() if fleet is None else fleet_results(fleet, shown, SHOWN)
     return Look(lines, rows, traces)
 
 
@@ -143,18 +145,33 @@ def _warned(prior: MotorPrior) -> list[str]:
     ]
 
 
+def _felt(prior: MotorPrior, known: MotorLog, preset: Preset, names: Iterable[str]) -> frozenset[str]:
+    """The constants that the known log feels."""
+    from motorprior.identification.felt import felt_constants
+    from motorprior.identification.window_runs import WindowRuns
+    from motorprior.identification.windows import training_data
+
+    preset = with_gains_of(preset, known)
+    runs = WindowRuns(training_data(known, preset, known.source), preset)
+    return felt_constants(prior.network, runs, prior.mean, names)
+
+
 def _told(
-    prior: MotorPrior, constants: dict[str, np.ndarray], fleet: Fleet | None, joints: tuple[str, ...]
+    prior: MotorPrior,
+    constants: dict[str, np.ndarray],
+    shown: dict[str, np.ndarray],
+    fleet: Fleet | None,
+    joints: tuple[str, ...],
 ) -> list[str]:
     """How the motors differ from each other and from a fleet of theirs."""
     from motorprior.identification.stand_out import stand_out
 
     odd, lines = stand_out(prior), []
     if constants:
-        lines.append(beside_each_other(constants, SHOWN))
+        lines.append(beside_each_other(constants, shown, SHOWN))
     if odd is not None:
         lines.append(_stands_out(odd, joints))
-    if fleet is not None and (shown := shown_by_logs(constants)):
+    if fleet is not None and shown:
         lines.append(beside_the_fleet(fleet, shown, SHOWN))
     return lines
 

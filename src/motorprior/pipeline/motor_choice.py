@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.friction_pd import FRICTION_PD, FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet, load_fleet
-from motorprior.bench.recording import BENCH
 from motorprior.bounds import require_number
-from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.stage import fleet_files
-from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.mujoco_backend import DrawMotors
 
 ActuatorName: TypeAlias = Literal["prior", "pd", "fleet"]
@@ -30,63 +28,11 @@ ACTUATORS: tuple[ActuatorName, ...] = get_args(ActuatorName)
 LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
+_OF_A_PD = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread")
+_OF_A_PRIOR = ("latent_spread",)
+_WIDEST, _LARGEST_SPREAD = 0.9, 10.0
 _LARGEST_OF_A_PD = {"kp": 1e9, "kd": 1e9, "torque_limit": 1e9, "armature": 1e3}
 """[N·m/rad], [N·m·s/rad], [N·m], [kg·m²]: beyond any motor, and far from what overflows."""
-
-
-def load_prior(path: Path, robot: Robot) -> MotorPrior:
-    """A prior that this robot can be simulated with.
-
-    Raises:
-        ArtifactError: a file that is no prior.
-        ConfigError: a prior of another robot, or one that does not fit its physics step.
-    """
-    return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
-
-
-def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:
-    """A prior for the motors of a log, and the robot that is meant: none where the log's own name of it is enough.
-
-    Without ``robot`` prior and log must name the same one, whatever it is; the log of a bench, which names none, is of
-    the default robot.
-
-    Raises:
-        ArtifactError: a file that is no prior, or no such robot.
-        ConfigError: a prior of another robot.
-    """
-    if robot is None and log.robot != BENCH:
-        return _loaded(path, lambda prior: _require_robot_of(prior, log)), None
-    given = load_robot(robot or DEFAULT_ROBOT)
-    return load_prior(path, given), given
-
-
-def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
-    try:
-        prior = MotorPrior.load(path)
-        require(prior)
-        _require_all_motors(prior)
-    except (ArtifactError, ConfigError) as error:
-        remedy = error.remedy or "use a prior that `motorprior identify` wrote"
-        raise type(error)(error.problem, where=path, remedy=remedy) from error
-    return prior
-
-
-def _require_robot_of(prior: MotorPrior, log: MotorLog) -> None:
-    if prior.robot != log.robot:
-        raise ConfigError(
-            f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
-            remedy="identify a prior from logs of that robot, or give robot if the log is of another than it says",
-        )
-
-
-def _require_all_motors(prior: MotorPrior) -> None:
-    """Refuse a prior that does not hold one mean per motor of the bench it says it is from."""
-    bench = prior.provenance.get("bench")
-    said = bench.get("motors") if isinstance(bench, dict) else None
-    if said is not None and said != len(prior.mean):
-        raise ArtifactError(
-            f"it has {len(prior.mean)} training motors, its bench {str(said)[:20]}", remedy="identify it again"
-        )
 
 
 def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None) -> Fleet:
@@ -117,6 +63,12 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
     """The ideal PD: the gains and the torque limit of the fleet's central motor, nothing else."""
     center = fleet.center(1)
     return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
+
+
+def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
+    """Gains that the log states in the prior's unit; the robot's where it states none."""
+    stated = stated_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
+    return told_gains(prior, robot) if stated is None else stated
 
 
 def told_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
@@ -186,6 +138,14 @@ class MotorChoice:
     """Reflected inertia of the PD's motors [kg·m²]."""
     delay: float = 0.0
     """Delay of the PD's target [s]."""
+    coulomb: float = 0.0
+    """Coulomb friction of the PD's motors [N·m], which must have armature."""
+    spread: float = 0.0
+    """Every constant of the PD is drawn anew for every motor and episode, uniformly within this share of itself [-]."""
+    latent_spread: float = 1.0
+    """Factor on the standard deviation of z, for the actuator prior without a posterior: 0 is its mean motor [-]."""
+    name: str | None = None
+    """What these motors are called in a study; by what they are if not given."""
 
     def physics_dt(self, robot: Robot) -> float:
         """The step [s] that these motors are simulated at, see `Robot.physics_step`."""
@@ -194,12 +154,19 @@ class MotorChoice:
         return robot.physics_step(load_robot_fleet(robot, self.fleet).kind.longest_step)
 
     def condition(self) -> str:
-        """The name these motors have in a study: ideal_pd, tuned_pd, oracle, or the prior's preset."""
+        """The name these motors have in a study: their own, else that of their model, or of the prior's preset."""
+        if self.name is not None:
+            return self.name
         if self.actuator == "fleet":
             return "oracle"
         if self.actuator == "pd":
+            if self.spread:
+                return "pd_randomised"
+            if self.coulomb:
+                return FRICTION_PD.name
             return "tuned_pd" if self.armature or self.delay else "ideal_pd"
-        return MotorPrior.load(self.prior).preset if self.prior is not None else "prior"
+        preset = MotorPrior.load(self.prior).preset if self.prior is not None else "prior"
+        return preset if self.latent_spread == 1.0 else f"{preset}, z × {self.latent_spread:g}"
 
     def inputs(self, robot: Robot) -> list[Path]:
         """Files the choice depends on."""
@@ -231,6 +198,7 @@ class MotorChoice:
                     remedy="leave one of them out",
                     argument="actuator",
                 )
+        self._refuse_what_has_no_effect()
         if self.actuator == "fleet":
             return drawn_from(load_robot_fleet(robot, self.fleet), robot)[0]
         if self.actuator == "pd":
@@ -241,12 +209,30 @@ class MotorChoice:
                 argument="actuator",
             )  # fmt: skip
         prior = load_prior(self.prior, robot)
+        require_number("latent_spread", self.latent_spread, most=_LARGEST_SPREAD)
         if self.posterior is None:
-            return drawn_from(prior, robot)[0]
+            gains, count = told_gains(prior, robot), robot.num_joints
+            return lambda rng: prior.sample(count, rng, gains, self.latent_spread)
         try:
             return drawn_from(MotorPosterior.load(self.posterior, prior), robot)[0]
         except ConfigError as error:
             raise ConfigError(error.problem, where=self.posterior, remedy=error.remedy) from error
+
+    def _refuse_what_has_no_effect(self) -> None:
+        """Refuse numbers of a PD or a prior for motors that are none.
+
+        Raises:
+            ConfigError: names the number.
+        """
+        used = {"pd": _OF_A_PD, "prior": () if self.posterior is not None else _OF_A_PRIOR, "fleet": ()}[self.actuator]
+        for field in fields(self):
+            given = getattr(self, field.name)
+            if field.name in (*_OF_A_PD, *_OF_A_PRIOR) and field.name not in used and given != field.default:
+                posterior = " with a posterior" if self.posterior is not None else ""
+                raise ConfigError(
+                    f"{field.name} {given:g} has no effect on actuator {self.actuator}{posterior}",
+                    remedy="leave it out, or use another actuator", argument=field.name,
+                )  # fmt: skip
 
     def _pd(self, robot: Robot) -> DrawMotors:
         nominal, changes = self.nominal(robot), {}
@@ -256,8 +242,26 @@ class MotorChoice:
                 require_number(name, value, most=largest)
                 changes[name] = np.full(robot.num_joints, float(value))
         require_number("delay", self.delay, most=LONGEST_DELAY)
+        require_number("coulomb", self.coulomb, most=_LARGEST_OF_A_PD["torque_limit"])
+        require_number("spread", self.spread, most=_WIDEST)
+        if self.coulomb and not self.armature:
+            raise ConfigError(
+                f"coulomb {self.coulomb:g} N·m without armature", argument="coulomb",
+                remedy="give the PD's armature too: friction acts on the rotor",
+            )  # fmt: skip
         model = replace(nominal, **changes, delay=np.full(robot.num_joints, float(self.delay)))
-        return lambda rng: model
+        coulomb = np.full(robot.num_joints, float(self.coulomb))
+        return lambda rng: _spread_pd(model, coulomb, self.spread, rng)
+
+
+def _spread_pd(model: IdealPd, coulomb: np.ndarray, spread: float, rng: np.random.Generator) -> Actuator:
+    """The PD with every constant times its own draw from 1 ± spread; without friction an ideal one."""
+
+    def drawn(values: np.ndarray) -> np.ndarray:
+        return values * rng.uniform(1.0 - spread, 1.0 + spread, len(values)) if spread else values
+
+    pd = IdealPd(*(drawn(getattr(model, field.name)) for field in fields(model)))
+    return FrictionPd(pd, drawn(coulomb)) if coulomb.any() else pd
 
 
 def _of_the_robot(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:

@@ -8,7 +8,7 @@ very digest is used.
 from __future__ import annotations
 
 import os
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -26,15 +26,17 @@ _REMEDY = "train it again"
 _FILES = ("prior", "posterior", "fleet")
 _KEYS = tuple(f"{name}{ending}" for name in _FILES for ending in ("", "_beside", "_sha256"))
 """The file's name, or that of a shipped fleet; the way to it from the policy's folder; its SHA-256."""
+_NEWER = ("coulomb", "spread", "latent_spread")
 _CHOICE = Schema(
     {
         "actuator": one_of(*ACTUATORS),
         **dict.fromkeys(_KEYS, maybe(TEXT)),
         **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-_LARGEST, _LARGEST))),
-        **dict.fromkeys(("armature", "delay"), number(-_LARGEST, _LARGEST)),
+        **dict.fromkeys(("armature", "delay", *_NEWER), number(-_LARGEST, _LARGEST)),
+        "name": maybe(TEXT),
     },
     _REMEDY,
-    optional=frozenset({"fleet_beside", "fleet_sha256"}),  # policies of earlier versions lack them
+    optional=frozenset({"fleet_beside", "fleet_sha256", "name", *_NEWER}),  # policies of earlier versions lack them
     name="its motors",
 )
 
@@ -66,7 +68,8 @@ def choice_from_json(data: Any, policy: Path) -> MotorChoice:
     if not isinstance(data, dict):
         raise ArtifactError("it does not say which motors it walked on", where=policy, remedy=_REMEDY)
     _CHOICE.check(data, policy)
-    data = dict.fromkeys(_KEYS) | data
+    defaults = {field.name: field.default for field in fields(MotorChoice)}
+    data = dict.fromkeys(_KEYS) | defaults | data
     values: dict[str, Any] = {name: data[name] for name in MotorChoice.__dataclass_fields__}
     for name in ("prior", "posterior"):
         values[name] = None if data[name] is None else _found(name, data, policy)

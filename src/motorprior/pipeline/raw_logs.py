@@ -14,6 +14,7 @@ from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import resample
 from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
+from motorprior.pipeline.folder_lock import taken
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -67,7 +68,8 @@ def import_logs(config: LogsImport) -> None:
 
     Raises:
         ConfigError: two logs would get the same name, or a period that is out of range, or too short for a log.
-        LogError, ArtifactError: a log that cannot be read, a folder that cannot be written.
+        LogError, ArtifactError: a log that cannot be read, a folder that cannot be written, or that another command
+            writes to: of two logs of one name only one would be left.
     """
     require_paths(config.paths)
     if config.period is not None:
@@ -79,8 +81,9 @@ def import_logs(config: LogsImport) -> None:
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
-    for target, path in targets.items():
-        write_log(target, _imported(path, robot, config))
+    with taken(config.out):
+        for target, path in targets.items():
+            write_log(target, _imported(path, robot, config))
 
 
 def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:

@@ -14,10 +14,11 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.logs.checks import check_log
 from motorprior.logs.joint_checks import excited_joints
-from motorprior.logs.motor_log import MotorLog, stated_gains_of
+from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.log_folder import read_log_folder
 from motorprior.pipeline.log_postures import PostureName, replayers_of
-from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd, told_gains
+from motorprior.pipeline.motor_choice import gains_for, load_robot_fleet, nominal_pd
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
@@ -125,7 +126,7 @@ def _replay_models(
         "physical": [fleet.center(robot.num_joints).actuator()],
         "physical_draws": [fleet.sample(robot.num_joints, rng).actuator() for _ in range(config.draws)],
         prior.preset: [
-            prior.sample(robot.num_joints, rng, _told(prior, robot, replayer.prepared)) for _ in range(config.draws)
+            prior.sample(robot.num_joints, rng, gains_for(prior, robot, replayer.prepared)) for _ in range(config.draws)
         ],
     }
     results: dict[str, list[LogReplay]] = {}
@@ -134,12 +135,6 @@ def _replay_models(
             results.setdefault(name, []).append(replayer.run(actuator))
             task.advance()
     return results
-
-
-def _told(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
-    """Gains that the log states in the prior's unit; the robot's where it states none."""
-    stated = stated_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
-    return told_gains(prior, robot) if stated is None else stated
 
 
 def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Results:

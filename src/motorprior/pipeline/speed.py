@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.pipeline.motor_choice import load_prior, load_robot_fleet, nominal_pd
+from motorprior.pipeline.motor_choice import load_robot_fleet, nominal_pd
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.robot import Robot

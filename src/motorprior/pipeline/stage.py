@@ -39,6 +39,7 @@ _STAGES = (
     "real_motors",
     "walk",
     "transfer",
+    "study",
 )
 _NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify")}
 """Stages whose own module another one's numbers depend on."""
@@ -49,6 +50,13 @@ _NO_NUMBERS = (
         for name in ("progress", "side_by_side", "stage", "folder_lock", "demo", "demo_settings", "report", "speed")
     ),
     *("pipeline/train_policy.py", "pipeline/comparison.py"),
+    *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),
+    *(f"transfer/{name}.py" for name in ("statistics", "study_summary", "study_verdicts", "study_results")),  # judges
+    *(
+        f"pipeline/{name}.py"
+        for name in ("play", "walk_film", "schedule_file", "robustness", "walk_report", "walk_metrics", "walk_seeds")
+    ),
+    *("simulation/render*.py", "simulation/viewer.py", "simulation/camera.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
 )
 """What no stage computes with; a robot, real or virtual, is not part of any."""

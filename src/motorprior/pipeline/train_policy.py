@@ -10,6 +10,8 @@ from typing import Any
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
@@ -21,7 +23,9 @@ from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
 from motorprior.search.policy_search import Champion, Iteration, contest, new_search, train
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
+from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import WalkConfig
 
 
@@ -32,7 +36,10 @@ def train_policy(
     iterations: int = 200,
     seed: int = 0,
     workers: int | None = None,
-    episode_steps: int = 250,
+    episode_steps: int = 500,
+    gait: GaitName = "trot",
+    commands: Commands | None = None,
+    randomization: Randomization = ROBUST,
     start: Policy | None = None,
     progress: Progress = SILENT,
 ) -> Policy:
@@ -46,7 +53,10 @@ def train_policy(
         seed: of the search and of the draws; same arguments, same bytes, whatever ``workers``.
         workers: episodes at a time; two, or as many as there are cores, if not given.
         episode_steps: control steps per episode.
-        start: a policy to go on from; a trot in place if not given. What comes out is never worse on its own motors.
+        gait: which leg steps when, see `locomotion.gaits`.
+        commands: what the robot is told to do; all that it is built for if not given.
+        randomization: what differs between episodes besides the motors: floor, masses, slope, sensors, pushes.
+        start: a policy to go on from; the gait itself if not given. What comes out is never worse on its own motors.
         progress: where to report to.
 
     Returns:
@@ -58,7 +68,7 @@ def train_policy(
         SimulationFault: every episode broke down.
     """
     robot = as_robot(robot)
-    robot.require_legs()
+    shape = PolicyShape.of(robot, gait, units=0, symmetric=True)
     workers = min(2, os.cpu_count() or 1) if workers is None else workers
     for name, value, most in (
         ("iterations", iterations, None), ("episode_steps", episode_steps, MOST_EPISODE_STEPS),
@@ -67,11 +77,13 @@ def train_policy(
         require_count(name, value, 1, most)
     require_seed(seed)
     draw, physics_dt = drawn_from(motors, robot)
-    config, walk = ArsConfig(seed=seed), WalkConfig(episode_steps)
+    config, told = ArsConfig(seed=seed), commands or Commands()
+    walk = WalkConfig(episode_steps, randomization=randomization, commands=told, gait=gait)
     scene = Scene(robot, "mujoco", draw, physics_dt, walk)
     if start is not None:
         start.require_robot(robot, "start")
-    search, champion = new_search(config, robot.num_joints, start), Champion.none_yet(robot.num_joints)
+        start.require_gait(gait, "start")
+    search, champion = new_search(config, shape, start), Champion.none_yet(shape)
     curve: list[dict[str, Any]] = []
     executor = make_executor(scene.simulator, threads_here(workers, progress))
     try:
@@ -81,17 +93,17 @@ def train_policy(
                 curve.append(as_point(point))
                 task.advance(1, f"return {point.mean_return:.2f} m")
 
-            if start is not None:  # what nothing improves on is kept
-                champion = contest(search, executor, champion)
-            champion = train(search, executor, iterations, champion, report)
+            champion = contest(search, shape, executor, champion)  # what nothing improves on is kept
+            champion = train(search, shape, executor, iterations, champion, report)
     finally:
         executor.close()
     judge_faults(curve, 2 * config.num_directions, progress)
     provenance = {
         "motors": str(type(motors).__name__), "search": asdict(config), "task": asdict(TaskWeights()),
         "iterations": iterations, "episode_steps": episode_steps, "engine": "mujoco",
+        "commands": asdict(told), "randomization": randomization.as_json(), "symmetric": True,
     }  # fmt: skip
-    return policy_of(robot, champion, _nominal(robot, motors), provenance)
+    return policy_of(robot, gait, champion, _nominal(robot, motors), provenance)
 
 
 def _nominal(robot: Robot, motors: MotorSource) -> IdealPd:

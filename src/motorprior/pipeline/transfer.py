@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -29,10 +29,11 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.schema import Schema, number, one_of
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.engines import ENGINES, Engine, Scene
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
 from motorprior.transfer.study import DRAWS, Walking, evaluate
-from motorprior.transfer.twin import DURATION_STEPS, twin_simulator
+from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, twin_simulator
 
 TRACES = "traces.safetensors"
 _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
@@ -92,8 +93,15 @@ class Walker:
     own: WalkSimulator | BackendSimulator
 
 
-def walker_of(path: Path, robot: Robot, engine: Engine | None = None) -> Walker:
+def walker_of(path: Path, robot: Robot, engine: Engine | None = None, walk: WalkConfig | None = None) -> Walker:
     """Everything a policy needs; refuses what cannot run here.
+
+    Args:
+        path: the policy's file.
+        robot: that walks.
+        engine: of its own simulation; the one it was trained in if not given.
+        walk: the episode, whose gait is always the policy's; 5 s straight ahead under what its training varied if not
+            given.
 
     Raises:
         ArtifactError, ConfigError: a damaged policy, one of another control period, motors that are gone, or an engine
@@ -112,8 +120,23 @@ def walker_of(path: Path, robot: Robot, engine: Engine | None = None) -> Walker:
     trained_in, roughness = _ground(policy, path)
     engine = engine or trained_in
     terrain = Terrain(roughness if engine == "pybullet" else 0.0)
-    scene = Scene(robot, engine, draw, choice.physics_dt(robot), WalkConfig(DURATION_STEPS), terrain)
+    if walk is None:
+        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=straight_ahead(robot))
+    walk = replace(walk, gait=policy.gait)
+    scene = Scene(robot, engine, draw, choice.physics_dt(robot), walk, terrain)
     return Walker(path.parent.name, policy, choice.condition(), scene.simulator())
+
+
+def _randomization(policy: Policy, path: Path) -> Randomization:
+    """What its training varied besides the motors; nothing if it does not say.
+
+    Raises:
+        ArtifactError: says something that cannot be.
+    """
+    try:
+        return Randomization(**policy.provenance.get("randomization", {}))
+    except (TypeError, ConfigError) as error:
+        raise ArtifactError(f"its randomization: {error}", where=path, remedy="train again") from error
 
 
 def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
@@ -146,7 +169,7 @@ def _own_and_twin(
     robot: Robot, walker: Walker, fleet: Fleet, progress: Progress
 ) -> dict[str, tuple[Walking, np.ndarray]]:
     """`evaluate` by place."""
-    places = {"own": walker.own, "twin": twin_simulator(robot, fleet)}
+    places = {"own": walker.own, "twin": twin_simulator(robot, fleet, walker.policy.gait)}
     with progress.start(f"transfer of {walker.name}: {len(places)} x {DRAWS} walks", len(places) * DRAWS) as task:
         return {place: evaluate(robot, walker.policy, there, task.advance) for place, there in places.items()}
 

@@ -26,7 +26,8 @@ from motorprior.identification.bench_fidelity import (
     bench_errors,
 )
 from motorprior.pipeline.fidelity_traces import write_traces
-from motorprior.pipeline.motor_choice import load_prior, nominal_pd
+from motorprior.pipeline.motor_choice import nominal_pd
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, is_finished, read_results, seconds_of, working, write_results
 from motorprior.results import Result, Results

@@ -19,7 +19,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
 from motorprior.pipeline.log_baselines import BaselineFits, baseline_recipes, fitted_baselines, with_gains_of
-from motorprior.pipeline.motor_choice import prior_and_robot
+from motorprior.pipeline.prior_file import prior_and_robot
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results

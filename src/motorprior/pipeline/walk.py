@@ -15,6 +15,8 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError, SimulationFault
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice
@@ -22,23 +24,26 @@ from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import Stopwatch, description, digest, is_finished, remove, working
+from motorprior.pipeline.walk_metrics import METRICS, Extent, Metrics
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor
 from motorprior.search.policy_search import Champion, Iteration, contest, new_search, train
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.fatal_errors import saved_on_fatal_error
 from motorprior.simulation.mujoco_backend import DrawMotors
-from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world import FAULTS
 
 POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
-_CHECKPOINT_EVERY, _CHECKPOINT_SECONDS = 20, 15.0
-MOST_WORKERS = 1024
+_SAVING_SHARE = 0.5
+"""Every iteration is saved, unless saving took more than this share of the time since the last time."""
+MOST_WORKERS, MOST_UNITS = 1024, 256
 MOST_EPISODE_STEPS = 100_000
 """Of control: half an hour at 50 Hz."""
 
@@ -48,15 +53,23 @@ class Walk:
     """Train a walking policy."""
 
     out: Path
-    """Folder for policy.safetensors, curve.json and the checkpoint."""
+    """Folder for policy.safetensors, curve.json, metrics.jsonl and the checkpoint."""
     motors: MotorChoice = field(default_factory=MotorChoice)
     """The motors of every episode."""
     start: Path | None = None
-    """A policy to go on from, with other motors for example; without one it starts from a trot in place."""
+    """A policy to go on from, with other motors for example; without one it starts from the gait itself."""
     iterations: int = 200
     """ARS iterations."""
-    episode_steps: int = 250
+    episode_steps: int = 500
     """Control steps per episode."""
+    gait: GaitName = "trot"
+    """Which leg steps when."""
+    commands: Commands = field(default_factory=Commands)
+    """What the robot is told to do."""
+    hidden_units: int = 0
+    """Hidden units of the policy; none for a linear one."""
+    symmetric: bool = True
+    """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp."""
     search: ArsConfig = field(default_factory=ArsConfig)
     """Augmented random search."""
     task: TaskWeights = field(default_factory=TaskWeights)
@@ -68,8 +81,8 @@ class Walk:
     """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses more cores."""
     roughness: float = 0.0
     """Height of the bumps of a rough ground [m]; PyBullet only. It ends 4 m from the start."""
-    randomization: Randomization = field(default_factory=Randomization)
-    """What differs between episodes besides the motors; nothing if not given."""
+    randomization: Randomization = ROBUST
+    """What differs between episodes besides the motors: floor, masses, slope, sensors, pushes."""
     executor: Kind = "threads"
     """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
     ray_address: str | None = None
@@ -89,8 +102,10 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     require_count("iterations", config.iterations)
     require_count("episode_steps", config.episode_steps, 1, MOST_EPISODE_STEPS)
     require_count("workers", config.workers, 1, MOST_WORKERS)
+    require_count("hidden_units", config.hidden_units, 0, MOST_UNITS)
+    units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
     robot = load_robot(config.robot)
-    robot.require_legs()
+    shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
     draw = config.motors.drawer(robot)
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
@@ -108,10 +123,15 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
         workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
         executor = make_executor(make_simulator, workers, config.executor, config.ray_address)
         try:
-            champion, curve = _train(config, robot, executor, _Kept(config.out, wanted, clock), progress, name)
+            champion, curve = _train(config, robot, shape, executor, _Kept(config.out, wanted, clock), progress, name)
         finally:
             executor.close()
-        judge_faults(curve, 2 * config.search.num_directions, progress)
+        try:
+            judge_faults(curve, 2 * config.search.num_directions, progress)
+        except SimulationFault:  # there is nothing to go on from
+            for left in (CHECKPOINT, METRICS):
+                remove(config.out, left)
+            raise
         _policy(config, robot, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
         remove(config.out, CHECKPOINT)
@@ -123,26 +143,28 @@ def scene(config: Walk, robot: Robot, draw: DrawMotors) -> Scene:
     Raises:
         ConfigError: the engine is not installed, or cannot do what is asked.
     """
-    walk = WalkConfig(config.episode_steps, config.task, config.randomization)
+    walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
     return Scene(robot, config.engine, draw, config.motors.physics_dt(robot), walk, Terrain(config.roughness))
 
 
 def _train(
-    config: Walk, robot: Robot, executor: Executor, kept: _Kept, progress: Progress, name: str
+    config: Walk, robot: Robot, shape: PolicyShape, executor: Executor, kept: _Kept, progress: Progress, name: str
 ) -> tuple[Champion, list[dict]]:
     """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
-    search, champion, curve = _restore(config, robot, kept.wanted)
-    if config.start is not None and search.iteration == 0:  # what nothing improves on is kept
-        champion = contest(search, executor, champion)
+    search, champion, curve = _restore(config, robot, shape, kept.wanted)
+    if search.iteration == 0:  # what nothing improves on is kept
+        champion = contest(search, shape, executor, champion)
     latest = _checkpoint(search, champion)
-    saved = time.monotonic()
+    extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions)
+    metrics = Metrics(config.out, curve, extent)
+    saved, took = time.monotonic(), 0.0
 
     def rescue() -> str:
         """Keep everything, and the best policy so far, when MuJoCo ends the process."""
         kept.save(latest, curve)
         what = f"{int(latest['iteration'])} iterations"
         best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
-        if best.iteration > 0:
+        if best.iteration >= 0:
             _policy(config, robot, best).save(config.out / POLICY)
             what += f" and the best policy so far, of iteration {best.iteration},"
         return f"{what} are kept in {config.out}"
@@ -155,15 +177,17 @@ def _train(
             task.advance(search.iteration)
 
             def report(point: Iteration, best: Champion) -> None:
-                nonlocal latest, saved
+                nonlocal latest, saved, took
                 curve.append(as_point(point))
                 latest = _checkpoint(search, best)
-                task.advance(1, f"return {point.mean_return:.2f} m")
-                if search.iteration % _CHECKPOINT_EVERY == 0 or time.monotonic() - saved > _CHECKPOINT_SECONDS:
-                    saved = time.monotonic()
+                task.advance(1, metrics.add(curve[-1]))
+                now = time.monotonic()
+                if took <= _SAVING_SHARE * (now - saved):
                     kept.save(latest, curve)
+                    saved = time.monotonic()
+                    took = saved - now
 
-            champion = train(search, executor, config.iterations, champion, report)
+            champion = train(search, shape, executor, config.iterations, champion, report)
     except (KeyboardInterrupt, MotorPriorError):  # the second: a fault of the simulation, or lost workers
         kept.save(latest, curve)
         raise
@@ -207,28 +231,35 @@ def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
         "engine": config.engine,
         "roughness": config.roughness,
         "randomization": config.randomization.as_json(),
+        "commands": asdict(config.commands),
+        "symmetric": config.symmetric,
     }
-    return policy_of(robot, champion, config.motors.nominal(robot), provenance)
+    return policy_of(robot, config.gait, champion, config.motors.nominal(robot), provenance)
 
 
-def policy_of(robot: Robot, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
+def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
     """The champion as a policy.
 
     Args:
         robot: that it commands.
+        gait: that it was trained in.
         champion: what training found.
         nominal: the gains that its motors run with.
         provenance: how it was trained.
     """
+    arrays = champion.policy
     return Policy(
-        weights=champion.weights,
-        observation_mean=champion.mean,
-        observation_std=champion.std,
+        weights=np.ascontiguousarray(arrays.weights),
+        hidden=arrays.hidden,
+        readout=arrays.readout,
+        observation_mean=arrays.mean,
+        observation_std=arrays.std,
         kp=nominal.kp,
         kd=nominal.kd,
         control_dt=robot.control_dt,
         robot=robot.name,
         joint_names=robot.joint_names,
+        gait=gait,
         provenance=provenance | {"iteration": champion.iteration, "own_return": champion.score},
     )
 
@@ -253,7 +284,7 @@ class _Kept:
         self.clock.note()
 
 
-def _restore(config: Walk, robot: Robot, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
+def _restore(config: Walk, robot: Robot, shape: PolicyShape, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
     """The training of an interrupted run with the same settings, or a new one.
 
     Raises:
@@ -273,4 +304,5 @@ def _restore(config: Walk, robot: Robot, wanted: dict) -> tuple[Ars, Champion, l
     if config.start is not None:
         start = Policy.load(config.start)
         start.require_robot(robot, config.start)
-    return new_search(config.search, robot.num_joints, start), Champion.none_yet(robot.num_joints), []
+        start.require_gait(config.gait, config.start)
+    return new_search(config.search, shape, start), Champion.none_yet(shape), []

@@ -8,19 +8,31 @@ _TITLES = {
     "start": "starting fleet", "center": "fitted", "left_out": "without this log",
     "per_motor": "a motor per joint", "per_motor_left_out": "without this log",
 }  # fmt: skip
+_BANDS = {
+    ("calibrate_coverage90", None): "in 90 % bands",
+    ("calibrate_coverage90", "prior"): "in the prior's 90 %",
+    ("calibrate_coverage50", "prior"): "in its 50 %",
+}
 
 
 def calibration_errors(results: Results) -> tuple[list[str], list[list[str]]]:
-    """Columns and rows: joint RMSE [mrad] of every log and their mean, and the share within 90 % bands."""
+    """Columns and rows: joint RMSE [mrad] of every log and their mean, and the share within 90 % bands.
+
+    Of the fleet and, if a prior was drawn, of its 90 and 50 % bands.
+    """
     errors = results.where(quantity="calibrate_rmse")
     models = [model for model in _TITLES if model in errors.distinct("model")]
+    bands = {key: title for key, title in _BANDS.items() if results.where(quantity=key[0], model=key[1])}
     rows = []
     for log in errors.distinct("log"):
         values = [errors.value(model=model, log=log) for model in models]
-        covered = results.where(quantity="calibrate_coverage90")
-        share = covered.mean() if log is None else covered.value(log=log)
-        rows.append([log or "mean", *(f"{1e3 * value:.1f}" for value in values), f"{100 * share:.0f} %"])
-    return ["log", *(_TITLES[model] for model in models), "in 90 % bands"], rows
+        shares = [_share(results.where(quantity=quantity, model=model), log) for quantity, model in bands]
+        rows.append([log or "mean", *(f"{1e3 * value:.1f}" for value in values), *shares])
+    return ["log", *(_TITLES[model] for model in models), *bands.values()], rows
+
+
+def _share(covered: Results, log: str | None) -> str:
+    return f"{100 * (covered.mean() if log is None else covered.value(log=log)):.0f} %"
 
 
 def calibrated_constants(results: Results) -> tuple[list[str], list[list[str]]]:

@@ -5,30 +5,28 @@ The robot is seen from its right: forward is to the right, its right legs are ne
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from io import BytesIO
-from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from motorprior.exceptions import ConfigError
-from motorprior.report.plots_style import INK, MUTED, describe, most_used, new_figure, style, with_palette
+from motorprior.locomotion.control_step import TOUCHING
+from motorprior.report.film import gif_bytes
+from motorprior.report.lettering import write
+from motorprior.report.plots_style import INK, MUTED, describe, new_figure, style
 from motorprior.simulation.skeleton import Skeleton
 
 FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
 """Corners of `Skeleton.chassis` around each face of the box."""
-TOUCHING = 0.002
-"""A foot whose lowest point is below this height [m] is on the ground."""
 PICTURED = 0.166
 """Height of a base [m] that the pictures are laid out for; a larger robot is drawn smaller."""
 BODY, FAR_LEG = "#dfe3e8", "#b4bac2"
 
 _SMOOTH = 2  # drawn this many times larger, then averaged down
-_PALETTE = 64
 
 
 @dataclass(frozen=True)
@@ -128,17 +126,27 @@ def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: 
     """
     _require_frames(skeleton)
     stride = max(1, round(1.0 / (fps * control_dt)))
-    view, picked = _View(880.0 * PICTURED / skeleton.height), range(0, len(skeleton), stride)
-    pictures = [_picture(view, skeleton, frame, control_dt, title, color) for frame in picked]
-    palette = most_used([pictures[0], pictures[len(pictures) // 2], pictures[-1]], _PALETTE)
-    flat = [with_palette(picture, palette) for picture in pictures]
-    out = BytesIO()
-    duration = max(20, round(100 * stride * control_dt) * 10)
-    flat[0].save(out, "GIF", save_all=True, append_images=flat[1:], duration=duration, loop=0)
-    return out.getvalue()
+    picked = range(0, len(skeleton), stride)
+    notes = [_time_and_place(skeleton, frame, control_dt, "    ") for frame in picked]
+    return gif_bytes(drawn(skeleton.frames(np.array(picked)), title, notes, color=color), stride * control_dt)
 
 
-def _picture(view: _View, skeleton: Skeleton, frame: int, control_dt: float, title: str, color: str) -> Image.Image:
+def drawn(skeleton: Skeleton, title: str, notes: Sequence[str], *, color: str = INK) -> Iterator[Image.Image]:
+    """A picture of every frame, with a title and a note.
+
+    Args:
+        skeleton: the frames.
+        title: written into every picture.
+        notes: one per frame.
+        color: of the near legs.
+    """
+    _require_frames(skeleton)
+    view = _View(880.0 * PICTURED / skeleton.height)
+    for frame, note in enumerate(notes):
+        yield _picture(view, skeleton, frame, title, note, color)
+
+
+def _picture(view: _View, skeleton: Skeleton, frame: int, title: str, note: str, color: str) -> Image.Image:
     """One picture of the animation, smoothed."""
     large = Image.new("RGB", (view.width * _SMOOTH, view.height * _SMOOTH), "white")
     draw = ImageDraw.Draw(large)
@@ -151,8 +159,8 @@ def _picture(view: _View, skeleton: Skeleton, frame: int, control_dt: float, tit
         draw.polygon(view.pixels(chassis[face], camera), fill=BODY)
     for leg in _side(skeleton, right=True):
         _leg(draw, view, legs[leg], skeleton.foot_radius, camera, color, 8)
-    _write(draw, (16, 11), title, 18, INK)
-    _write(draw, (16, 37), _time_and_place(skeleton, frame, control_dt, "    "), 16, MUTED)
+    write(draw, (16, 11), title, 18, INK, _SMOOTH)
+    write(draw, (16, 37), note, 16, MUTED, _SMOOTH)
     return large.reduce(_SMOOTH)
 
 
@@ -191,26 +199,9 @@ def _ground(draw: ImageDraw.ImageDraw, view: _View, camera: float) -> None:
         length, shade = (14, MUTED) if long else (8, "#b9bec5")
         draw.line((x, y, x, y + length * _SMOOTH), fill=shade, width=_SMOOTH)
         if long:
-            _write(draw, (x / _SMOOTH, view.ground + 17), f"{tenth / 10:.1f} m", 14, MUTED, anchor="ma")
+            write(draw, (x / _SMOOTH, view.ground + 17), f"{tenth / 10:.1f} m", 14, MUTED, _SMOOTH, anchor="ma")
     y = view.ground * _SMOOTH
     draw.line((0, y, view.width * _SMOOTH, y), fill=MUTED, width=2 * _SMOOTH)
-
-
-def _write(
-    draw: ImageDraw.ImageDraw,
-    at: tuple[float, float],
-    text: str,
-    size: int,
-    color: str,
-    anchor: str = "la",
-) -> None:
-    """Text in the font that comes with matplotlib, the same everywhere; smaller where it is too long."""
-    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-    font = ImageFont.truetype(str(path), size * _SMOOTH)
-    room = (draw.im.size[0] - 32 * _SMOOTH) / max(font.getlength(text), 1.0)
-    if room < 1.0:
-        font = ImageFont.truetype(str(path), max(int(size * _SMOOTH * room), 8))
-    draw.text((at[0] * _SMOOTH, at[1] * _SMOOTH), text, fill=color, font=font, anchor=anchor)
 
 
 def _time_and_place(skeleton: Skeleton, frame: int, control_dt: float, between: str) -> str:

@@ -1,4 +1,4 @@
-"""Picture of a calibration: what real joints did, and what the fleet fitted to them does."""
+"""Picture of a calibration: what real joints did, and what the fleet fitted to them, or a prior of it, does."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from motorprior.report.plots_motor import TIME
 from motorprior.report.plots_style import (
+    MUTED,
     describe,
     legend_below,
     model_color,
@@ -25,6 +26,23 @@ LONGEST = 5.0
 
 
 @dataclass(frozen=True)
+class Band:
+    """What holds a share of the draws of motors.
+
+    Attributes:
+        label: whose draws, and the share.
+        low: (T,) [rad].
+        high: (T,) [rad].
+        is_filled: or drawn by its edges.
+    """
+
+    label: str
+    low: np.ndarray
+    high: np.ndarray
+    is_filled: bool = True
+
+
+@dataclass(frozen=True)
 class LogPanel:
     """One joint of one log.
 
@@ -34,8 +52,7 @@ class LogPanel:
         target: (T,) [rad].
         measured: (T,) [rad] on the real robot.
         center: (T,) [rad] of the central motor.
-        low: (T,) 5 % of the fleet's draws [rad].
-        high: (T,) 95 % of them.
+        bands: the widest first.
     """
 
     title: str
@@ -43,19 +60,18 @@ class LogPanel:
     target: np.ndarray
     measured: np.ndarray
     center: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    bands: tuple[Band, ...]
 
 
 def calibration(shown: Sequence[LogPanel]) -> Figure:
-    """A row per log: measured angle, central motor, the band that holds 90 % of the fleet's draws; then their error."""
+    """A row per log: measured angle, central motor, the bands that hold shares of the draws; then their error."""
     figure = new_figure(0.7 + 1.75 * len(shown))
     grid = panels(figure, len(shown), 2)
     for (angle, error), panel in zip(grid, shown, strict=True):
         _draw(angle, error, panel)
     for axes in grid[-1]:
         describe(axes, x=TIME)
-    legend_below(figure, grid[0, 0], columns=4)
+    legend_below(figure, grid[0, 0], columns=3 + len(shown[0].bands) // 2)
     figure.align_ylabels()
     return figure
 
@@ -66,9 +82,14 @@ def _draw(angle: Axes, error: Axes, panel: LogPanel) -> None:
     time, measured = time[part], panel.measured[part]
     target_line(angle, time, panel.target[part])
     for axes, zero, unit in ((angle, 0.0, 1.0), (error, measured, 1e3)):
-        low, center, high = (unit * (each[part] - zero) for each in (panel.low, panel.center, panel.high))
-        axes.fill_between(time, low, high, color=color, alpha=0.2, linewidth=0, label="fleet, 90 % of draws")
+        for place, band in enumerate(panel.bands):
+            low, high = (unit * (edge[part] - zero) for edge in (band.low, band.high))
+            if band.is_filled:
+                axes.fill_between(time, low, high, color=color, alpha=0.2 + 0.1 * place, linewidth=0, label=band.label)
+            else:
+                for edge, label in ((low, band.label), (high, None)):
+                    axes.plot(time, edge, color=MUTED, linewidth=0.7, linestyle=":", label=label)
         model_line(axes, time, unit * (measured - zero), "measured").set_linewidth(1.9)
-        model_line(axes, time, center, "rollout", "central motor")
+        model_line(axes, time, unit * (panel.center[part] - zero), "rollout", "central motor")
     describe(angle, y="angle [rad]", title=panel.title)
     describe(error, y="minus measured [mrad]")

@@ -20,12 +20,19 @@ MODEL_COLORS = {
     "physical": "#15181d",
     "measured": "#15181d",
     "oracle": "#4b5360",
+    "untrained": "#c9b458",
     "ideal_pd": "#979da6",
     "tuned_pd": "#a8672c",
     "one_network": "#1a9a8b",
     "paper": "#cf3b3b",
     "paper_wide": "#e08a1e",
     "rollout": "#2563c9",
+    "pd_friction": "#8a8f3c",
+    "pd_randomised": "#c2459a",
+    "prior_mean": "#7fb2f0",
+    "prior": "#1d56c4",
+    "prior_adapted": "#6a3fb5",
+    "prior_robust": "#0c86a8",
 }
 """One colour per actuator model, in every plot and every table."""
 
@@ -34,24 +41,39 @@ MODEL_LABELS = {
     "physical": "physical",
     "measured": "measured",
     "oracle": "oracle",
+    "untrained": "nothing: the gait",
     "ideal_pd": "ideal PD",
     "tuned_pd": "tuned PD",
     "one_network": "one network",
     "paper": "paper",
     "paper_wide": "paper, wide",
     "rollout": "rollout",
+    "pd_friction": "PD with friction",
+    "pd_randomised": "randomised PD",
+    "prior_mean": "prior's central motor",
+    "prior": "sampled prior",
+    "prior_adapted": "adapted prior",
+    "prior_robust": "prior + random body",
 }
 """Label of each actuator model."""
 
 MODEL_DASHES: dict[str, tuple[float, ...]] = {
     "oracle": (5, 1.5),
+    "untrained": (1, 2),
     "ideal_pd": (1.2, 1.2),
     "tuned_pd": (4, 1.2, 1, 1.2),
     "one_network": (3, 1.5),
+    "pd_friction": (2, 1),
+    "pd_randomised": (6, 1, 1, 1),
+    "prior_mean": (1.2, 1.2),
+    "prior_adapted": (5, 1.5),
+    "prior_robust": (4, 1.2, 1, 1.2),
 }
 """Line patterns in units of the line width, so that lines differ without colour; the others are solid."""
 
 OTHER_COLOR = "#7d4fa8"
+UNNAMED_COLOR = "#b3a99c"
+"""Of a condition of a study that a user gave a name of their own."""
 INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
 TARGET_COLOR = "#b9a24a"
 WIDTH = 6.6
@@ -71,6 +93,11 @@ def model_color(model: str) -> str:
     """Its colour; a variant has that of its model, an unknown one OTHER_COLOR."""
     key = model_key(model)
     return MODEL_COLORS[key] if key else OTHER_COLOR
+
+
+def condition_color(condition: str) -> str:
+    """Of what a policy was trained on: a model's colour, or UNNAMED_COLOR."""
+    return model_color(condition) if model_key(condition) else UNNAMED_COLOR
 
 
 def model_label(model: str) -> str:
@@ -118,10 +145,12 @@ def describe(axes: Axes, x: str | None = None, y: str | None = None, title: str 
         axes.set_title(title, loc="left", fontsize=TEXT + 1, fontweight="bold", color=INK, pad=7)
 
 
-def model_line(axes: Axes, x: np.ndarray, y: np.ndarray, model: str, label: str | None = None) -> Line2D:
-    """The line of one actuator model."""
+def model_line(
+    axes: Axes, x: np.ndarray, y: np.ndarray, model: str, label: str | None = None, color: str | None = None
+) -> Line2D:
+    """The line of one actuator model, in its own colour if none is given."""
     name = model_label(model) if label is None else label
-    (line,) = axes.plot(x, y, color=model_color(model), linewidth=1.3, label=name)
+    (line,) = axes.plot(x, y, color=color or model_color(model), linewidth=1.3, label=name)
     dashes = MODEL_DASHES.get(model_key(model) or "")
     if dashes:
         line.set_dashes(dashes)

@@ -87,23 +87,53 @@ def _milli(found: Results) -> str:
     return f"{1e3 * found.rows[0].value:.1f}" if len(found) else "–"
 
 
-def constant_rows(results: Results) -> list[list[str]]:
-    """Constant with its unit, least, median and most of the motors, 5 % and 95 % of the fleet's draws."""
-    rows = []
-    for quantity in results.distinct("quantity"):
-        if quantity in (RMSE, FREE_RUN) or not quantity.startswith(CONSTANT):
-            continue
-        of = results.where(quantity=quantity)
-        values = [row.value for row in of if row.part is not None]
-        fleet = [of.where(statistic=statistic) for statistic in ("p05", "p95")]
-        ends = [f"{each.value():.3g}" if len(each) else "–" for each in fleet]
-        name, unit = quantity.removeprefix(CONSTANT).replace("_", " "), of.rows[0].unit
-        if of.where(statistic=NOT_SHOWN):
-            shown = ["–", "not shown by the logs", "–"]
-        else:
-            shown = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])]
-        rows.append([f"{name} [{unit}]" if unit != "1" else name, *shown, *ends])
-    return rows
+@dataclass(frozen=True)
+class ConstantTable:
+    """Constants of motors, beside a fleet's if there is one; no rows where there are no constants.
+
+    Attributes:
+        caption: what it shows.
+        columns: the constant with its unit; the motor's value or, of several, the least, median and most; 5 % and 95 %
+            of the fleet's draws.
+        rows: one per constant.
+    """
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
 
 
-CONSTANT_COLUMNS = ("constant", "least", "median", "most", "fleet 5 %", "fleet 95 %")
+def constant_table(results: Results) -> ConstantTable:
+    """Of a comparison's constants."""
+    constants = _of_constants(results)
+    alone = len({row.part for row in constants} - {None}) == 1
+    motors = ("your motor",) if alone else ("least", "median", "most")
+    fleet = {"p05": "fleet 5 %", "p95": "fleet 95 %"} if constants.where(statistic="p05") else {}
+    caption = (
+        "Constants of your motor"
+        + ("" if alone else "s")
+        + (", and 90 % of the draws of the fleet beside which they stand" if fleet else "")
+    )
+    rows = tuple(
+        _constant_row(constants.where(quantity=quantity), len(motors), tuple(fleet))
+        for quantity in constants.distinct("quantity")
+    )
+    return ConstantTable(caption, ("constant", *motors, *fleet.values()), rows)
+
+
+def _of_constants(results: Results) -> Results:
+    rows = (row for row in results.rows if row.quantity.startswith(CONSTANT))
+    return Results.of(row for row in rows if row.quantity not in (RMSE, FREE_RUN))
+
+
+def _constant_row(of: Results, columns: int, fleet: tuple[str, ...]) -> tuple[str, ...]:
+    """Of one constant, with so many ``columns`` for the motors and those quantiles of the fleet."""
+    values = [row.value for row in of if row.part is not None]
+    if of.where(statistic=NOT_SHOWN):
+        shown = ["not shown by the logs"] if columns == 1 else ["–", "not shown by the logs", "–"]
+    else:
+        shown = [f"{value:.3g}" for value in np.quantile(values, np.linspace(0.0, 1.0, columns))]
+    ends = [of.where(statistic=statistic) for statistic in fleet]
+    name, unit = of.rows[0].quantity.removeprefix(CONSTANT).replace("_", " "), of.rows[0].unit
+    named = f"{name} [{unit}]" if unit != "1" else name
+    return (named, *shown, *(f"{each.value():.3g}" if len(each) else "–" for each in ends))

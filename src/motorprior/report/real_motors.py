@@ -9,10 +9,9 @@ from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_real_motors import constants_beside_fleet, errors_by_joint, traces
 from motorprior.report.real_motor_tables import (
     CONSTANT,
-    CONSTANT_COLUMNS,
     NAMES,
     RMSE,
-    constant_rows,
+    constant_table,
     error_rows,
     from_tensors,
     models_in,
@@ -34,9 +33,8 @@ def real_motors(run: Path) -> list[Section]:
         )
     ]
     pictures = [_errors(results), _traces(tensors, header)]
-    if rows := constant_rows(results):
-        caption = "Constants of your motors, and 90 % of the draws of the fleet beside which they stand."
-        tables.append(Table(CONSTANT_COLUMNS, tuple(map(tuple, rows)), caption))
+    if (constants := constant_table(results)).rows:
+        tables.append(Table(constants.columns, constants.rows, f"{constants.caption}."))
     if shown := _constants(results):
         pictures.append(shown)
     return [Section("Your motors", lead, tuple(header["lines"]), tuple(pictures), tuple(tables))]

@@ -14,8 +14,8 @@ from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.facts import read_bench
 from motorprior.bench.families import FAMILIES
 from motorprior.report import plots
-from motorprior.report.gait_picture import gait_animation, gait_strip
-from motorprior.report.page import Picture, Section, Table, picture
+from motorprior.report.gait_sections import gait_pictures
+from motorprior.report.page import Section, Table, picture
 from motorprior.report.plots_directions import behaviour_directions, best_explained
 from motorprior.report.tables import (
     TRANSFER_COLUMNS,
@@ -28,11 +28,10 @@ from motorprior.report.tables import (
 )
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
-from motorprior.simulation.skeleton import skeleton
 from motorprior.transfer.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
 
 _RESULTS = "results.json"
-_LATENT_PANELS, _SHORTEST_GAIT = 6, 20
+_LATENT_PANELS = 6
 
 
 def _by_model(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
@@ -237,7 +236,7 @@ def transfer(run: Path, robot: Robot) -> list[Section]:
         *(
             image
             for name in names
-            for image in _gait(robot, tensors[f"twin/{name}"], header["control_dt"], name, "on the twin")
+            for image in gait_pictures(robot, tensors[f"twin/{name}"], header["control_dt"], name, "on the twin")
         ),
     ]
     table = Table(TRANSFER_COLUMNS, tuple(tuple(row) for row in transfer_rows(results)), "24 motor draws of 5 s each.")
@@ -248,33 +247,6 @@ def transfer(run: Path, robot: Robot) -> list[Section]:
         "0.1 m/s from seed to seed: small differences between conditions mean little.",
     )
     return [Section("Transfer", lead, body, tuple(pictures), (table,))]
-
-
-def _gait(robot: Robot, trace: np.ndarray, control_dt: float, name: str, place: str) -> list[Picture]:
-    """Animation and frames of the first 2.5 s of a walk; none of one that falls at once."""
-    shown = trace[: round(2.5 / control_dt)]
-    if len(shown) < _SHORTEST_GAIT:
-        return []
-    body, color = skeleton(robot, shown), plots.model_color(name)
-    title = f"trained on {plots.model_label(name)}, {place}"
-    moving = Picture(f"{title}: first 2.5 s.", title, gait_animation(body, control_dt, title, color=color), "gif")
-    return [moving, picture(gait_strip(body, control_dt, title, color=color), f"{title}: frames.", title)]
-
-
-def gaits(robot: Robot, traces: Mapping[str, np.ndarray], control_dt: float) -> Section:
-    """Policies in their own simulation.
-
-    Args:
-        robot: that walks.
-        traces: name of the condition -> (steps, 7 + joints) base position, quaternion and joint angles.
-        control_dt: time between rows [s].
-    """
-    pictures = [
-        image
-        for name, trace in traces.items()
-        for image in _gait(robot, trace, control_dt, name, "in its own simulation")
-    ]
-    return Section("Gaits", f"Robot {robot.name}, where each policy was trained.", pictures=tuple(pictures))
 
 
 def times(seconds: Mapping[str, float]) -> Section:

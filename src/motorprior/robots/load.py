@@ -25,14 +25,16 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.outside_files import read_toml
 from motorprior.robots.model_source import ModelFile
-from motorprior.robots.robot import Gait, Joint, Leg, Robot
+from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.robots.user_model import UserModel
 from motorprior.schema import TABLE, TEXT, Field, Schema, many, number, one_of
@@ -73,7 +75,15 @@ _ROBOT = Schema(
 )
 _LEG = Schema({"joints": many(TEXT, 1), "foot": _NAME, "phase": number(0.0, 1.0)}, _SEE)
 _GAIT = Schema(
-    {field.name: number(-10.0, 10.0) for field in fields(Gait)}, _SEE, frozenset(f.name for f in fields(Gait))
+    {
+        "frequency": number(0.2, 10.0),
+        "swing_height": number(1e-3, 1.0),
+        "forward": many(number(-10.0, 10.0), 2),
+        "yaw_rate": number(0.01, 10.0),
+        "residual": number(0.0, 3.0),
+    },
+    _SEE,
+    frozenset(field.name for field in fields(Gait)),
 )
 _USUAL_LOAD = 0.8
 """Default reference torque, as a share of the torque limit [-]."""
@@ -167,11 +177,13 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
         legs=made,
-        gait=_gait(table.get("gait", {}), f"{where}[gait]"),
+        unlike=next(filter(None, (model.unlike(leg, names, pose) for leg in made)), ""),
+        gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], f"{where}[gait]"),
         load_inertia=_loads(table["load_inertia"], where)
         if "load_inertia" in table
         else model.load_inertia(pose, len(made), height),
         files=(path, file),
+        weight=GRAVITY * model.mass,
         standing_height=height,
         lowest=_LOWEST * height,
         highest=_HIGHEST * height if made else 1e3,
@@ -190,9 +202,9 @@ def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], 
         )  # fmt: skip
     if not phase < 1.0:
         raise ArtifactError(f"phase {phase:g} is not in [0, 1)", where=where, remedy="give a share of the cycle")
-    thigh, shank, radius = model.leg_lengths(joints, table["foot"], pose)
+    thigh, shank, radius, rest = model.leg_geometry(joints, table["foot"], pose)
     places = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
-    return Leg(name, places, table["foot"], phase, thigh, shank, radius)
+    return Leg(name, places, table["foot"], phase, thigh, shank, radius, rest)
 
 
 def _require_own(legs: dict[str, Any], where: str) -> None:
@@ -222,9 +234,20 @@ def _loads(value: list[float], where: str) -> tuple[float, float]:
     return float(value[0]), float(value[1])
 
 
-def _gait(table: Any, where: str) -> Gait:
+def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], where: str) -> Gait | None:
+    """That of the robot's size but for what the table says; None without legs."""
     _GAIT.check(table, where)
-    return Gait(**{key: float(value) for key, value in table.items()})
+    if not legs:
+        return None
+    usual = Gait.of_size(float(np.mean([leg.drop(np.array(pose)) for leg in legs])))
+    forward = tuple(map(float, table.get("forward", usual.forward)))
+    if len(forward) != 2 or not forward[0] <= 0.0 < forward[1]:
+        raise ArtifactError(
+            f"forward {list(forward)} m/s is not two speeds with standing still between them", where=where,
+            remedy="give the fastest speed backward, 0 or negative, then the fastest forward",
+        )  # fmt: skip
+    numbers = {key: float(value) for key, value in table.items() if key != "forward"}
+    return replace(usual, forward=(forward[0], forward[1]), **numbers)
 
 
 def _require_bounds(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -53,6 +53,7 @@ class Leg:
         thigh: from hip to knee axis [m].
         shank: from knee axis to the centre of the foot [m].
         foot_radius: [m].
+        rest: where the foot's centre is in the nominal pose, forward and left of the base's origin [m].
     """
 
     name: str
@@ -62,37 +63,62 @@ class Leg:
     thigh: float
     shank: float
     foot_radius: float
+    rest: tuple[float, float]
 
-    def drop(self, joint_pos: np.ndarray) -> float:
-        """Distance of the foot's lowest point below the hip axis [m] of an upright body.
+    def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
+        """Foot's centre forward of and below the hip axis in the plane of the leg [m].
 
-        (thigh·cos(hip) + shank·cos(hip + knee))·cos(abduction) + foot_radius.
+        forward = -(thigh·sin(hip) + shank·sin(hip + knee)), below = thigh·cos(hip) + shank·cos(hip + knee).
 
         Args:
             joint_pos: (joints,) of the robot [rad].
         """
-        abduction, hip, knee = (float(joint_pos[joint]) for joint in self.joints)
-        reach = self.thigh * math.cos(hip) + self.shank * math.cos(hip + knee)
-        return reach * math.cos(abduction) + self.foot_radius
+        hip, both = float(joint_pos[self.joints[1]]), float(joint_pos[self.joints[1]] + joint_pos[self.joints[2]])
+        forward = -(self.thigh * math.sin(hip) + self.shank * math.sin(both))
+        return forward, self.thigh * math.cos(hip) + self.shank * math.cos(both)
+
+    def drop(self, joint_pos: np.ndarray) -> float:
+        """Distance of the foot's lowest point below the hip axis [m] of an upright body.
+
+        below·cos(abduction) + foot_radius, see `reach`.
+
+        Args:
+            joint_pos: (joints,) of the robot [rad].
+        """
+        return self.reach(joint_pos)[1] * math.cos(float(joint_pos[self.joints[0]])) + self.foot_radius
 
 
 @dataclass(frozen=True)
 class Gait:
-    """Amplitudes of the trajectory generator at full intensity, see `locomotion.trajectory_generator`.
-
-    The defaults are those of jietan/puppersim (Apache-2.0).
+    """Size and clock of a robot's gait, see `locomotion.trajectory_generator`.
 
     Attributes:
-        swing: of the hip [rad].
-        stance_extension: of the knee in stance [rad]; negative: the leg yields a little under load.
-        lift_extension: of the knee in swing [rad]: the leg folds.
+        frequency: of the steps of one leg before the policy modulates it [Hz].
+        swing_height: lift of a foot in swing [m].
+        forward: slowest (negative: backward) and fastest speed that is commanded [m/s].
+        yaw_rate: fastest turn that is commanded to either side [rad/s].
         residual: largest correction of a joint target by the policy [rad].
     """
 
-    swing: float = 0.5
-    stance_extension: float = -0.02
-    lift_extension: float = 0.9
-    residual: float = 0.5
+    frequency: float
+    swing_height: float
+    forward: tuple[float, float]
+    yaw_rate: float = 0.6
+    residual: float = 0.3
+
+    @classmethod
+    def of_size(cls, hip_height: float) -> Gait:
+        """The gait of a robot of this size; robots of equal Froude number v² / (g·h) move alike.
+
+        frequency = 0.32 √(g/h), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h); the factors are those of a small
+        robot with hips 0.166 m high at 2.5 Hz, 40 mm and 0.6 m/s, our choice.
+
+        Args:
+            hip_height: h, of the hip axes over the ground in the nominal pose [m].
+        """
+        speed = math.sqrt(GRAVITY * hip_height)
+        frequency = 0.32 * math.sqrt(GRAVITY / hip_height)
+        return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
 
 
 @dataclass(frozen=True)
@@ -108,7 +134,9 @@ class Robot:
         num_links: moving bodies of the model, the base of a free robot among them.
         nominal: joint angles of the standing or resting pose [rad].
         legs: none for an arm.
-        gait: amplitudes of its trot.
+        gait: size and clock of its gait; None without legs.
+        unlike: what in its legs is not as `Leg` says, so that it cannot walk; nothing if nothing is.
+        weight: of the whole robot [N]; 0 where it is not known and does not matter.
         standing_height: of the base over the ground in the nominal pose [m].
         lowest: height of the base below which a walking robot has fallen [m].
         highest: height of the base above which the simulation has failed [m].
@@ -133,7 +161,9 @@ class Robot:
     num_links: int
     nominal: tuple[float, ...]
     legs: tuple[Leg, ...] = ()
-    gait: Gait = field(default_factory=Gait)
+    gait: Gait | None = None
+    unlike: str = ""
+    weight: float = 0.0
     standing_height: float = 0.0
     lowest: float = 0.0
     highest: float = 1e3
@@ -204,17 +234,23 @@ class Robot:
         """
         return self.physics_dt if math.isinf(longest) else min(longest, self.twin_physics_dt)
 
-    def require_legs(self) -> None:
-        """Refuse a robot that cannot walk.
+    def require_legs(self) -> Gait:
+        """The gait of a robot that can walk.
 
         Raises:
             ConfigError: it has no legs or a fixed base.
         """
-        if not self.legs or self.base != "free":
+        if self.gait is None or not self.legs or self.base != "free":
             raise ConfigError(
                 f"robot {self.name!r} cannot walk: it has {len(self.legs)} legs and a {self.base} base",
                 remedy="give a robot with a free base and a table [legs] in its file",
             )
+        if self.unlike:
+            raise ConfigError(
+                f"robot {self.name!r} cannot walk: {self.unlike}",
+                remedy="turn the joints' axes and zeros in its model as docs/your-robot.md says",
+            )
+        return self.gait
 
     def require_wire(self) -> Wire:
         """The wire of the real robot.

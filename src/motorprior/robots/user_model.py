@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.robot import Leg
 
+TRIED, UNLIKE = 0.1, 0.08
+"""By how much joints are tried [rad], and how far a foot may be from where it should be [leg lengths]: offsets of real
+legs are smaller, a joint that turns the other way is further."""
 _LIGHTEST, _HEAVIEST = 0.3, 1.5
 """Of the smallest and the largest load: a bench goes a little beyond what a motor will meet."""
 
@@ -50,6 +54,11 @@ class UserModel:
             )  # fmt: skip
         self._require_base(is_free)
         self.num_links = self._model.nbody - 1
+
+    @property
+    def mass(self) -> float:
+        """Of all its bodies [kg]."""
+        return float(np.sum(self._model.body_mass))
 
     def _require_base(self, is_free: bool) -> None:
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
@@ -111,8 +120,10 @@ class UserModel:
         lower, upper = self._model.jnt_range[joint.id]
         return float(lower), float(upper)
 
-    def leg_lengths(self, joints: tuple[str, ...], foot: str, pose: dict[str, float]) -> tuple[float, float, float]:
-        """Thigh, shank and radius of the foot [m].
+    def leg_geometry(
+        self, joints: tuple[str, ...], foot: str, pose: dict[str, float]
+    ) -> tuple[float, float, float, tuple[float, float]]:
+        """Thigh, shank and radius of the foot [m], and where its centre rests, forward and left of the base [m].
 
         Raises:
             ArtifactError: no such foot, or one that is no sphere.
@@ -128,7 +139,31 @@ class UserModel:
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
         centre = data.geom_xpos[geom]
         lengths = np.linalg.norm(knee - hip), np.linalg.norm(centre - knee)
-        return float(lengths[0]), float(lengths[1]), float(self._model.geom_size[geom, 0])
+        forward, left = (float(value) for value in (centre - data.xpos[1])[:2])
+        return float(lengths[0]), float(lengths[1]), float(self._model.geom_size[geom, 0]), (forward, left)
+
+    def unlike(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
+        """What of a leg's motion is not as `Leg` says; nothing if nothing is.
+
+        Its joints are moved by TRIED from a pose, one at a time: hip and knee must bring the foot where `Leg.reach`
+        says, a growing abduction must carry it to the left.
+        """
+        abduction, hip, knee = (names[joint] for joint in leg.joints)
+        for moved in (None, hip, knee):
+            tried = pose | ({} if moved is None else {moved: pose[moved] + TRIED})
+            data = self._at(tried)
+            forward, _, down = data.geom_xpos[self._geom(leg.foot)] - data.xanchor[self._model.joint(hip).id]
+            told = leg.reach(np.array([tried[name] for name in names]))
+            if max(abs(forward - told[0]), abs(-down - told[1])) > UNLIKE * (leg.thigh + leg.shank):
+                where = "in the nominal pose" if moved is None else f"as {moved!r} grows"
+                return (
+                    f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip, where "
+                    f"hip and knee about +y with a straight leg at 0 would have {told[0]:.3f} and {told[1]:.3f} m"
+                )
+        left = self._at(pose | {abduction: pose[abduction] + TRIED}).geom_xpos[self._geom(leg.foot)]
+        if left[1] <= self._at(pose).geom_xpos[self._geom(leg.foot)][1]:
+            return f"foot {leg.foot!r} goes right as {abduction!r} grows, where an abduction about +x carries it left"
+        return ""
 
     def standing_height(self, pose: dict[str, float], feet: list[str]) -> float:
         """Height of the base [m] at which the lowest of its feet touches the ground."""
@@ -147,7 +182,7 @@ class UserModel:
         for joint in range(self._model.nv - len(pose), self._model.nv):
             self._mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
             own.append(float(column[joint] - self._model.dof_armature[joint]))
-        share = float(np.sum(self._model.body_mass)) / legs * height**2 if legs else 0.0
+        share = self.mass / legs * height**2 if legs else 0.0
         return _LIGHTEST * min(own), _HEAVIEST * max(*own, share)
 
     def _geom(self, name: str) -> int:

@@ -12,8 +12,8 @@ class SafetyLimits:
     """What the host lets pass to this robot, and what it calls a fault, with the reasons.
 
     Attributes:
-        target_speed: fastest change of a position target [rad/s]. Walking policies reach 58 rad/s when a swing begins
-            (measured on the twin); the motors themselves end at 52.
+        target_speed: fastest change of a position target [rad/s]. Gaits are held to 40, which they reach when a swing
+            begins; the motors themselves end at 52.
         slow_speed: the same while ramping and crouching [rad/s].
         max_current: [A] per motor, the 2022 deployment.
         highest_kp: [A/rad]; highest_kd: [A·s/rad]: above the gains of every known deployment.
@@ -38,9 +38,13 @@ class SafetyLimits:
         temperature: of any motor [°C], where it is sent; assumption, the motors' windings take about 100.
         battery: lowest voltage [V], where it is sent; assumption, 3.3 V for each of six cells.
         warning_time: temperature or battery beyond their bounds for so long [s].
-        tick_delay: longest delay of one control step [s].
+        tick_delay: longest delay of one control step [s], while the motors hold the last target: the longest pause at
+            which every walk of four policies on eight twins stayed upright (`benchmarks/hardware_stalls.py`).
         late_ticks: so many late steps (by more than half a period) of the last hundred are a host that cannot keep up.
-        watchdog: the watchdog process sends idle when the host is silent for so long [s].
+        stalled_time: so much lateness [s] of the last hundred steps together is another one; walks with a pause of
+            20 ms at every tenth step all stayed upright on the same twins, with 50 ms 6 of 96 fell.
+        watchdog: the watchdog process sends idle when the host is silent for so long [s]: a control period, the longest
+            delay, and 20 ms for a host that wakes up to send.
     """
 
     target_speed: float = 60.0
@@ -65,9 +69,10 @@ class SafetyLimits:
     temperature: float = 80.0
     battery: float = 19.8
     warning_time: float = 0.3
-    tick_delay: float = 0.05
+    tick_delay: float = 0.1
     late_ticks: int = 10
-    watchdog: float = 0.08
+    stalled_time: float = 0.2
+    watchdog: float = 0.13
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Augmented Random Search, version V2-t, with an ask-and-tell interface over a flat vector of parameters.
+"""Augmented Random Search, with an ask-and-tell interface over a flat vector of parameters.
 
 Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for reinforcement
 learning", algorithm 2. Noise is sent as seeds, from which any worker can draw direction k of iteration i.
@@ -14,14 +14,16 @@ import numpy as np
 from motorprior.artifacts import require_keys
 from motorprior.bounds import require_count, require_number
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
+from motorprior.search.moments import Moments
 
-CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
 MOST_DIRECTIONS = 10_000
 LARGEST_SEARCH_SEED = 2**53 - 1
 """Every text of numbers keeps it; a demo makes the seeds of its searches of a thousand times its own."""
 _LEAST_STEP, _LARGEST_STEP = 1e-9, 1e3
 """Of a weight of the policy: its inputs are normalised, its outputs in [-1, 1]."""
-_STATE_KEYS = ("parameters", "iteration", "observation_count", "observation_mean", "observation_m2")
+AVERAGING = 0.1
+"""Weight of the newest parameters in their running average."""
+_STATE_KEYS = ("parameters", "average", "iteration", "observation_count", "observation_mean", "observation_m2")
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class ArsConfig:
         num_top_directions: b, best directions that the update uses.
         step_size: α.
         delta_std: ν, standard deviation of the perturbation of each parameter.
+        normalise: observations, by their running mean and spread: version V2 of the paper; V1 does not. With b < N
+            either is its version t.
         seed: seed of all noise, not negative.
     """
 
@@ -40,6 +44,7 @@ class ArsConfig:
     num_top_directions: int = 8
     step_size: float = 0.02
     delta_std: float = 0.03
+    normalise: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -53,52 +58,6 @@ class ArsConfig:
         for name in ("step_size", "delta_std"):
             require_number(f"search.{name}", getattr(self, name), _LEAST_STEP, _LARGEST_STEP)
         require_count("search.seed", self.seed, 0, LARGEST_SEARCH_SEED)
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Count, mean and summed squared deviation of observations; merging is exact up to rounding.
-
-    Attributes:
-        count: number of observations.
-        mean: shape (observation,).
-        m2: Σ (x - mean)², shape (observation,).
-    """
-
-    count: int
-    mean: np.ndarray
-    m2: np.ndarray
-
-    @classmethod
-    def empty(cls, size: int) -> Moments:
-        """Moments of no observations."""
-        return cls(0, np.zeros(size), np.zeros(size))
-
-    @classmethod
-    def of(cls, observations: np.ndarray) -> Moments:
-        """Moments of observations of shape (count, observation)."""
-        if len(observations) == 0:
-            return cls.empty(observations.shape[1])
-        mean = observations.mean(axis=0)
-        return cls(len(observations), mean, np.square(observations - mean).sum(axis=0))
-
-    def merge(self, other: Moments) -> Moments:
-        """Moments of both together (Chan, Golub, LeVeque 1983).
-
-        d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.
-        """
-        if other.count == 0:
-            return self
-        count = self.count + other.count
-        shift = other.mean - self.mean
-        mean = self.mean + shift * (other.count / count)
-        m2 = self.m2 + other.m2 + np.square(shift) * (self.count * other.count / count)
-        return Moments(count, mean, m2)
-
-    def std(self) -> np.ndarray:
-        """Population standard deviation; 1 where the observation is constant or there is none."""
-        std = np.sqrt(self.m2 / max(self.count, 1))
-        return np.where(std > CONSTANT_STD, std, 1.0)
 
 
 @dataclass(frozen=True)
@@ -131,6 +90,8 @@ class Ars:
     Attributes:
         config: the settings.
         parameters: M, shape (num_parameters,), zeros at the start.
+        average: of the latest M, shape (num_parameters,): A += AVERAGING (M - A) after every update. A step of a random
+            search is mostly noise, which the average has less of (Polyak, Juditsky 1992).
         iteration: number of updates so far.
         observations: running statistics; normalise with these during an iteration.
 
@@ -143,6 +104,7 @@ class Ars:
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
         self.parameters = np.zeros(num_parameters)
+        self.average = self.parameters
         self.iteration = 0
         self.observations = Moments.empty(observation_size)
 
@@ -177,6 +139,7 @@ class Ars:
             for index in top:
                 total += (returns[index, 0] - returns[index, 1]) * self.direction(int(index))
             self.parameters = self.parameters + scale * total
+        self.average = self.average + AVERAGING * (self.parameters - self.average)
         for moments in observation_moments:
             self.observations = self.observations.merge(moments)
         self.iteration += 1
@@ -197,6 +160,7 @@ class Ars:
         """State for `restore`, without the config, as arrays for `artifacts.write_tensors`."""
         return {
             "parameters": self.parameters.copy(),
+            "average": self.average.copy(),
             "iteration": np.array(self.iteration, dtype=np.int64),
             "observation_count": np.array(self.observations.count, dtype=np.int64),
             "observation_mean": self.observations.mean.copy(),
@@ -214,10 +178,11 @@ class Ars:
         parameters = np.array(state["parameters"], dtype=np.float64)
         mean = np.array(state["observation_mean"], dtype=np.float64)
         m2 = np.array(state["observation_m2"], dtype=np.float64)
-        if parameters.ndim != 1 or mean.ndim != 1 or m2.shape != mean.shape:
+        average = np.array(state["average"], dtype=np.float64)
+        if parameters.ndim != 1 or average.shape != parameters.shape or mean.ndim != 1 or m2.shape != mean.shape:
             raise ArtifactError(f"shapes {parameters.shape}, {mean.shape}, {m2.shape}", where="search state")
         search = cls(config, parameters.size, mean.size)
-        search.parameters = parameters
+        search.parameters, search.average = parameters, average
         search.iteration = int(state["iteration"])
         search.observations = Moments(int(state["observation_count"]), mean, m2)
         return search

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from motorprior.locomotion.body import action_size, observation_size
-from motorprior.locomotion.policy import Policy
-from motorprior.search.ars import Ars, ArsConfig, Candidate, Moments, perturbed
+from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.search.ars import Ars, ArsConfig, Candidate, perturbed
 from motorprior.search.executor import Executor
+from motorprior.search.moments import Moments
+from motorprior.search.policy_shape import PolicyShape
 
 CONTEST_EVERY, CONTEST_DRAWS = 10, 16
 CONTEST = 2**32 - 1
 """Number in the seeds of contests where training seeds have the iteration."""
+HIDDEN = 2**32 - 2
+"""Number in the seed of the first hidden units where training seeds have the iteration."""
 REMEMBERED = 100_000
 """Number of observations that the statistics of a start policy count as; about those of a dozen default iterations."""
 
@@ -45,19 +48,23 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What the tasks of a round share: the search's parameters, observation mean and standard deviation, its noise."""
+    """What the tasks of a round share: parameters and observations of the search, its noise, what they stand for."""
 
     parameters: np.ndarray
-    mean: np.ndarray
-    std: np.ndarray
+    observations: Moments
     config: ArsConfig
     iteration: int
+    shape: PolicyShape
 
     @classmethod
-    def of(cls, search: Ars) -> Round:
+    def of(cls, search: Ars, shape: PolicyShape) -> Round:
         """The round of the search's present state."""
-        moments = search.observations
-        return cls(search.parameters, moments.mean, moments.std(), search.config, search.iteration)
+        return cls(search.parameters, search.observations, search.config, search.iteration, shape)
+
+    def policy(self, candidate: Candidate) -> PolicyArrays:
+        """The policy that a candidate stands for."""
+        parameters = perturbed(self.parameters, candidate, self.config, self.iteration)
+        return self.shape.policy(parameters, self.observations, self.config.normalise)
 
 
 @dataclass(frozen=True)
@@ -70,26 +77,22 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Champion:
-    """The best policy so far: weights, observation mean and standard deviation, its mean return [m]."""
+    """The best policy so far, its mean return [m], and the iteration it is of; -1 if there is none."""
 
-    weights: np.ndarray
-    mean: np.ndarray
-    std: np.ndarray
+    policy: PolicyArrays
     score: float
     iteration: int
 
     @classmethod
-    def none_yet(cls, num_joints: int) -> Champion:
+    def none_yet(cls, shape: PolicyShape) -> Champion:
         """A champion that loses against every policy."""
-        size, worst = observation_size(num_joints), -float(np.finfo(np.float64).max)
-        return cls(np.zeros((action_size(num_joints), size + 1)), np.zeros(size), np.ones(size), worst, 0)
+        nothing = shape.policy(np.zeros(shape.size), Moments.empty(shape.observations))
+        return cls(nothing, -float(np.finfo(np.float64).max), -1)
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays that `restore` reads."""
-        return {
-            "champion_weights": self.weights,
-            "champion_mean": self.mean,
-            "champion_std": self.std,
+        arrays = {f"champion_{name}": value for name, value in self.policy._asdict().items()}
+        return arrays | {
             "champion_score": np.array(self.score),
             "champion_iteration": np.array(self.iteration),
         }
@@ -97,19 +100,13 @@ class Champion:
     @classmethod
     def restore(cls, state: Mapping[str, np.ndarray]) -> Champion:
         """The champion from the arrays of `state`."""
-        weights, mean, std = (state[f"champion_{name}"] for name in ("weights", "mean", "std"))
-        return cls(weights, mean, std, float(state["champion_score"]), int(state["champion_iteration"]))
-
-
-def _as_weights(parameters: np.ndarray, observation_mean: np.ndarray) -> np.ndarray:
-    """(actions, observations + 1) of a flat vector, row by row."""
-    return parameters.reshape(-1, len(observation_mean) + 1)
+        policy = PolicyArrays(*(state[f"champion_{name}"] for name in PolicyArrays._fields))
+        return cls(policy, float(state["champion_score"]), int(state["champion_iteration"]))
 
 
 def run_task(simulator: Any, shared: Round, task: Task) -> EpisodeLike:
     """Run one episode on a worker's simulator."""
-    parameters = perturbed(shared.parameters, task.candidate, shared.config, shared.iteration)
-    return simulator.run(_as_weights(parameters, shared.mean), shared.mean, shared.std, task.seed)
+    return simulator.run(shared.policy(task.candidate), task.seed)
 
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
@@ -117,11 +114,11 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
     return int(np.random.SeedSequence([seed, iteration, direction, 7]).generate_state(1, np.uint32)[0])
 
 
-def advance(search: Ars, executor: Executor) -> Iteration:
+def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:
     """One ARS iteration: ask, run every candidate, tell."""
     iteration, seed = search.iteration, search.config.seed
     tasks = [Task(candidate, episode_seed(seed, iteration, candidate.direction)) for candidate in search.ask()]
-    episodes = executor.map(run_task, Round.of(search), tasks)
+    episodes = executor.map(run_task, Round.of(search, shape), tasks)
     returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
     search.tell(returns, [Moments(episode.count, episode.mean, episode.m2) for episode in episodes])
     steps = float(np.mean([episode.steps for episode in episodes]))
@@ -129,22 +126,23 @@ def advance(search: Ars, executor: Executor) -> Iteration:
     return Iteration(iteration, float(returns.mean()), float(returns.max()), steps, dict(sorted(faults.items())))
 
 
-def contest(search: Ars, executor: Executor, champion: Champion) -> Champion:
-    """The better of the champion and the present, unperturbed policy, in its own simulation.
+def contest(search: Ars, shape: PolicyShape, executor: Executor, champion: Champion) -> Champion:
+    """The better of the champion and the policy of the search's averaged parameters, in its own simulation.
 
     Every contest is walked on the same CONTEST_DRAWS draws of motors.
     """
-    shared = Round.of(search)
+    shared = replace(Round.of(search, shape), parameters=search.average)
     seeds = [episode_seed(search.config.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
     episodes = executor.map(run_task, shared, [Task(Candidate(0, 0), seed) for seed in seeds])
     score = float(np.mean([episode.total for episode in episodes]))
     if score <= champion.score:
         return champion
-    return Champion(_as_weights(shared.parameters, shared.mean), shared.mean, shared.std, score, search.iteration)
+    return Champion(shared.policy(Candidate(0, 0)), score, search.iteration)
 
 
 def train(
     search: Ars,
+    shape: PolicyShape,
     executor: Executor,
     iterations: int,
     champion: Champion,
@@ -153,27 +151,59 @@ def train(
     """Advance ``search`` until it has made ``iterations`` iterations; returns the best policy on the way.
 
     The last policy of a random search is not its best: every CONTEST_EVERY iterations, and at the end, the
-    present policy challenges the champion.
+    policy of the averaged parameters challenges the champion.
     """
     while search.iteration < iterations:
-        point = advance(search, executor)
+        point = advance(search, shape, executor)
         if search.iteration % CONTEST_EVERY == 0 or search.iteration == iterations:
-            champion = contest(search, executor, champion)
+            champion = contest(search, shape, executor, champion)
         if progress is not None:
             progress(point, champion)
     return champion
 
 
-def new_search(config: ArsConfig, num_joints: int, start: Policy | None = None) -> Ars:
-    """A search that starts from a policy, or from the zero policy, which trots in place.
+def new_search(config: ArsConfig, shape: PolicyShape, start: Policy | None = None) -> Ars:
+    """A search that starts from a policy, or from the zero policy, which leaves the gait as it is.
 
     The observations of a ``start`` count as REMEMBERED of its own mean and spread: the weights keep their meaning while
-    new observations come in.
+    new observations come in. In a search that does not normalise, mean and spread go into the weights.
+
+    Raises:
+        ConfigError: a start of another number of hidden units, or one that is not symmetric where the shape is.
     """
-    observations = observation_size(num_joints)
-    search = Ars(config, action_size(num_joints) * (observations + 1), observations)
+    search = Ars(config, shape.size, shape.observations)
     if start is not None:
-        search.parameters = start.weights.ravel().copy()
+        search.parameters = search.average = shape.parameters(
+            start if config.normalise else _of_raw_observations(start)
+        )
         deviation = REMEMBERED * np.square(start.observation_std)
         search.observations = Moments(REMEMBERED, start.observation_mean, deviation)
+    elif shape.units:
+        search.parameters = search.average = _small_hidden(config.seed, shape)
     return search
+
+
+def _of_raw_observations(policy: Policy) -> Policy:
+    """The same policy, up to the clip of outliers, without normalisation.
+
+    [W, b]·[(x - m)/s; 1] = [W/s, b - (W/s)·m]·[x; 1].
+    """
+    mean, std = policy.observation_mean, policy.observation_std
+
+    def raw(matrix: np.ndarray) -> np.ndarray:
+        scaled = matrix[:, :-1] / std
+        return np.column_stack([scaled, matrix[:, -1] - scaled @ mean])
+
+    return replace(
+        policy, weights=raw(policy.weights), hidden=raw(policy.hidden),
+        observation_mean=np.zeros_like(mean), observation_std=np.ones_like(std),
+    )  # fmt: skip
+
+
+def _small_hidden(seed: int, shape: PolicyShape) -> np.ndarray:
+    """(size,) zeros but for H, normal with variance 1 / inputs: units that differ, and as yet move nothing."""
+    parameters = np.zeros(shape.size)
+    _, hidden, _ = shape.split(parameters)
+    rng = np.random.default_rng([seed, HIDDEN])
+    hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
+    return parameters

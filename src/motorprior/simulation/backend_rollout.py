@@ -13,7 +13,7 @@ from motorprior.backend import Backend
 from motorprior.locomotion.body import action_size
 from motorprior.locomotion.control_step import accumulate_moments
 from motorprior.locomotion.env import WalkEnv
-from motorprior.locomotion.policy import act
+from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode, WalkConfig, checked_policy
 
@@ -30,34 +30,30 @@ class BackendSimulator:
     def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):
         self._robot = robot
         sensors = partial(walk.randomization.sensors, robot)
-        self._env = WalkEnv(robot, backend, walk.task, walk.episode_steps, draw_sensors=sensors)
+        self._env = WalkEnv(
+            robot, backend, walk.task, walk.episode_steps,
+            draw_sensors=sensors, commands=walk.commands, gait=walk.gait,
+        )  # fmt: skip
 
-    def run(
-        self,
-        weights: np.ndarray,
-        observation_mean: np.ndarray,
-        observation_std: np.ndarray,
-        seed: int,
-        trace: bool = False,
-    ) -> Episode:
-        """See `WalkSimulator.run`; the trace holds base poses and the joint angles as measured."""
-        policy = checked_policy(self._robot.num_joints, weights, observation_mean, observation_std)
+    def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
+        """See `WalkSimulator.run`; the trace holds base poses and the joint angles as measured, there is no motion."""
+        joints = self._robot.num_joints
+        policy = checked_policy(joints, policy)
         observation, info = self._env.reset(seed=seed)
-        mean, m2 = np.zeros_like(policy[1]), np.zeros_like(policy[1])
-        action = np.zeros(action_size(self._robot.num_joints))
+        mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
+        action = np.zeros(action_size(joints))
         total, count, ended, rows = 0.0, 0, False, []
         while not ended:
             if trace:
                 rows.append(np.concatenate([info["base_pos"], info["base_quat"], info["measured_joint_pos"]]))
             count = accumulate_moments(observation, count, mean, m2)
-            act(*policy, observation, action)
+            act(policy, observation, action)
             observation, earned, terminated, truncated, info = self._env.step(action)
             total, ended = total + earned, terminated or truncated
         fault = info["fault"]
         where = np.zeros(2) if fault else info["base_pos"][:2]
-        return Episode(
-            total, count, where, fault, count, mean, m2, np.array(rows).reshape(-1, 7 + self._robot.num_joints)
-        )
+        trace_rows = np.array(rows).reshape(-1, 7 + joints)
+        return Episode(total, count, where, fault, count, mean, m2, trace_rows, np.zeros((0, 6 + 2 * joints)))
 
     def close(self) -> None:
         """Close the backend."""

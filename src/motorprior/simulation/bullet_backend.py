@@ -91,6 +91,7 @@ class PybulletBackend:
             base_lin_vel=base.lin_vel,
             base_ang_vel=base.ang_vel,
             measured_joint_pos=measured,
+            foot_pos=np.full((len(self._robot.legs), 3), np.nan),
             torque_squared_sum=torque_squared_sum,
             fault=1 if broken else 0,
         )

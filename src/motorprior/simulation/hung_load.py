@@ -9,6 +9,12 @@ and b gravity and Coriolis torques. For joint j this has the form of a bench wit
 A torque computed from the motor's current is not the torque on the joint, because of the gear's friction and the rotor
 (on the virtual robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's torque.
 
+A joint that is simulated is soon at another angle than the recorded one, where gravity pulls otherwise. Of what hangs
+on a hinge with axis a, of mass m with its centre r away, the torque is a·(r × m·g). By the hinge's own angle it changes
+by
+
+    load_stiffness = ∂(torque of gravity)/∂q_j = a·((a × r) × m·g);  0 of a slide
+
 J_j is the mean of M_jj over the segment, since the inertia of a bench is constant. The angles are those of the rotors'
 encoders, which differ from the joints' by the gear's backlash and twist and by the encoder's zero; the loads have the
 corresponding errors.
@@ -33,10 +39,10 @@ LEVEL = 0.15
 
 
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
-    """The same log with load_inertia [kg·m²] and external_torque [N·m] for joint_torque, its body level and fixed.
+    """The same log with load_inertia, external_torque and load_stiffness for joint_torque, its body level and fixed.
 
-    Its posture says so. Accelerations are the derivative of joint_vel, so these should be smooth: see `read_robot_run`
-    with a period.
+    In kg·m², N·m and N·m/rad. Its posture says so. Accelerations are the derivative of joint_vel, so these should be
+    smooth: see `read_robot_run` with a period.
 
     Raises:
         LogError: not the joints of this robot, without velocities, or of a robot that was not level.
@@ -47,18 +53,19 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     _require_level(log)
     model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=robot.base == "free")
     data = mujoco.MjData(model)
-    inertia, external = np.empty_like(log.joint_pos), np.empty_like(log.joint_pos)
+    inertia, external, stiffness = (np.empty_like(log.joint_pos) for _ in range(3))
     for part in log.segment_slices():
         acceleration = np.gradient(log.joint_vel[part], log.time[part], axis=0)
         for row, joint_acc in zip(range(part.start, part.stop), acceleration, strict=True):
             inertia[row], external[row] = _load(model, data, log.joint_pos[row], log.joint_vel[row], joint_acc)
+            stiffness[row] = _gravity_stiffness(model, data)
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
         external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log's are means until the next row
         inertia[part] = mean
     held = np.full(log.num_rows, POSTURES.index("hung" if robot.base == "free" else "fixed"))
-    loads = {"load_inertia": inertia, "external_torque": external, "joint_torque": None, "posture": held}
-    return checked(replace(log, **loads), where=log.source)
+    loads = {"load_inertia": inertia, "external_torque": external, "load_stiffness": stiffness}
+    return checked(replace(log, **loads, joint_torque=None, posture=held), where=log.source)
 
 
 def _require_level(log: MotorLog) -> None:
@@ -84,3 +91,12 @@ def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: 
         own[joint] = column[joint]
     mujoco.mj_mulM(model, data, carried, joint_acc)
     return own, -data.qfrc_bias - (carried - own * joint_acc)
+
+
+def _gravity_stiffness(model, data) -> np.ndarray:
+    """(joints,) change of gravity's torque with a hinge's own angle [N·m/rad], at the positions that `_load` set."""
+    axis, body = data.xaxis, model.jnt_bodyid
+    weight = model.body_subtreemass[body][:, None] * model.opt.gravity
+    sideways = np.cross(axis, data.subtree_com[body] - data.xanchor)
+    hinge = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    return np.where(hinge, np.einsum("ji,ji->j", axis, np.cross(sideways, weight)), 0.0)

@@ -70,6 +70,7 @@ class MujocoBackend:
             base_lin_vel=data.qvel[:3].copy(),
             base_ang_vel=data.qvel[3:6].copy(),
             measured_joint_pos=measured,
+            foot_pos=data.geom_xpos[self._world.arrays.feet],
             torque_squared_sum=torque_squared_sum,
             fault=self._world.fault(),
         )

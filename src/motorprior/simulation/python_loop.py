@@ -94,7 +94,7 @@ class PythonLoopBackend:
         measure_joint_pos(self._motors, data.qpos[7:], measured)
         return BackendState(
             data.qpos[:3].copy(), data.qpos[3:7].copy(), data.qvel[:3].copy(), data.qvel[3:6].copy(), measured,
-            torque_squared_sum,
+            data.geom_xpos[self._world.arrays.feet], torque_squared_sum,
         )  # fmt: skip
 
 

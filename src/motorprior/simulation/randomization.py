@@ -7,11 +7,10 @@ are drawn elsewhere (`DrawMotors`) from another random stream, so that enabling 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
+from motorprior.bounds import is_number, is_range
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import TILT_READINGS, readings
 from motorprior.locomotion.sensing import Sensors, perfect_sensors
@@ -52,9 +51,15 @@ class Randomization:
     tilt_noise: float = 0.0
     """Standard deviation of white noise on the observed roll and pitch [rad]."""
     rate_noise: float = 0.0
-    """Standard deviation of white noise on the observed roll and pitch rates [rad/s]."""
+    """Standard deviation of white noise on the observed rates [rad/s]."""
+    gyro_bias: float = 0.0
+    """Standard deviation of each observed rate's constant error [rad/s]; the heading that the robot adds up drifts."""
     sensor_delay: Range = (0.0, 0.0)
     """Age of what the policy observes, least and most [s]."""
+    sensor_jitter: float = 0.0
+    """Largest additional age of a single reading [s], uniform: sensors do not keep time."""
+    dropped: float = 0.0
+    """Share of the frames from the sensors that get lost; the policy acts on the last one [-]."""
     command_delay: Range = (0.0, 0.0)
     """Age of the position targets that the motors get, least and most [s], in whole physics steps."""
     push: float = 0.0
@@ -66,18 +71,19 @@ class Randomization:
         """Refuse ranges that are upside down, out of bounds or of another type."""
         least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
+        most |= {"sensor_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
-            value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
+            value, ranged = getattr(self, field.name), isinstance(field.default, tuple)
             bounds = least.get(field.name, 0.0), most.get(field.name, 1e3)
-            if is_range and isinstance(value, list):
+            if ranged and isinstance(value, list):
                 value = tuple(value)
                 object.__setattr__(self, field.name, value)
-            if not (_is_range(value, *bounds) if is_range else is_number(value, *bounds)):
+            if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
                 argument = f"randomization.{field.name}"
                 raise ConfigError(
                     f"{argument} {value!r} is not a "
-                    f"{'range' if is_range else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
-                    remedy="give the smaller number first, both within the bounds" if is_range else "give one number",
+                    f"{'range' if ranged else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
+                    remedy="give the smaller number first, both within the bounds" if ranged else "give one number",
                     argument=argument,
                 )
 
@@ -117,22 +123,29 @@ class Randomization:
 
     def sensors(self, robot: Robot, seed: int, episode_steps: int) -> Sensors:
         """Draw the sensor errors in the episode of this seed."""
-        if not (self.sensor_delay[1] or self.joint_noise or self.tilt_noise or self.rate_noise):
+        late = self.sensor_delay[1] or self.sensor_jitter or self.dropped
+        if not (late or self.joint_noise or self.tilt_noise or self.rate_noise or self.gyro_bias):
             return perfect_sensors()
         count = readings(robot.num_joints)
         deviation = np.full(count, self.joint_noise)
         deviation[:2], deviation[2:TILT_READINGS] = self.tilt_noise, self.rate_noise
         rng = np.random.default_rng([_SENSOR_STREAM, seed])
         delay = float(rng.uniform(*self.sensor_delay)) / robot.control_dt
-        rows = episode_steps + 1 if deviation.any() else 0
+        rows = episode_steps + 1 if deviation.any() or self.gyro_bias else 0
         noise = deviation * rng.standard_normal((rows, count))
-        return Sensors(noise, delay, np.zeros((int(delay) + 2 if delay > 0.0 else 0, count)))
+        noise[:, 2:TILT_READINGS] += self.gyro_bias * rng.standard_normal(TILT_READINGS - 2)
+        ages = delay + self._lateness(rng, robot.control_dt, episode_steps + 1)
+        return Sensors(noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)))
 
-
-def _is_range(value: Any, least: float, most: float) -> bool:
-    """Whether it is a pair of numbers, the smaller first, within the bounds."""
-    pair = isinstance(value, tuple) and len(value) == 2
-    return pair and all(is_number(each, least, most) for each in value) and value[0] <= value[1]
+    def _lateness(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
+        """(observations,) by jitter and lost frames [control steps]; the first frame of an episode comes."""
+        late = np.zeros(observations)
+        if self.sensor_jitter:
+            late += self.sensor_jitter / control_dt * rng.uniform(size=observations)
+        if self.dropped:
+            for lost in np.flatnonzero(rng.uniform(size=observations - 1) < self.dropped) + 1:
+                late[lost] = late[lost - 1] + 1.0
+        return late
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,3 +192,17 @@ def nominal_conditions(robot: Robot) -> Conditions:
 
 
 _NOTHING = Randomization()
+ROBUST = Randomization(
+    friction=(0.7, 1.6),
+    mass=(0.85, 1.15),
+    com=0.01,
+    gravity_tilt=0.05,
+    joint_noise=0.001,
+    tilt_noise=0.002,
+    rate_noise=0.01,
+    gyro_bias=0.002,
+    sensor_delay=(0.0, 0.02),
+    push=0.3,
+    push_interval=1.5,
+)
+"""Training for a robot whose floor, load and sensors are not known well; ranges are our assumption."""

@@ -16,10 +16,21 @@ from motorprior.actuator.borrowed import borrowed
 from motorprior.bounds import require_count, require_finite
 from motorprior.compiled import njit
 from motorprior.locomotion.body import Body, action_size, body_of, observation_size
-from motorprior.locomotion.control_step import accumulate_moments, command_step, evaluate_step
-from motorprior.locomotion.policy import act
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.control_step import (
+    GaitState,
+    accumulate_moments,
+    begin_gait,
+    command_step,
+    evaluate_step,
+    follow_command,
+    new_gait,
+)
+from motorprior.locomotion.gaits import GaitName
+from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
+from motorprior.locomotion.timetable import Timetable
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints
@@ -33,14 +44,18 @@ class WalkConfig:
         episode_steps: control steps at most.
         task: reward coefficients.
         randomization: what differs between episodes besides the motors.
+        commands: what the robot is told to do.
+        gait: which leg steps when.
 
     Raises:
         ConfigError: episode_steps is no whole number of at least 1.
     """
 
-    episode_steps: int = 250
+    episode_steps: int = 500
     task: TaskWeights = field(default_factory=TaskWeights)
     randomization: Randomization = field(default_factory=Randomization)
+    commands: Commands | Timetable = field(default_factory=Commands)
+    gait: GaitName = "trot"
 
     def __post_init__(self) -> None:
         """Refuse episodes that have no steps."""
@@ -60,6 +75,8 @@ class Episode:
         mean: see count.
         m2: see count.
         trace: (steps, 7 + joints) qpos before every control step, if it was asked for.
+        motion: (steps, 6 + 2 joints) qvel before every control step and the torque on the joints in the physics step
+            before it [N·m]; likewise, empty where the engine does not tell.
     """
 
     total: float
@@ -70,6 +87,7 @@ class Episode:
     mean: np.ndarray
     m2: np.ndarray
     trace: np.ndarray
+    motion: np.ndarray
 
 
 class Walker(NamedTuple):
@@ -77,54 +95,62 @@ class Walker(NamedTuple):
 
     observation: np.ndarray
     action: np.ndarray
-    filter_state: np.ndarray
-    command: np.ndarray
-    target: np.ndarray
+    gait: GaitState
+    commands: np.ndarray
+    """(steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row holds on"""
     measured: np.ndarray
+    feet: np.ndarray
+    """(legs, 3) scratch: centres of the feet [m]"""
 
 
-def new_walker(num_joints: int) -> Walker:
-    """Initial state of a robot."""
-    actions = action_size(num_joints)
-    sizes = (observation_size(num_joints), actions, actions, actions, num_joints, num_joints)
-    return Walker(*(np.zeros(size) for size in sizes))
+def new_walker(num_joints: int, num_legs: int, commands: np.ndarray) -> Walker:
+    """Memory of a robot; `begin_walk` fills it."""
+    observation, action = np.zeros(observation_size(num_joints)), np.zeros(action_size(num_joints))
+    gait, feet = new_gait(num_joints, num_legs), np.zeros((num_legs, 3))
+    return Walker(observation, action, gait, commands, np.zeros(num_joints), feet)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def begin_walk(body: Body, world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker) -> None:
-    """First observation of an episode, after the world's reset; the phase is 0."""
-    walker.filter_state[:] = 0.0
+def complete(body: Body, sensors: Sensors, walker: Walker, step: int, control_dt: float) -> None:
+    """From true readings of control step ``step`` to the observation."""
+    sense(sensors, step, walker.observation)
+    row = min(step, walker.commands.shape[0] - 1)
+    forward, yaw_rate = walker.commands[row, 0], walker.commands[row, 1]
+    follow_command(body, walker.gait, forward, yaw_rate, control_dt, walker.observation)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def begin_walk(
+    body: Body, world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker, control_dt: float
+) -> None:
+    """First observation of an episode, after the world's reset."""
+    begin_gait(body, walker.gait)
     read_joints(world, motors, walker.measured)
-    observe(world.qpos[3:7], world.qvel[3:6], walker.measured, 0.0, body.nominal_pose, walker.observation)
-    sense(sensors, 0, walker.observation)
+    observe(world.qpos[3:7], world.qvel[3:6], walker.measured, body.nominal_pose, walker.observation)
+    complete(body, sensors, walker, 0, control_dt)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def walk_step(
-    body: Body,
-    world: WorldArrays,
-    motors: ActuatorArrays,
-    walker: Walker,
-    phase: float,
-    control_dt: float,
-    task: np.ndarray,
-) -> tuple[float, float, bool, int]:
-    """One control step of ``walker.action``, up to the true observation.
+    body: Body, world: WorldArrays, motors: ActuatorArrays, walker: Walker, control_dt: float, task: np.ndarray
+) -> tuple[float, bool, int]:
+    """One control step of ``walker.action``, up to the true readings.
 
     Returns:
-        The new phase, the reward [m], whether the episode is over, and the fault.
+        The reward [m], whether the episode is over, and the fault.
     """
     qpos, qvel = world.qpos, world.qvel
-    phase = command_step(body, walker.action, walker.filter_state, phase, control_dt, walker.command, walker.target)
-    previous_x = qpos[0]
-    squared = hold_target(world, motors, walker.target)
+    command_step(body, walker.action, walker.observation, walker.gait, control_dt)
+    squared = hold_target(world, motors, walker.gait.target)
     fault = find_fault(world)
     read_joints(world, motors, walker.measured)
+    for leg in range(walker.feet.shape[0]):
+        walker.feet[leg] = world.geoms[world.feet[leg]]
     reward, ended = evaluate_step(
-        body, qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], walker.measured, squared, fault,
-        previous_x, phase, control_dt, task, walker.observation,
+        body, qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], walker.measured, walker.feet, squared, fault,
+        walker.gait, control_dt, task, walker.observation,
     )  # fmt: skip
-    return phase, reward, ended, fault
+    return reward, ended, fault
 
 
 @njit(cache=True, nogil=True)
@@ -132,9 +158,7 @@ def _episode(
     body: Body,
     world: WorldArrays,
     motors: ActuatorArrays,
-    weights: np.ndarray,
-    obs_mean: np.ndarray,
-    obs_std: np.ndarray,
+    policy: PolicyArrays,
     task: np.ndarray,
     sensors: Sensors,
     control_dt: float,
@@ -146,37 +170,39 @@ def _episode(
 ) -> tuple[float, int, int]:
     """Return total reward, steps and fault."""
     world, motors, sensors, s = borrowed(world), borrowed(motors), borrowed(sensors), borrowed(s)
-    weights, obs_mean, obs_std, task = borrowed(weights), borrowed(obs_mean), borrowed(obs_std), borrowed(task)
-    mean, m2, body = borrowed(mean), borrowed(m2), borrowed(body)
-    phase, total, steps, fault = 0.0, 0.0, 0, 0
-    begin_walk(body, world, motors, sensors, s)
+    policy, task, mean, m2, body = borrowed(policy), borrowed(task), borrowed(mean), borrowed(m2), borrowed(body)
+    total, steps, fault, nq, nv = 0.0, 0, 0, world.qpos.shape[0], world.qvel.shape[0]
+    begin_walk(body, world, motors, sensors, s, control_dt)
     for step in range(max_steps):
         if trace.shape[0] > 0:
-            trace[step] = world.qpos
+            trace[step, :nq] = world.qpos
+            trace[step, nq : nq + nv] = world.qvel
+            trace[step, nq + nv :] = world.torque
         accumulate_moments(s.observation, step, mean, m2)
-        act(weights, obs_mean, obs_std, s.observation, s.action)
-        phase, reward, ended, fault = walk_step(body, world, motors, s, phase, control_dt, task)
+        act(policy, s.observation, s.action)
+        reward, ended, fault = walk_step(body, world, motors, s, control_dt, task)
         total += reward
         steps = step + 1
         if ended:
             break
-        sense(sensors, steps, s.observation)
+        complete(body, sensors, s, steps, control_dt)
     return total, steps, fault
 
 
-def checked_policy(
-    num_joints: int, weights: np.ndarray, mean: np.ndarray, std: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, mean and standard deviation as arrays for compiled code; shapes as in `locomotion.policy.Policy`.
+def checked_policy(num_joints: int, policy: PolicyArrays) -> PolicyArrays:
+    """The same policy as arrays for compiled code; shapes as in `locomotion.policy.Policy`.
 
     Raises:
         ConfigError: another shape, or a number that is not finite.
     """
-    observations = observation_size(num_joints)
-    return (
-        require_finite("weights", weights, (action_size(num_joints), observations + 1)),
-        require_finite("observation_mean", mean, (observations,)),
-        require_finite("observation_std", std, (observations,)),
+    observations, actions, units = observation_size(num_joints), action_size(num_joints), len(policy.hidden)
+    weights = require_finite("weights", policy.weights, (actions, observations + 1))
+    return PolicyArrays(
+        np.asfortranarray(weights),  # the inner loop of `act` runs over the actions
+        require_finite("hidden", policy.hidden, (units, observations + 1)),
+        require_finite("readout", policy.readout, (units, actions)),
+        require_finite("observation_mean", policy.mean, (observations,)),
+        require_finite("observation_std", policy.std, (observations,)),
     )
 
 
@@ -193,42 +219,35 @@ class WalkSimulator:
     """
 
     def __init__(self, draw_motors: DrawMotors, world: WorldConfig, walk: WalkConfig | None = None):
-        self._body = body_of(world.robot)
+        self._walk = walk or WalkConfig()
+        self._body = body_of(world.robot, self._walk.gait)
         self.world = World(world)
         self._draw = draw_motors
-        self._walk = walk or WalkConfig()
         self._task = self._walk.task.array()
-        self._walker = new_walker(world.robot.num_joints)
+        self._walker = new_walker(world.robot.num_joints, len(world.robot.legs), np.zeros((1, 2)))
 
-    def run(
-        self,
-        weights: np.ndarray,
-        observation_mean: np.ndarray,
-        observation_std: np.ndarray,
-        seed: int,
-        trace: bool = False,
-    ) -> Episode:
-        """One episode of a linear policy on the motors that ``seed`` draws.
+    def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
+        """One episode of a policy on the motors, in the conditions and with the commands that ``seed`` draws.
 
         Raises:
-            ConfigError: weights, mean or standard deviation of another shape, or not finite.
+            ConfigError: arrays of another shape, or not finite.
         """
-        robot = self.world.config.robot
-        policy = checked_policy(robot.num_joints, weights, observation_mean, observation_std)
-        steps = self._walk.episode_steps
+        robot, world = self.world.config.robot, self.world
+        policy, steps = checked_policy(robot.num_joints, policy), self._walk.episode_steps
         conditions = self._walk.randomization.conditions(robot, seed, steps)
-        motors = self.world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
+        motors = world.reset(self._draw(np.random.default_rng(seed)), conditions=conditions)
         sensors = self._walk.randomization.sensors(robot, seed, steps)
-        weights = np.asfortranarray(policy[0])  # the inner loop of `act` runs over the actions
-        mean, m2 = np.zeros_like(policy[1]), np.zeros_like(policy[1])
-        qpos = np.zeros((steps if trace else 0, len(self.world.arrays.qpos)))
+        walker = self._walker._replace(commands=self._walk.commands.schedule(robot, seed, steps))
+        mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
+        qpos, qvel, torque = world.arrays.qpos, world.arrays.qvel, world.arrays.torque
+        rows = np.zeros((steps if trace else 0, len(qpos) + len(qvel) + len(torque)))
         total, done, fault = _episode(
-            self._body, self.world.arrays, motors, weights, *policy[1:], self._task, sensors,
-            self.world.config.control_dt, steps, self._walker, mean, m2, qpos,
+            self._body, world.arrays, motors, policy, self._task, sensors,
+            world.config.control_dt, steps, walker, mean, m2, rows,
         )  # fmt: skip
-        base = self.world.arrays.qpos[:2]
-        where = np.zeros(2) if fault else base.copy()
-        return Episode(total, done, where, fault, done, mean, m2, qpos[:done])
+        where = np.zeros(2) if fault else qpos[:2].copy()
+        seen, moved = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
+        return Episode(total, done, where, fault, done, mean, m2, seen, moved)
 
     def close(self) -> None:
         """Nothing to give back."""

@@ -19,8 +19,10 @@ from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.latent import LatentActuator
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.body import action_size, body_of, observation_size
-from motorprior.locomotion.control_step import command_step
+from motorprior.locomotion.body import action_size
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gait_controller import GaitController
+from motorprior.locomotion.policy import zero_policy
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
@@ -72,11 +74,11 @@ def _mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
 
 def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
     """(steps, joints) targets [rad] of the zero policy: the plain trot."""
-    size, body = action_size(robot.num_joints), body_of(robot)
-    filter_state, command = np.zeros(size), np.zeros(size)
-    targets, phase = np.zeros((steps, robot.num_joints)), 0.0
+    controller, zero = GaitController(robot, robot.control_dt), np.zeros(action_size(robot.num_joints))
+    targets = np.zeros((steps, robot.num_joints))
     for target in targets:
-        phase = command_step(body, np.zeros(size), filter_state, phase, robot.control_dt, command, target)
+        controller.follow(robot.require_legs().forward[1], 0.0)
+        target[:] = controller.command(zero)
     return targets
 
 
@@ -88,9 +90,12 @@ def _timed(work: Callable[[], object]) -> float:
 
 def _zero_policy_episode(robot: Robot, simulator: Any) -> int:
     """Walk with the zero policy, reset and all; returns how many control steps it lasted."""
-    observations = observation_size(robot.num_joints)
-    weights = np.zeros((action_size(robot.num_joints), observations + 1))
-    return simulator.run(weights, np.zeros(observations), np.ones(observations), 0).steps
+    return simulator.run(zero_policy(robot.num_joints), 0).steps
+
+
+def _walking(robot: Robot, steps: int) -> WalkConfig:
+    """Straight on, as fast as the robot is told to walk at most."""
+    return WalkConfig(steps, commands=Commands.steady(robot.require_legs().forward[1]))
 
 
 def _simulated(robot: Robot, simulator: Any) -> TimedPath:
@@ -109,7 +114,9 @@ def compiled_paths(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, Ti
     paths = {}
     for name, actuator in actuators.items():
         world = WorldConfig.of(robot, physics_dt=robot.physics_step(actuator.kind.longest_step))
-        paths[name] = _simulated(robot, WalkSimulator(lambda rng, motors=actuator: motors, world, WalkConfig(STEPS)))
+        paths[name] = _simulated(
+            robot, WalkSimulator(lambda rng, motors=actuator: motors, world, _walking(robot, STEPS))
+        )
     learned = actuators["rollout"]
     alone = {
         "mj_step": _engine_alone(robot, learned, paths["rollout"].steps),
@@ -120,7 +127,7 @@ def compiled_paths(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, Ti
 
 def interpreted_paths(robot: Robot, learned: LatentActuator) -> dict[str, TimedPath]:
     """The same motors in a Python loop with a numpy network, with TorchScript if installed, and in PyBullet if so."""
-    walk = WalkConfig(SLOW_STEPS)
+    walk = _walking(robot, SLOW_STEPS)
     paths = {}
     for name, torque in (("python_numpy", numpy_torque(learned)), ("python_torch", torchscript_torque(learned))):
         if torque is not None:
@@ -156,14 +163,14 @@ def _engine_alone(robot: Robot, actuator: Actuator, steps: int) -> TimedPath:
 
 def _everything_else(robot: Robot, actuator: Actuator) -> TimedPath:
     """A whole episode in which a function that does nothing stands in for mj_step: the robot stays as it is."""
-    simulator = WalkSimulator(lambda rng: actuator, WorldConfig.of(robot), WalkConfig(STEPS))
+    simulator = WalkSimulator(lambda rng: actuator, WorldConfig.of(robot), _walking(robot, STEPS))
     simulator.world.arrays = simulator.world.arrays._replace(step=do_nothing_address())
     return _simulated(robot, simulator)
 
 
 def _two_threads(robot: Robot, actuator: Actuator) -> TimedPath:
     """Episodes on two threads at a time; their seconds per control step count for both cores together."""
-    config, walk_config = WorldConfig.of(robot), WalkConfig(STEPS)
+    config, walk_config = WorldConfig.of(robot), _walking(robot, STEPS)
     simulators = [WalkSimulator(lambda rng: actuator, config, walk_config) for _ in range(THREADS)]
     steps = sum(_zero_policy_episode(robot, simulator) for simulator in simulators) * EPISODES_PER_THREAD
     pool = ThreadPoolExecutor(THREADS)

@@ -18,20 +18,20 @@ from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.env import observation_bounds
-from motorprior.locomotion.sensing import sense
 from motorprior.simulation.mujoco_backend import DrawMotors
-from motorprior.simulation.rollout import WalkConfig, begin_walk, new_walker, walk_step
+from motorprior.simulation.rollout import WalkConfig, begin_walk, complete, new_walker, walk_step
 from motorprior.simulation.world import World, WorldConfig
 
 _MOST = 2**31
 
 
 @njit(cache=True, nogil=True)
-def _begin(body, worlds, motors, sensors, walkers, index, observations):
+def _begin(body, worlds, motors, sensors, walkers, index, control_dt, observations):
     """First observation of one robot."""
     begin_walk(
-        body, borrowed(worlds[index]), borrowed(motors[index]), borrowed(sensors[index]), borrowed(walkers[index])
-    )
+        body, borrowed(worlds[index]), borrowed(motors[index]), borrowed(sensors[index]), borrowed(walkers[index]),
+        control_dt,
+    )  # fmt: skip
     observations[index] = walkers[index].observation
 
 
@@ -42,12 +42,13 @@ def _step(body, worlds, motors, sensors, walkers, share, actions, control_dt, ta
     for index in share:
         world, walker = borrowed(worlds[index]), borrowed(walkers[index])
         walker.action[:] = actions[index]
-        phases[index], rewards[index], over[index], faults[index] = walk_step(
-            body, world, borrowed(motors[index]), walker, phases[index], control_dt, task
+        rewards[index], over[index], faults[index] = walk_step(
+            body, world, borrowed(motors[index]), walker, control_dt, task
         )
+        phases[index] = walker.gait.scalars[0]
         steps[index] += 1
         if faults[index] == 0:
-            sense(borrowed(sensors[index]), steps[index], walker.observation)
+            complete(body, borrowed(sensors[index]), walker, steps[index], control_dt)
         observations[index] = walker.observation
 
 
@@ -56,7 +57,7 @@ class WalkVectorEnv(VectorEnv):
 
     Its observations, rewards and ends are those of N `locomotion.env.WalkEnv` on `MujocoBackend` under
     `gymnasium.vector.SyncVectorEnv`, bit for bit, on any number of threads. Its infos are fewer: fault, phase and
-    base_pos, no position_target, measured_joint_pos and base_quat.
+    base_pos, no command, position_target, measured_joint_pos and base_quat.
 
     Args:
         num_envs: N.
@@ -75,7 +76,7 @@ class WalkVectorEnv(VectorEnv):
         require_count("num_envs", num_envs)
         require_count("threads", threads)
         self.num_envs, self._walk, self._draw, self._dt = num_envs, walk, draw_motors, config.control_dt
-        self._robot, self._body = config.robot, body_of(config.robot)
+        self._robot, self._body = config.robot, body_of(config.robot, walk.gait)
         furthest = observation_bounds(config.robot.num_joints)
         self.single_observation_space = Box(-furthest, furthest, dtype=np.float64)
         self.single_action_space = Box(-1.0, 1.0, (action_size(config.robot.num_joints),), np.float64)
@@ -161,7 +162,8 @@ class WalkVectorEnv(VectorEnv):
         motors = self._draw(np.random.default_rng(seed))
         arrays = world.reset(motors, conditions=varied.conditions(self._robot, seed, episode_steps))
         sensors = varied.sensors(self._robot, seed, episode_steps)
-        return world.arrays, arrays, sensors, new_walker(self._robot.num_joints)
+        commands = self._walk.commands.schedule(self._robot, seed, episode_steps)
+        return world.arrays, arrays, sensors, new_walker(self._robot.num_joints, len(self._robot.legs), commands)
 
     def _begin(self, index: int, seed: int | None) -> None:
         drawn = int(self._rngs[index].integers(_MOST)) if seed is None else seed
@@ -170,7 +172,7 @@ class WalkVectorEnv(VectorEnv):
         self._steps[index], self._phases[index], self._faults[index] = 0, 0.0, 0
         self._over[index] = False
         worlds, motors, sensors, walkers = self._lists
-        _begin(self._body, worlds, motors, sensors, walkers, index, self._observations)
+        _begin(self._body, worlds, motors, sensors, walkers, index, self._dt, self._observations)
 
     def _info(self) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)

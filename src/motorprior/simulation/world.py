@@ -118,6 +118,10 @@ class WorldArrays(NamedTuple):
     """(rows, joints) position targets of the latest control steps, in true angles [rad]: a delay line; state"""
     clock: np.ndarray
     """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
+    geoms: np.ndarray
+    """(geoms, 3) places of the geoms at the beginning of the last physics step [m], a view"""
+    feet: np.ndarray
+    """(legs,) int64: the feet among the geoms"""
     warnings: np.ndarray
     """(kinds of warning,) int32: how often MuJoCo gave each since the reset"""
     push: np.ndarray
@@ -168,6 +172,8 @@ class World:
             encoder_offset=np.zeros(joints),
             commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, joints)),
             clock=np.zeros(2, np.int64),
+            geoms=self.data.geom_xpos,
+            feet=np.array([self.model.geom(leg.foot).id for leg in config.robot.legs], np.int64),
             warnings=self.data.warning.number,
             push=np.zeros((0, 2)),
             physics_dt=config.physics_dt,

@@ -16,7 +16,7 @@ from motorprior.actuator.true_motors import TrueMotors
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import open_loop_trot
+from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Replay, replay
@@ -49,11 +49,13 @@ class RobotFidelity:
 def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
     """(steps, joints) targets [rad] of a random trot.
 
-    1-1.75 Hz, intensity 0.25-0.55, height 0-0.25: bounds within which the robot does not roll over in open loop.
+    0.4-0.7 of the usual frequency, 0.4-0.8 of the highest speed, raised by up to a quarter of the swing's height:
+    bounds within which the robot does not roll over in open loop.
     """
-    frequency, intensity = rng.uniform(1.0, 1.75), rng.uniform(0.25, 0.55)
-    height, ratio = rng.uniform(0.0, 0.25), float(np.exp(rng.uniform(-0.3, 0.3)))
-    return open_loop_trot(body_of(robot), steps, frequency, intensity, height, ratio, robot.control_dt)
+    body = body_of(robot)
+    frequency, forward = rng.uniform(0.4, 0.7) * body.frequency, rng.uniform(0.4, 0.8) * body.fastest
+    height, ratio = rng.uniform(0.0, 0.25) * body.swing_height, float(np.exp(rng.uniform(-0.3, 0.3)))
+    return open_loop_gait(body, steps, forward, frequency, height, ratio, robot.control_dt)
 
 
 def robot_fidelity(

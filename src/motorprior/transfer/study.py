@@ -60,16 +60,18 @@ def evaluate(
 
 
 def _walk(policy: Policy, simulator: WalkSimulator | BackendSimulator, draw: int) -> Episode:
-    return simulator.run(policy.weights, policy.observation_mean, policy.observation_std, STUDY_SEED + draw, trace=True)
+    return simulator.run(policy.arrays(), STUDY_SEED + draw, trace=True)
 
 
 def _summary(episodes: list[Episode], control_dt: float) -> Walking:
     duration = DURATION_STEPS * control_dt
     forward = np.mean([episode.displacement[0] for episode in episodes])
     drift = np.mean([abs(episode.displacement[1]) for episode in episodes])
-    upright = np.mean([_upright_steps(episode) / DURATION_STEPS for episode in episodes])
+    upright = np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])
     return Walking(float(forward / duration), float(upright), float(drift))
 
 
-def _upright_steps(episode: Episode) -> int:
-    return episode.steps if episode.steps == DURATION_STEPS else episode.steps - 1
+def share_upright(episode: Episode, steps: int) -> float:
+    """Share of an episode of so many control steps before a fall or a breakdown of the physics [-]."""
+    fell = episode.steps < steps or episode.fault != 0
+    return (episode.steps - fell) / steps

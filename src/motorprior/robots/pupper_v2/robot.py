@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.robots.robot import Joint, Leg, Robot
+from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.wire import SafetyLimits, Wire
 
 _FLEETS = Path(__file__).parent / "fleets"
 _PHASES = {"FR": 0.0, "FL": 0.5, "RR": 0.5, "RL": 0.0}
+_OUTWARD = spec.HIP_OFFSET[1] + spec.KNEE_OFFSET[1] + spec.FOOT_OFFSET[1]
+"""From the abduction axis to the plane of the foot [m]."""
 _WIRE = Wire(
     kp=spec.WIRE_KP,
     kd=spec.WIRE_KD,
@@ -48,7 +52,16 @@ def _leg(index: int) -> Leg:
         thigh=spec.THIGH_LENGTH,
         shank=spec.SHANK_LENGTH,
         foot_radius=spec.FOOT_RADIUS,
+        rest=_rest(name),
     )
+
+
+def _rest(leg: str) -> tuple[float, float]:
+    """Where a foot's centre is in the nominal pose, forward and left of the chassis' origin [m]."""
+    _, hip, knee = spec.NOMINAL_POSE[:3]
+    reach = -(spec.THIGH_LENGTH * np.sin(hip) + spec.SHANK_LENGTH * np.sin(hip + knee))
+    forward = spec.abduction_origin(leg)[0] + spec.HIP_OFFSET[0] + reach
+    return round(float(forward), 9), round(spec.SIDE[leg] * (spec.ABDUCTION_Y + _OUTWARD), 9)
 
 
 _LEGS = tuple(_leg(index) for index in range(len(spec.LEGS)))
@@ -61,6 +74,8 @@ PUPPER_V2 = Robot(
     num_links=1 + spec.NUM_JOINTS,
     nominal=tuple(spec.NOMINAL_POSE.tolist()),
     legs=_LEGS,
+    gait=Gait(frequency=2.1, swing_height=0.03, forward=(-0.2, 0.5)),
+    weight=round(GRAVITY * spec.MASS, 9),
     standing_height=round(_LEGS[0].drop(spec.NOMINAL_POSE), 9),
     lowest=0.05,
     highest=0.6,

@@ -70,6 +70,8 @@ ABDUCTION_LINK = Link(0.106, (-0.02615, 0.0139, 0.0), (6e-5, 2e-5, 6e-5))
 THIGH = Link(0.142, (0.0, 0.0172, -0.061), (1.6e-4, 1.4e-4, 3e-5))
 SHANK = Link(0.0381, (-0.00075, -0.0057, -0.0658), (1.8e-4, 1.8e-4, 2e-5))
 """The shank with the 0.1 g foot."""
+MASS = CHASSIS.mass + len(LEGS) * (ABDUCTION_LINK.mass + THIGH.mass + SHANK.mass)
+"""Of the whole robot [kg]."""
 
 CHASSIS_BOX_CENTER = (0.0, 0.0, 0.0)
 CHASSIS_BOX_SIZE = (0.26, 0.11, 0.07)

@@ -1,0 +1,261 @@
+"""How well policies walk: speed, straightness, feet, falls, on sampled motors and on twins. Tables of docs/training.md.
+
+    python benchmarks/walking.py --out runs/walking
+
+Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
+PLACE/MEASURE/SPEED of each speed, where PLACE is
+sampled (draws of the learned prior, where it was trained), twin (physical motors, noisy sensors) or hard (a twin with
+other friction, masses, slope, late sensors and pushes). Finished stages are kept. Forty minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import write_json, write_text
+from motorprior.bench.fleet import Fleet
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.identify import PRIOR, Identify, run_identify
+from motorprior.pipeline.motor_choice import MotorChoice, drawn_from, load_robot_fleet
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.walk import POLICY, Walk, run_walk
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import make_executor
+from motorprior.search.policy_search import Champion, contest, new_search, train
+from motorprior.search.policy_shape import PolicyShape
+from motorprior.simulation.engines import Scene
+from motorprior.simulation.randomization import ROBUST
+from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
+from motorprior.simulation.world import WorldConfig
+from motorprior.transfer.gait_quality import gait_quality
+from motorprior.transfer.quality_results import quality_results
+from motorprior.transfer.study import STUDY_SEED
+from motorprior.transfer.twin import HARD, NOISY, twin_of
+
+PROGRESS = Lines(sys.stderr)
+SPEEDS = (0.3, 0.55, 0.8)
+"""Commanded speeds, as shares of the robot's fastest: 0.15, 0.275 and 0.4 m/s for the shipped robot."""
+PLACES = ("sampled", "twin", "hard")
+GOAL_SPEED, GOAL_UPRIGHT, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS = 0.25, 0.98, 0.3, 50, 10.0
+GOAL_EVERY, GOAL_ITERATIONS, TOP_UPRIGHT = 5, 200, 0.9
+TOP = 1.5
+"""Fastest command of the search for the highest speed, as a share of the robot's usual fastest. At 2.4 the gait trips
+over its own start, since a command comes into force within half a second."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Train on samples of a prior, and watch."""
+
+    out: Path
+    """Run folder."""
+    robot: str = DEFAULT_ROBOT
+    """Robot."""
+    fleet: str | None = None
+    """Population of motors; the robot's own if not given."""
+    seeds: int = 5
+    """Policies."""
+    iterations: int = 150
+    """Of the search."""
+    draws: int = 24
+    """Walks per place and speed."""
+    seconds: float = 20.0
+    """Of a walk [s]."""
+    top_iterations: int = 300
+    """Of the search for the highest speed; 0 leaves it out."""
+    workers: int = 2
+    """Threads."""
+
+
+def prior_of(settings: Settings) -> Path:
+    """The prior of the virtual bench."""
+    bench, folder = settings.out / "bench", settings.out / "prior"
+    run_bench(Bench(bench, settings.fleet, robot=settings.robot), PROGRESS)
+    run_identify(Identify(bench, folder), PROGRESS)
+    return folder / PRIOR
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where policies are watched: attributes robot, fleet, prior, and how many walk at a time."""
+
+    robot: Robot
+    fleet: Fleet
+    prior: Path
+    workers: int
+
+    def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
+        """Of one of the three places."""
+        if place == "sampled":
+            draw, physics_dt = drawn_from(MotorPrior.load(self.prior), self.robot)
+            return WalkSimulator(draw, WorldConfig.of(self.robot, physics_dt=physics_dt), walk)
+        return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
+
+    def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
+        """Measures of every draw at one commanded speed."""
+        steps = round(seconds / self.robot.control_dt)
+        walk = WalkConfig(steps, commands=Commands.steady(forward))
+        executor = make_executor(partial(self.simulator, place, walk), self.workers)
+        episodes = executor.map(_walk, policy, [STUDY_SEED + draw for draw in range(draws)])
+        executor.close()
+        qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
+        return Results.of(row for each in qualities for row in quality_results(each, self.robot, "walk", place))
+
+    def watch(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:
+        """Means over the draws of every measure, by commanded speed [m/s]; a fall is no way and all error."""
+        fastest, found = self.robot.require_legs().forward[1], []
+        for share in SPEEDS:
+            walks = self.walks(place, policy, share * fastest, settings.draws, settings.seconds)
+            found += means(walks, f"{share * fastest:.3g}")
+        return Results.of(found)
+
+
+def means(walks: Results, speed: str) -> list[Result]:
+    """Means over walks at one speed, which is their part; the lift of a leg is a quantity with the leg's name."""
+    rows = []
+    for quantity in walks.distinct("quantity"):
+        for leg in walks.where(quantity=quantity).distinct("part"):
+            same = walks.where(quantity=quantity, part=leg)
+            name = quantity if leg is None else f"{quantity}/{leg}"
+            mean = same.mean(quantity=quantity)
+            rows.append(replace(same.rows[0], quantity=name, value=mean, model=None, part=speed))
+    return rows
+
+
+def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
+    return simulator.run(policy, seed, trace=True)
+
+
+def trained(settings: Settings, prior: Path, seed: int) -> Path:
+    """The policy of a seed, trained unless it is there."""
+    folder = settings.out / f"seed_{seed}"
+    motors = MotorChoice("prior", prior=prior)
+    run_walk(
+        Walk(
+            folder, motors, iterations=settings.iterations, search=ArsConfig(seed=seed), workers=settings.workers,
+            robot=settings.robot,
+        ),
+        PROGRESS, f"seed {seed}",
+    )  # fmt: skip
+    return folder / POLICY
+
+
+def seconds_to_goal(stage: Stage, seed: int) -> float:
+    """Seconds of training until the best policy walks 0.25 m/s, 98 % upright, on sampled motors; infinite if never."""
+    draw, physics_dt = drawn_from(MotorPrior.load(stage.prior), stage.robot)
+    shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
+    scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(randomization=ROBUST))
+    search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)
+    executor, seconds = make_executor(scene.simulator, stage.workers), 0.0
+    for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
+        began = time.monotonic()
+        champion = train(search, shape, executor, iterations, contest(search, shape, executor, champion))
+        seconds += time.monotonic() - began
+        rows = stage.walks("sampled", champion.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
+        speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
+        PROGRESS.note(f"seed {seed}: {seconds:.0f} s, {iterations} iterations: {speed:.2f} m/s, {upright:.0%} upright")
+        if speed >= GOAL_SPEED and upright >= GOAL_UPRIGHT:
+            break
+    else:
+        seconds = float("inf")
+    executor.close()
+    return seconds
+
+
+def top_speed(settings: Settings, stage: Stage) -> float:
+    """Highest speed at which nine of ten draws stay upright: the oracle's motors, commands without a cap."""
+    size = stage.robot.require_legs()
+    robot = replace(stage.robot, gait=replace(size, forward=(size.forward[0], TOP * size.forward[1])))
+    stage = replace(stage, robot=robot)
+    walk = WalkConfig(commands=Commands((0.0, robot.require_legs().forward[1]), (0.0, 0.0)))
+    shape = PolicyShape.of(robot, "trot", 0, symmetric=True)
+    executor = make_executor(lambda: twin_of(robot, stage.fleet, walk), stage.workers)
+    search, champion = new_search(ArsConfig(seed=0), shape), Champion.none_yet(shape)
+    champion = train(search, shape, executor, settings.top_iterations, champion)
+    executor.close()
+    speeds = []
+    for share in np.linspace(0.4, 1.0, 7):
+        rows = stage.walks("twin", champion.policy, share * robot.require_legs().forward[1], GOAL_DRAWS, GOAL_SECONDS)
+        speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
+        PROGRESS.note(f"top speed, {share:.0%} of the highest command: {speed:.2f} m/s, {upright:.0%} upright")
+        speeds.append(speed if upright >= TOP_UPRIGHT else 0.0)
+    return max(speeds)
+
+
+def measure(settings: Settings) -> Results:
+    """Everything."""
+    robot = load_robot(settings.robot)
+    prior = prior_of(settings)
+    stage = Stage(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
+    found = []
+    for seed in range(settings.seeds):
+        policy = Policy.load(trained(settings, prior, seed)).arrays()
+        for place in PLACES:
+            watched = stage.watch(place, policy, settings).having(seed=seed)
+            found += watched.rows
+            for speed in watched.distinct("part"):
+                said = ", ".join(f"{row.quantity} {row.value:.3g}" for row in watched.where(part=speed))
+                PROGRESS.note(f"seed {seed}, {place}, told {speed} m/s: {said}")
+    if settings.top_iterations:
+        goals = [seconds_to_goal(stage, seed) for seed in range(settings.seeds)]
+        found.append(Result("seconds_to_quarter_meter_per_second", "s", float(np.median(goals))))
+        found.append(Result("oracle_top_speed", "m/s", top_speed(settings, stage)))
+    return Results.of(found)
+
+
+def figures_of(results: Results) -> dict[str, float]:
+    """PLACE/MEASURE, means over speeds and seeds; the same /SPEED over seeds and /seed_K over speeds."""
+    figures: dict[str, float] = {}
+    for row in results:
+        if row.motors is None:
+            figures[row.quantity] = row.value
+            continue
+        name, here = f"{row.motors}/{row.quantity}", {"quantity": row.quantity, "motors": row.motors}
+        figures[name] = results.mean(**here)
+        figures[f"{name}/{row.part}"] = results.mean(**here, part=row.part)
+        figures[f"{name}/seed_{row.seed}"] = results.mean(**here, seed=row.seed)
+    return figures
+
+
+def table(results: Results) -> str:
+    """Markdown: a row per measure; by commanded speed means over the seeds, and the range of the seeds in brackets."""
+    walked = results.where(motors=PLACES)
+    columns = [(place, speed) for place in PLACES for speed in walked.distinct("part")]
+    heads = [f"{place}, {speed} m/s" for place, speed in columns]
+    lines = ["| measure | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
+    for quantity in walked.distinct("quantity"):
+        cells = []
+        for place, speed in columns:
+            values = [row.value for row in walked.where(quantity=quantity, motors=place, part=speed)]
+            cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})")
+        unit = walked.where(quantity=quantity).rows[0].unit
+        lines.append(f"| {quantity}{'' if unit == '1' else f' [{unit}]'} | {' | '.join(cells)} |")
+    return "\n".join([*lines, *(f"\n{row.quantity}: {row.value:.3g} {row.unit}" for row in results.where(motors=None))])
+
+
+def main() -> None:
+    """Measure, write results.json, figures.json and tables.md, print the tables."""
+    settings = tyro.cli(Settings, description=__doc__)
+    results = measure(settings)
+    results.save(settings.out / "results.json")
+    write_json(settings.out / "figures.json", figures_of(results))
+    write_text(settings.out / "tables.md", table(results) + "\n")
+    print(table(results))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""Limits of motors beside what their logs show: none below it, and none felt where none is shown.
+
+A motor that held a speed has no limit below. Held is what a joint never falls below for HELD_SECONDS on its way towards
+its target: an impact drives a joint faster than its motor goes, but not for so long, nor towards the target. With
+excitations that are made of impacts, that is 0.75 to 0.99 of a firmware's limit of speed where a motor reaches it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import minimum_filter1d
+
+from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+
+SPEED_LIMITS = ("profile_speed", "no_load_speed")
+HELD_SECONDS = 0.1
+"""So long a motor's own speed lasts at least."""
+MARGIN = 1.02
+"""Least limit of speed over the speed that the motor held [-]."""
+
+
+def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
+    """(M,) largest speed [rad/s] that each joint held for HELD_SECONDS on its way to its target; 0 where none did.
+
+    Args:
+        vel: (M, R) joint velocities. The end of a segment and the beginning of the next count as one motion: a speed
+            that is held through both is held in both.
+        error: (M, R) position_target - joint_pos.
+        period: of the rows [s].
+    """
+    rows, lowest = max(1, round(HELD_SECONDS / period)), []
+    for way in (1.0, -1.0):
+        towards = np.where(way * error > 0.0, np.maximum(way * vel, 0.0), 0.0)
+        lowest.append(minimum_filter1d(towards, rows, axis=1, mode="constant", cval=0.0))
+    return np.max(lowest, axis=(0, 2)).astype(np.float64)
+
+
+def least_outputs(center: np.ndarray, terms: tuple[str, ...], held: np.ndarray) -> np.ndarray:
+    """(M, P) least decoder outputs, relative to the central motor's, of motors that held these speeds (M,) [rad/s].
+
+    -inf where nothing bounds them; never above what the decoder reaches.
+    """
+    least = np.full((len(held), len(center)), -np.inf)
+    for row, name in enumerate(parameters_of(terms)):
+        if name in SPEED_LIMITS:
+            with np.errstate(divide="ignore"):
+                least[:, row] = np.minimum(np.log(MARGIN * held) - center[row], LOG_REACH)
+    return least

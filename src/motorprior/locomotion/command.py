@@ -1,0 +1,78 @@
+"""What a robot is told to do: speed and yaw rate over time, given or drawn anew for every episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.bounds import is_range, require_number
+from motorprior.exceptions import ConfigError
+from motorprior.robots.robot import Robot
+
+_STREAM = 0xC0DE
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Commands of an episode, each held for a while.
+
+    The speeds of an episode are spread evenly over their range, in random order. The defaults are for training: all
+    that the robot is built for.
+
+    Attributes:
+        forward: lowest and highest speed [m/s]; the robot's own range if not given.
+        yaw_rate: lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given.
+        hold: time that a command is held [s].
+        straight: share of the commands without a turn [-].
+        still: share of the commands to stand still [-].
+
+    Raises:
+        ConfigError: a range that is upside down, or a number out of bounds.
+    """
+
+    forward: Range | None = None
+    yaw_rate: Range | None = None
+    hold: float = 1.25
+    straight: float = 0.5
+    still: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse ranges upside down and numbers out of bounds."""
+        for name in ("forward", "yaw_rate"):
+            value = getattr(self, name)
+            if isinstance(value, list):
+                value = tuple(value)
+                object.__setattr__(self, name, value)
+            if value is not None and not is_range(value, -10.0, 10.0):
+                raise ConfigError(
+                    f"commands.{name} {value!r} is not a range within -10..10", argument=f"commands.{name}",
+                    remedy="give the smaller number first",
+                )  # fmt: skip
+        require_number("commands.hold", self.hold, 0.1, 1e6)
+        for name in ("straight", "still"):
+            require_number(f"commands.{name}", getattr(self, name), 0.0, 1.0)
+
+    @classmethod
+    def steady(cls, forward: float, yaw_rate: float = 0.0) -> Commands:
+        """One command from beginning to end.
+
+        Args:
+            forward: [m/s].
+            yaw_rate: [rad/s], to the left.
+        """
+        return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
+
+    def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
+        """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
+        rng, size = np.random.default_rng([_STREAM, seed]), robot.require_legs()
+        forward, turn = self.forward or size.forward, self.yaw_rate or (-size.yaw_rate, size.yaw_rate)
+        each = max(1, round(self.hold / robot.control_dt))
+        count = -(-steps // each)
+        shares = (rng.permutation(count) + rng.uniform(size=count)) / count
+        speeds = forward[0] + (forward[1] - forward[0]) * shares
+        turns = np.where(rng.uniform(size=count) < self.straight, 0.0, rng.uniform(*turn, count))
+        moving = rng.uniform(size=count) >= self.still
+        held = np.stack([speeds * moving, turns * moving], axis=1)
+        return held[np.arange(steps) // each]

@@ -1,0 +1,110 @@
+"""Left and right swapped: what a robot observes and does in a mirror.
+
+A robot whose legs come in pairs is its own mirror image, and so is its gait half a cycle later, or at once where the
+legs of a pair step together. A policy that answers the mirrored observation with the mirrored action cannot limp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.gaits import phases_of
+from motorprior.robots.robot import Robot
+
+_APART = 0.02
+"""Distance between a foot and its partner's mirror image [m] up to which they are a pair, and difference of phases."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swap:
+    """A mirrored vector: mirrored[i] = sign[i] · vector[place[i]]. Twice is nothing."""
+
+    place: np.ndarray
+    sign: np.ndarray
+
+    def columns(self, matrix: np.ndarray) -> np.ndarray:
+        """M' with M'·x = M·mirrored(x)."""
+        out = np.empty_like(matrix)
+        out[:, self.place] = matrix * self.sign
+        return out
+
+    def of(self, vectors: np.ndarray) -> np.ndarray:
+        """Mirrored (..., n) vectors."""
+        return self.sign * vectors[..., self.place]
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """Attributes: observation and action, how each is mirrored; ``inputs`` is observation with the bias at its end."""
+
+    observation: Swap
+    action: Swap
+
+    @property
+    def inputs(self) -> Swap:
+        """Of a policy."""
+        last = len(self.observation.place)
+        return Swap(np.append(self.observation.place, last), np.append(self.observation.sign, 1.0))
+
+    def symmetric(self, weights: np.ndarray) -> np.ndarray:
+        """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
+        mirrored = self.inputs.columns(weights)
+        return 0.5 * (weights + self.action.sign[:, None] * mirrored[self.action.place])
+
+
+def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
+    """How a robot looks in a mirror.
+
+    Raises:
+        ConfigError: legs that are no pairs, or a gait that is not its own mirror image.
+    """
+    partners = _partners(robot)
+    joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)
+    for leg, partner in zip(robot.legs, partners, strict=True):
+        joints[list(leg.joints)] = robot.legs[partner].joints
+        sign[leg.joints[0]] = -1.0
+    phase = _phase_sign(robot, gait, partners)
+    tilt, followed, modulation = (
+        [-1.0, 1.0, -1.0, 1.0, -1.0],
+        [-1.0, -1.0, 1.0, -1.0, phase, phase],
+        [1.0, 1.0, 1.0, 1.0, -1.0],
+    )
+    first = len(tilt)
+    places = np.arange(observation_size(robot.num_joints))
+    places[first : first + len(joints)] = first + joints
+    actions = np.arange(action_size(robot.num_joints))
+    actions[: len(joints)] = joints
+    return Mirror(
+        Swap(places, np.concatenate([tilt, sign, followed])), Swap(actions, np.concatenate([sign, modulation]))
+    )
+
+
+def _partners(robot: Robot) -> list[int]:
+    """Per leg, the one that is its mirror image; a leg in the middle is its own."""
+    places = np.array([leg.rest for leg in robot.legs])
+    partners = [int(np.argmin(np.abs(places - [x, -y]).sum(axis=1))) for x, y in places]
+    for leg, partner in enumerate(partners):
+        if partners[partner] != leg or np.abs(places[partner] - places[leg] * [1.0, -1.0]).max() > _APART:
+            raise ConfigError(
+                f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}",
+                remedy="train without symmetry", argument="symmetric",
+            )  # fmt: skip
+    return partners
+
+
+def _phase_sign(robot: Robot, gait: str, partners: list[int]) -> float:
+    """-1 if the legs of a pair step half a cycle apart, 1 if together."""
+    phases = phases_of(robot, gait)[0]
+    apart = (phases[partners] - phases) % 1.0
+    for shift, sign in ((0.5, -1.0), (0.0, 1.0)):
+        away = np.abs(apart - shift)
+        if np.minimum(away, 1.0 - away).max() <= _APART:
+            return sign
+    raise ConfigError(
+        f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later",
+        remedy="correct the phases in its file, or train without symmetry", argument="symmetric",
+    )  # fmt: skip

@@ -1,0 +1,101 @@
+"""Messages of an MCAP file, whose packed chunks are unpacked within bounds.
+
+A chunk of a kilobyte can unpack to gigabytes, and say that it does not; the library mcap believes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+from motorprior.exceptions import LogError, shown
+
+_MOST_CHUNK = 64_000_000
+"""Bytes of one chunk, packed or not; recorders make chunks of one to some megabytes."""
+_MOST_UNPACKED, _MOST_TIMES = 100_000_000, 200
+"""All chunks together may unpack to so many bytes, or to so many times those of the file."""
+_RECORD_HEAD = 9
+"""Bytes before a record's content: its kind and its length."""
+_AGAIN = "copy the file again from its source, or record in smaller chunks"
+
+
+def mcap_messages(file: IO[bytes], indexes: Iterable[Any], wanted: set[int], path: Path) -> Iterator[Any]:
+    """Messages of some channels, in the order of the file.
+
+    Args:
+        file: open MCAP file.
+        indexes: its chunks, as its summary has them.
+        wanted: numbers of the channels.
+        path: for messages.
+
+    Raises:
+        LogError: chunks that unpack to too much or not to what they say, or that lie in one another.
+    """
+    from mcap.records import Chunk, Message  # pyright: ignore[reportMissingImports]
+    from mcap.stream_reader import breakup_chunk  # pyright: ignore[reportMissingImports]
+
+    most, done = max(_MOST_UNPACKED, _MOST_TIMES * path.stat().st_size), 0
+    for record in _records(file, sorted(indexes, key=lambda index: index.chunk_start_offset), wanted, path):
+        if isinstance(record, Chunk):
+            chunk = unpacked(record, path)
+            done += len(chunk.data)
+            if done > most:
+                raise LogError(f"it unpacks to more than {most} bytes", where=path, remedy=_AGAIN)
+            inside = breakup_chunk(chunk)
+        else:
+            inside = [record]
+        yield from (one for one in inside if isinstance(one, Message) and one.channel_id in wanted)
+
+
+def unpacked(chunk: Any, path: Path) -> Any:
+    """The same chunk without compression.
+
+    Raises:
+        LogError: too large, packed in an unknown way, or not as large as it says.
+    """
+    import lz4.frame  # pyright: ignore[reportMissingImports]
+    import zstandard  # pyright: ignore[reportMissingImports]
+
+    size, packing = chunk.uncompressed_size, chunk.compression
+    _require_size(size, path)
+    if packing == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+    elif packing == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif packing == "":
+        data = chunk.data
+    else:
+        raise LogError(f"a chunk is packed with {shown(packing)}", where=path, remedy="pack it with zstd or lz4")
+    if len(data) != size:
+        problem = f"a chunk says that it unpacks to {size} bytes, and does not"
+        raise LogError(problem, where=path, remedy=_AGAIN)
+    return replace(chunk, compression="", data=data)
+
+
+def _records(file: IO[bytes], indexes: list[Any], wanted: set[int], path: Path) -> Iterator[Any]:
+    """Chunks that have messages of the wanted channels; everything, where the summary knows of no chunk."""
+    from mcap.data_stream import ReadDataStream  # pyright: ignore[reportMissingImports]
+    from mcap.records import Chunk  # pyright: ignore[reportMissingImports]
+    from mcap.stream_reader import StreamReader  # pyright: ignore[reportMissingImports]
+
+    if not indexes:
+        file.seek(0)
+        yield from StreamReader(file, emit_chunks=True, record_size_limit=_MOST_CHUNK).records
+    end = 0
+    for index in indexes:
+        if index.chunk_start_offset < end:
+            raise LogError("its chunks lie in one another", where=path, remedy=_AGAIN)
+        end = index.chunk_start_offset + index.chunk_length
+        if index.message_index_offsets and wanted.isdisjoint(index.message_index_offsets):
+            continue
+        _require_size(index.chunk_length, path)
+        file.seek(index.chunk_start_offset + _RECORD_HEAD)
+        yield Chunk.read(ReadDataStream(BytesIO(file.read(index.chunk_length - _RECORD_HEAD))))
+
+
+def _require_size(size: int, path: Path) -> None:
+    if size > _MOST_CHUNK:
+        raise LogError(f"a chunk of {size} bytes, more than {_MOST_CHUNK}", where=path, remedy=_AGAIN)

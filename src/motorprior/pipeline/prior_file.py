@@ -1,0 +1,69 @@
+"""The file of a prior, checked against the robot or the log that it is meant for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.recording import BENCH
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+
+def load_prior(path: Path, robot: Robot) -> MotorPrior:
+    """A prior that this robot can be simulated with.
+
+    Raises:
+        ArtifactError: a file that is no prior.
+        ConfigError: a prior of another robot, or one that does not fit its physics step.
+    """
+    return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
+
+
+def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:
+    """A prior for the motors of a log, and the robot that is meant: none where the log's own name of it is enough.
+
+    Without ``robot`` prior and log must name the same one, whatever it is; the log of a bench, which names none, is of
+    the default robot.
+
+    Raises:
+        ArtifactError: a file that is no prior, or no such robot.
+        ConfigError: a prior of another robot.
+    """
+    if robot is None and log.robot != BENCH:
+        return _loaded(path, lambda prior: _require_robot_of(prior, log)), None
+    given = load_robot(robot or DEFAULT_ROBOT)
+    return load_prior(path, given), given
+
+
+def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
+    try:
+        prior = MotorPrior.load(path)
+        require(prior)
+        _require_all_motors(prior)
+    except (ArtifactError, ConfigError) as error:
+        remedy = error.remedy or "use a prior that `motorprior identify` wrote"
+        raise type(error)(error.problem, where=path, remedy=remedy) from error
+    return prior
+
+
+def _require_robot_of(prior: MotorPrior, log: MotorLog) -> None:
+    if prior.robot != log.robot:
+        raise ConfigError(
+            f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
+            remedy="identify a prior from logs of that robot, or give robot if the log is of another than it says",
+        )
+
+
+def _require_all_motors(prior: MotorPrior) -> None:
+    """Refuse a prior that does not hold one mean per motor of the bench it says it is from."""
+    bench = prior.provenance.get("bench")
+    said = bench.get("motors") if isinstance(bench, dict) else None
+    if said is not None and said != len(prior.mean):
+        raise ArtifactError(
+            f"it has {len(prior.mean)} training motors, its bench {str(said)[:20]}", remedy="identify it again"
+        )

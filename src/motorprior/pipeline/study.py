@@ -1,0 +1,175 @@
+"""The transfer study: every condition, every seed, every twin; resumable per policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.artifacts import read_tensors, write_json, write_tensors
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.policy import Policy
+from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.progress import SILENT, Progress, Task
+from motorprior.pipeline.side_by_side import side_by_side, threads_here
+from motorprior.pipeline.stage import description, fleet_files, is_finished, working, write_results
+from motorprior.pipeline.study_conditions import Condition, adapt_robots, conditions, fleet_of, learn
+from motorprior.pipeline.study_report import STUDY, TRACES, WALKS
+from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.transfer import walker_of
+from motorprior.pipeline.walk import POLICY, Walk, policy_of, run_walk
+from motorprior.pipeline.walk_seeds import SEEDS_APART
+from motorprior.results import Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.search.ars import ArsConfig
+from motorprior.search.policy_search import Champion
+from motorprior.search.policy_shape import PolicyShape
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.rollout import WalkConfig
+from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
+from motorprior.transfer.study_results import study_results
+from motorprior.transfer.study_summary import summarise
+from motorprior.transfer.study_verdicts import UNTRAINED
+from motorprior.transfer.twin import straight_ahead
+from motorprior.transfer.walk_measures import walk_measures
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkRow, WalkTable
+
+
+def run_study(config: Study, progress: Progress = SILENT) -> Results:
+    """Run every cell that is not finished; write walks.csv, traces, results.json and figures.json.
+
+    Raises:
+        MotorPriorError: settings out of range, or a stage cannot run; what is finished stays.
+    """
+    config = config.sized()
+    robot, twins = load_robot(config.robot), _twins_here(progress)
+    with taken(config.out):
+        learn(config, progress)
+        adapt_robots(config, range(config.seeds), progress)
+        cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
+        with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
+            works = [partial(_cell, config, robot, twins, condition, seed, task) for condition, seed in cells]
+            tables = side_by_side(works, threads_here(config.workers, progress), progress)
+        table = WalkTable.of(walk for each in tables for walk in each.walks)
+        table.save(config.out / WALKS)
+        _keep_traces(config, cells)
+        write_json(config.out / STUDY, {name: str(value) for name, value in asdict(config).items() if name != "out"})
+        results = study_results(summarise(table))
+        write_results(config.out, results)
+    return results
+
+
+def _twins_here(progress: Progress) -> tuple[str, ...]:
+    """Names of the twins whose engine is installed."""
+    try:
+        import_bullet()
+    except ConfigError as error:
+        progress.note(f"note: without the twin in PyBullet: {error}")
+        return tuple(name for name, twin in TWINS.items() if twin.engine != "pybullet")
+    return tuple(TWINS)
+
+
+def _cell(
+    config: Study, robot: Robot, twins: tuple[str, ...], condition: Condition, seed: int, task: Task, progress: Progress
+) -> WalkTable:
+    """Train the policy of a condition and a seed, and watch it everywhere."""
+    name = condition.folder(seed)
+    walk = Walk(
+        config.out / "walk" / name, condition.motors, iterations=config.iterations,
+        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed), workers=1,
+        robot=config.robot,
+    )  # fmt: skip
+    if condition.name == UNTRAINED:
+        _gait(robot, condition).save(walk.out / POLICY)
+    else:
+        run_walk(walk, progress, name)
+    table = _watched(config, robot, twins, condition, seed, progress)
+    task.advance(1, name)
+    return table
+
+
+def _gait(robot: Robot, condition: Condition) -> Policy:
+    """The policy of zero weights."""
+    nobody = Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
+    return policy_of(robot, "trot", nobody, condition.motors.nominal(robot), {})
+
+
+def _watched(
+    config: Study, robot: Robot, twins: tuple[str, ...], condition: Condition, seed: int, progress: Progress
+) -> WalkTable:
+    """The walks of a policy, measured unless they are there."""
+    name = condition.folder(seed)
+    folder, policy = config.out / "watched" / name, config.out / "walk" / name / POLICY
+    here = tuple(twin for twin in condition.twins if twin in twins)
+    settings = {"twins": here, "draws": config.draws, "seconds": config.seconds, "condition": condition.name}
+    fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
+    wanted = description("study", settings | {"robot": condition.robot}, [policy, *fleets, *robot.files])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            watch = _Watch(config, robot, condition, seed, policy, progress)
+            rows, traces = watch.everywhere(here)
+            WalkTable.of(rows).save(folder / WALKS)
+            write_tensors(folder / TRACES, traces, {})
+    return WalkTable.load(folder / WALKS)
+
+
+class _Watch:
+    """A policy that walks at its places."""
+
+    def __init__(
+        self, config: Study, robot: Robot, condition: Condition, seed: int, path: Path, progress: Progress
+    ) -> None:
+        self._config, self._robot, self._condition, self._seed = config, robot, condition, seed
+        self._path, self._policy, self._progress = path, Policy.load(path), progress
+        self._steps = round(config.seconds / robot.control_dt)
+
+    def everywhere(self, twins: tuple[str, ...]) -> tuple[list[WalkRow], dict[str, np.ndarray]]:
+        """The walks at its own place and at the twins; the trace of the walk of median speed at each."""
+        own = OWN_ABROAD if self._condition.population == ABROAD else OWN
+        rows, traces = [], {}
+        walk = WalkConfig(self._steps, commands=straight_ahead(self._robot), gait=self._policy.gait)
+        mine = replace(walk, randomization=self._condition.randomization)
+        places: dict[str, Callable[[], OwnWalks | NumberedWalks]] = {}
+        if self._condition.name != UNTRAINED:
+            places[own] = lambda: OwnWalks(walker_of(self._path, self._robot, walk=mine).own)
+        places |= {name: partial(self._numbered, name, walk) for name in twins}
+        for place, simulator in places.items():
+            walks = simulator()
+            found, trace = self._at(place, walks)
+            rows, traces[place] = rows + found, trace
+            walks.close()
+        return rows, traces
+
+    def _numbered(self, name: str, walk: WalkConfig) -> NumberedWalks:
+        twin = TWINS[name]
+        fleet = load_robot_fleet(self._robot, fleet_of(self._config, twin.population))
+        return NumberedWalks(self._robot, twin, fleet, walk, self._condition.robot)
+
+    def _at(self, place: str, walks: OwnWalks | NumberedWalks) -> tuple[list[WalkRow], np.ndarray]:
+        draws = 1 if place in (OWN, OWN_ABROAD) and self._condition.one_draw_is_all else self._config.draws
+        forward, rows, traces = self._robot.require_legs().forward[1], [], []
+        name = self._condition.name
+        with self._progress.start(f"{name} {self._seed} at {place}", draws) as task:
+            for draw in range(draws):
+                episode = walks.run(self._policy.arrays(), draw)
+                measures = walk_measures(self._robot, episode, forward, self._steps)
+                rows.append(WalkRow(place, name, self._seed, draw, measures))
+                traces.append(episode.trace)
+                task.advance()
+        order = np.argsort([row.measures["speed"] for row in rows], kind="stable")
+        return rows, traces[int(order[len(order) // 2])]
+
+
+def _keep_traces(config: Study, cells: list[tuple[Condition, int]]) -> None:
+    """Of the first seed, for the page."""
+    robot, kept = load_robot(config.robot), {}
+    for condition, seed in cells:
+        if seed == 0:
+            traces, _ = read_tensors(config.out / "watched" / condition.folder(seed) / TRACES)
+            kept |= {f"{place}/{condition.name}": trace for place, trace in traces.items() if place != OWN_ABROAD}
+    write_tensors(config.out / TRACES, kept, {"control_dt": robot.control_dt, "robot": config.robot})

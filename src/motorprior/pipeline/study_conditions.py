@@ -1,0 +1,180 @@
+"""What the policies of a study are trained on: one bench, what was fitted to it, and what the oracle knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_json, write_json
+from motorprior.bench.facts import read_bench
+from motorprior.bench.recording import bench_preset, record
+from motorprior.logs.parquet_io import write_log
+from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
+from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.identify import PRIOR, Identify, run_identify
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, nominal_pd
+from motorprior.pipeline.progress import Progress
+from motorprior.pipeline.stage import description, is_finished, working
+from motorprior.pipeline.study_settings import Study
+from motorprior.robots.load import load_robot
+from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
+from motorprior.transfer.study_verdicts import ADAPTED, ORACLE, ROBUST_PRIOR, UNTRAINED
+from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
+
+FITS = "fits.json"
+HAND_PICKED = 0.3
+"""Share by which a randomised PD's constants vary; hand-picked, as is common, and not tuned."""
+LOG_SECONDS = 10.0
+"""Log of a robot that its policy is adapted to [s]."""
+_NOTHING = Randomization()
+_PRESETS = ("rollout", "paper", "one_network")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a policy is trained on.
+
+    Attributes:
+        name: in tables.
+        motors: of every episode.
+        randomization: what else differs between episodes.
+        twins: where it is watched.
+        robot: number of the one robot that it is watched on; of all if not given.
+        population: HOME, or ABROAD for what was made for foreign motors.
+    """
+
+    name: str
+    motors: MotorChoice
+    randomization: Randomization = _NOTHING
+    twins: tuple[str, ...] = tuple(TWINS)
+    robot: int | None = None
+    population: str = HOME
+
+    def folder(self, seed: int) -> str:
+        """Name of the folders of its policy of a seed."""
+        return f"{self.name}_{seed}" if self.population == HOME else f"{self.name}_{self.population}_{seed}"
+
+    @property
+    def one_draw_is_all(self) -> bool:
+        """Whether its own simulation has no chance in it."""
+        motors = self.motors
+        if self.randomization != _NOTHING or motors.actuator == "fleet" or motors.posterior is not None:
+            return False
+        if motors.actuator == "pd":
+            return motors.spread == 0.0
+        return motors.latent_spread == 0.0 or _latents(motors) == 0
+
+
+def _latents(motors: MotorChoice) -> int:
+    """Number of latents of the prior; motors of one without any are all the same."""
+    return 1 if motors.prior is None else MotorPrior.load(motors.prior).network.num_latents
+
+
+def fleet_of(config: Study, population: str) -> str | None:
+    """The fleet of a population."""
+    return config.foreign if population == ABROAD else config.fleet
+
+
+def learn(config: Study, progress: Progress) -> None:
+    """Record the benches, identify the priors, fit the PDs."""
+    for preset in ("rollout", "paper"):
+        run_bench(
+            Bench(
+                config.out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed,
+                config.robot,
+            ),
+            progress,
+        )  # fmt: skip
+    for preset in _PRESETS:
+        bench = config.out / "bench" / ("paper" if preset == "paper" else "rollout")
+        run_identify(Identify(bench, _prior(config, preset).parent, preset, config.seed, config.adam_steps), progress)
+    _fit_pds(config, progress)
+
+
+def _prior(config: Study, preset: str) -> Path:
+    return config.out / "priors" / preset / PRIOR
+
+
+def _fit_pds(config: Study, progress: Progress) -> None:
+    """Fit the three PDs to the bench's log, each until it has converged; fits.json has constants, error and effort."""
+    from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, FRICTION, GAINS  # here: they import scipy
+    from motorprior.identification.pd_fit import ROUNDS, fit_to_the_end
+
+    robot = load_robot(config.robot)
+    fleet, folder = load_robot_fleet(robot, config.fleet), config.out / "fits"
+    log = config.out / "bench" / "rollout" / "log.parquet"
+    wanted = description("study", {}, [log, *robot.files])
+    if is_finished(folder, wanted):
+        return
+    nominal = nominal_pd(fleet, 1)
+    start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
+    kinds = {"ideal_pd": GAINS, "tuned_pd": EVERYTHING, "pd_friction": FRICTION}
+    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * ROUNDS * EVALUATIONS) as task:
+        recorded = read_bench(log.parent)[0]
+        fits = {name: asdict(fit_to_the_end(recorded, start, free, task.advance)) for name, free in kinds.items()}
+        write_json(folder / FITS, fits)
+
+
+def conditions(config: Study, seed: int) -> list[Condition]:
+    """The conditions of the policies of a seed, those that take longest first; the first has the gait besides."""
+    fits = read_json(config.out / "fits" / FITS)
+    learned = {preset: MotorChoice("prior", _prior(config, preset), fleet=config.fleet) for preset in _PRESETS}
+    prior = learned["rollout"]
+    made = [
+        *(_oracle(config, population) for population in (ABROAD, HOME)),
+        *(_adapted(config, population, seed) for population in (ABROAD, HOME)),
+        Condition(SAMPLED, _named(prior, SAMPLED)),
+        Condition(ROBUST_PRIOR, _named(prior, ROBUST_PRIOR), ROBUST),
+        Condition("prior_mean", _named(prior, "prior_mean", latent_spread=0.0)),
+        *(Condition(name, _named(learned[name], name)) for name in ("paper", "one_network")),
+        *(Condition(name, _pd(config, fits, name, name)) for name in ("ideal_pd", "tuned_pd", "pd_friction")),
+        *([Condition(UNTRAINED, MotorChoice("pd", fleet=config.fleet, name=UNTRAINED))] if seed == 0 else []),
+        Condition("pd_randomised", _pd(config, fits, "pd_friction", "pd_randomised", spread=HAND_PICKED)),
+    ]
+    return made
+
+
+def _named(choice: MotorChoice, name: str, **changes: Any) -> MotorChoice:
+    return replace(choice, name=name, **changes)
+
+
+def _pd(config: Study, fits: Mapping, fit: str, name: str, spread: float = 0.0) -> MotorChoice:
+    return MotorChoice("pd", fleet=config.fleet, spread=spread, name=name, **fits[fit]["constants"])
+
+
+def _twins_of(population: str) -> tuple[str, ...]:
+    return tuple(name for name, twin in TWINS.items() if twin.population == population)
+
+
+def _oracle(config: Study, population: str) -> Condition:
+    motors = MotorChoice("fleet", fleet=fleet_of(config, population), name=ORACLE)
+    return Condition(ORACLE, motors, twins=_twins_of(population), population=population)
+
+
+def _adapted(config: Study, population: str, seed: int) -> Condition:
+    posterior = _posterior(config, population, seed) / POSTERIOR
+    motors = MotorChoice("prior", _prior(config, "rollout"), posterior, config.fleet, name=ADAPTED)
+    return Condition(ADAPTED, motors, twins=_twins_of(population), robot=seed, population=population)
+
+
+def _posterior(config: Study, population: str, seed: int) -> Path:
+    return config.out / "robots" / f"{population}_{seed}"
+
+
+def adapt_robots(config: Study, seeds: range, progress: Progress) -> None:
+    """Record LOG_SECONDS of the motors of robot ``seed`` of each population, and adapt the prior to them."""
+    robot = load_robot(config.robot)
+    preset = bench_preset("adapt").for_robot(robot)
+    steps = round(LOG_SECONDS / preset.period)
+    for population in (HOME, ABROAD):
+        fleet = load_robot_fleet(robot, fleet_of(config, population))
+        for seed in seeds:
+            folder = _posterior(config, population, seed)
+            log = folder.parent / f"{folder.name}.parquet"
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            write_log(log, record(motors_of_robot(robot, fleet, seed), preset, steps, seed, fleet))
+            run_adapt(Adapt(_prior(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)

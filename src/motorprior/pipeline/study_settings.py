@@ -1,0 +1,77 @@
+"""What a study is told, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from motorprior.bench.facts import require_bench_size
+from motorprior.bounds import require_count, require_number, require_seed
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+_QUICK = {"seeds": 2, "draws": 6, "iterations": 10, "adam_steps": 300}
+
+
+@dataclass(frozen=True)
+class Study:
+    """Train on every model of a bench's motors, with several seeds; watch on four twins; decide."""
+
+    out: Path
+    """Run folder."""
+    fleet: str | None = None
+    """Population of the bench's motors and of the first twin; the robot's own if not given."""
+    foreign: str = "foreign_direct"
+    """Population of the twins with motors of another family."""
+    seeds: int = 8
+    """Policies per condition."""
+    draws: int = 32
+    """Walks of each policy at each place."""
+    seconds: float = 10.0
+    """Of a walk [s]."""
+    iterations: int = 50
+    """ARS iterations per policy, the same for every condition."""
+    motors: int = 32
+    """Motors on the bench."""
+    bench_steps: int = 10_000
+    """Samples per motor."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    seed: int = 0
+    """Of the bench and the priors; policies of different studies share no search seed."""
+    quick: bool = False
+    """Minutes instead: 2 seeds, 6 walks, 10 iterations, 300 Adam steps, unless others are given. It decides nothing."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Policies at a time; the result does not depend on it."""
+
+    def sized(self) -> Study:
+        """With the numbers of a quick study if it is one.
+
+        Raises:
+            MotorPriorError: names the setting that is out of range.
+        """
+        config = self
+        if self.quick:
+            defaults = {field.name: field.default for field in fields(self)}
+            config = replace(
+                self, **{name: few for name, few in _QUICK.items() if getattr(self, name) == defaults[name]}
+            )
+        robot = load_robot(config.robot)
+        robot.require_legs()
+        for name in ("seeds", "draws", "iterations"):
+            require_count(name, getattr(config, name), 1, MOST_EPISODE_STEPS)
+        if config.adam_steps is not None:
+            require_count("adam_steps", config.adam_steps)
+        require_number("seconds", config.seconds, 2.0, MOST_EPISODE_STEPS * robot.control_dt)
+        require_count("workers", config.workers, 1, MOST_WORKERS)
+        require_count("motors", config.motors, robot.num_joints)
+        require_bench_size(config.motors, config.bench_steps, "bench_steps")
+        require_seed(config.seed)
+        for fleet in (config.fleet, config.foreign):
+            load_robot_fleet(robot, fleet)
+        return config

@@ -1,0 +1,97 @@
+"""metrics.jsonl: how a training goes, a line per iteration, written as it happens; and the same in a few words."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.artifacts import MAX_JSON, parse_json, write_text
+from motorprior.exceptions import ArtifactError
+from motorprior.outside_files import read_text
+
+METRICS = "metrics.jsonl"
+_NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright")
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Attributes: iterations and episode_steps of a training at most; episodes, of one iteration without contests."""
+
+    iterations: int
+    episode_steps: int
+    episodes: int
+
+
+class Metrics:
+    """Lines about a training that is under way.
+
+    What is in the file follows from the learning curve alone, so that it is the same however often a training was
+    interrupted: a new process writes it anew from the curve of its checkpoint, which cuts what is ahead of that, and a
+    line that a killed process half wrote.
+
+    Args:
+        folder: of the walk.
+        curve: points so far, see `pipeline.walk.as_point`.
+        extent: of the training.
+    """
+
+    def __init__(self, folder: Path, curve: Sequence[dict[str, Any]], extent: Extent):
+        self._path, self._extent = folder / METRICS, extent
+        self._began, self._before = time.monotonic(), len(curve)
+        write_text(self._path, "".join(self._line(point) for point in curve))
+
+    def add(self, point: dict[str, Any]) -> str:
+        """Append a line; returns return, time upright, speed of the training and time left for the terminal."""
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(self._line(point))
+        iterations = int(point["iteration"]) + 1
+        done, seconds = iterations - self._before, max(1e-9, time.monotonic() - self._began)
+        left = seconds / done * (self._extent.iterations - iterations)
+        rate = self._extent.episodes * done / seconds
+        upright = 100.0 * self._upright(point)
+        return (
+            f"return {point['mean_return']:.2f} m, upright {upright:.0f} %, {rate:.0f} episodes/s, {_time(left)} left"
+        )
+
+    def _upright(self, point: dict[str, Any]) -> float:
+        return point["mean_steps"] / self._extent.episode_steps
+
+    def _line(self, point: dict[str, Any]) -> str:
+        """Return of the perturbed policies [m], share of the time upright [-], episodes so far."""
+        row = {
+            "iteration": point["iteration"],
+            "episodes": self._extent.episodes * (int(point["iteration"]) + 1),
+            "return_mean": point["mean_return"],
+            "return_best": point["best_return"],
+            "steps_mean": point["mean_steps"],
+            "upright": self._upright(point),
+            "faults": dict(sorted(point["faults"].items())),
+        }
+        return json.dumps(row, allow_nan=False) + "\n"
+
+
+def read_metrics(folder: Path) -> dict[str, np.ndarray]:
+    """(N,) values of every quantity of a finished training, by name.
+
+    Raises:
+        ArtifactError: no such file, or a line that `Metrics` did not write.
+    """
+    path = folder / METRICS
+    try:
+        rows = [parse_json(line) for line in read_text(path, MAX_JSON).splitlines()]
+        return {name: np.array([row[name] for row in rows]) for name in _NUMBERS}
+    except (ValueError, KeyError, TypeError) as error:
+        raise ArtifactError(f"not the metrics of a training ({error})", where=path, remedy="train again") from error
+
+
+def _time(seconds: float) -> str:
+    """Minutes and seconds, hours from the first one on."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

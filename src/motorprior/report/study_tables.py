@@ -1,0 +1,187 @@
+"""Tables of a study: one row per condition, the same numbers on the page and in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from motorprior.report.page import MINUS, Cell, Table
+from motorprior.report.plots_style import model_key, model_label
+from motorprior.transfer.statistics import Estimate
+from motorprior.transfer.study_summary import Summary
+from motorprior.transfer.study_verdicts import MEASURES, SURE, Verdict
+from motorprior.transfer.walk_table import OWN
+
+PLACES = {
+    OWN: "own simulation", "foreign": "foreign motors", "hard": "hard", "pybullet": "PyBullet",
+}  # fmt: skip
+"""Titles of places; any other place has its own name."""
+SLOWER, FASTER = "↓", "↑"
+_NO_BREAK = "\u00a0"
+_PATH = {
+    "distance": "distance before a fall", "heading_deg_per_m": "heading error", "lateral_share": "sideways per metre",
+    "drift": "sideways at the end", "slip": "slip", "transport": "cost of transport",
+    "torque_beyond": "torque beyond the limit",
+}  # fmt: skip
+_LEGS = {"step_frequency": "step frequency", "body_rate": "shaking of the body", "foot_lift_mm": "foot lift"}
+
+
+def place_title(place: str) -> str:
+    """What a reader sees in place of its name."""
+    return PLACES.get(place, place.replace("_", " "))
+
+
+def headline_caption() -> str:
+    """What the cells of `headline_rows` are."""
+    return (
+        "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, and share of the time upright. "
+        f"{SLOWER} slower, {FASTER} faster than the sampled prior there with p < {SURE:g}, corrected."
+    )
+
+
+def headline_rows(summary: Summary) -> list[list[str]]:
+    """Name of every condition, and a cell per place."""
+    return [
+        [condition, *(_headline(summary, place, condition) for place in summary.places())]
+        for condition in summary.conditions()
+    ]
+
+
+def headline_markdown(summary: Summary) -> str:
+    """`headline_rows` as a Markdown table, and its caption."""
+    header = ["trained on", *(place_title(place) for place in summary.places())]
+    rows = [[model_label(row[0]), *row[1:]] for row in headline_rows(summary)]
+    lines = [header, ["---"] * len(header), *rows]
+    escaped = [[cell.replace("|", "\\|").replace(_NO_BREAK, " ") for cell in line] for line in lines]
+    return "\n".join("| " + " | ".join(line) + " |" for line in escaped) + f"\n\n{headline_caption()}\n"
+
+
+def verdicts_markdown(verdicts: Sequence[Verdict], said: str) -> str:
+    """Verdicts as a Markdown table."""
+    lines = [(said, "holds", "found"), ("---", "---", "---")]
+    lines += [(each.said, verdict_word(each), each.found) for each in verdicts]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def headline_table(summary: Summary) -> Table:
+    """`headline_rows` for the page."""
+    columns = ("trained on", *(place_title(place) for place in summary.places()))
+    rows = tuple((_name(row[0]), *row[1:]) for row in headline_rows(summary))
+    return Table(columns, rows, headline_caption())
+
+
+def twin_table(summary: Summary, twin: str) -> Table:
+    """All about the speed on one twin."""
+    columns = (
+        "trained on", "speed [m/s]", "upright", "of its own speed", "behind the oracle [m/s]",
+        "behind the prior [m/s]", "slower walks", "p",
+    )  # fmt: skip
+    rows = tuple((_name(name), *_twin_cells(summary, twin, name)) for name in _conditions_at(summary, twin))
+    caption = (
+        f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
+        "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
+        "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, after Holm over all "
+        "twins and conditions."
+    )
+    return Table(columns, rows, caption)
+
+
+def measure_tables(summary: Summary, place: str, legs: Sequence[str]) -> list[Table]:
+    """The other measures at a place: of the way, and of the legs."""
+    lifts = {f"foot_lift_mm/{leg}": f"foot lift {leg}" for leg in legs}
+    kinds = {"the way": _PATH, "the legs": _LEGS | lifts}
+    found, conditions = [], _conditions_at(summary, place)
+    for kind, titles in kinds.items():
+        names = [name for name in titles if any((place, each, name) in summary.estimates for each in conditions)]
+        if names:
+            columns = ("trained on", *(f"{titles[name]} {_unit(name, lifts)}" for name in names))
+            rows = tuple(
+                (_name(condition), *(_value(summary, place, condition, name) for name in names))
+                for condition in conditions
+            )
+            found.append(
+                Table(columns, rows, f"At “{place_title(place)}”, {kind}: interquartile means; – is not known.")
+            )
+    return found
+
+
+def verdict_table(verdicts: Sequence[Verdict], said: str, caption: str) -> Table:
+    """What was said, whether it holds, and what was found."""
+    rows = tuple((each.said, verdict_word(each), each.found) for each in verdicts)
+    return Table((said, "holds", "found"), rows, caption)
+
+
+def verdict_word(verdict: Verdict) -> str:
+    """Whether it holds, for readers."""
+    return {True: "holds", False: "does not", None: "cannot be told"}[verdict.holds]
+
+
+def _conditions_at(summary: Summary, place: str) -> list[str]:
+    return [name for name in summary.conditions() if (place, name, "speed") in summary.estimates]
+
+
+def _headline(summary: Summary, place: str, condition: str) -> str:
+    speed = summary.estimates.get((place, condition, "speed"))
+    if speed is None:
+        return "–"
+    upright = summary.estimates.get((place, condition, "upright"))
+    share = "" if upright is None else f", {percent(upright.value)}"
+    return f"{_with_interval(speed)}{share}{_sign(summary, place, condition)}"
+
+
+def _sign(summary: Summary, place: str, condition: str) -> str:
+    """Whether it is beyond doubt slower or faster than the prior."""
+    compared = summary.comparisons.get((place, condition))
+    if compared is None or summary.corrected[place, condition] >= SURE:
+        return ""
+    return f"{_NO_BREAK}{SLOWER if compared.difference.value > 0.0 else FASTER}"
+
+
+def _twin_cells(summary: Summary, twin: str, condition: str) -> list[Cell]:
+    pair = (twin, condition)
+    ratio, regret = summary.ratios.get(pair), summary.regrets.get(pair)
+    compared, upright = summary.comparisons.get(pair), summary.estimates.get((*pair, "upright"))
+    return [
+        _with_interval(summary.estimates[*pair, "speed"]),
+        None if upright is None else percent(upright.value),
+        None if ratio is None or not math.isfinite(ratio.value) else f"{ratio.value:.2f}",
+        None if regret is None else _with_interval(regret),
+        None if compared is None else _with_interval(compared.difference),
+        None if compared is None or not math.isfinite(compared.improvement) else percent(compared.improvement),
+        None if compared is None else _p(summary.corrected[pair]),
+    ]
+
+
+def _with_interval(found: Estimate) -> str:
+    """0.41 [0.38, 0.44]; the bracket may go to the next line, but not break."""
+    value, low, high = (f"{each:.2f}".replace("-0.00", "0.00").replace("-", MINUS) for each in _ends(found))
+    return f"{value} [{low},{_NO_BREAK}{high}]"
+
+
+def _ends(found: Estimate) -> tuple[float, float, float]:
+    return found.value, found.low, found.high
+
+
+def percent(value: float) -> str:
+    """99.6 is not 100: only what is whole is called so."""
+    whole = f"{math.floor(100.0 * value + 1e-9):.0f}" if value > 0.99 else f"{100.0 * value:.0f}"
+    return f"{whole}{_NO_BREAK}%"
+
+
+def _p(value: float) -> str:
+    return f"{value:.3f}" if value >= 0.001 else "< 0.001"
+
+
+def _value(summary: Summary, place: str, condition: str, measure: str) -> float | None:
+    found = summary.estimates.get((place, condition, measure))
+    return None if found is None else found.value
+
+
+def _unit(name: str, lifts: dict[str, str]) -> str:
+    unit = MEASURES["foot_lift_mm" if name in lifts else name]
+    return "[-]" if unit == "1" else f"[{unit}]"
+
+
+def _name(condition: str) -> str:
+    """What the page turns into the name and the colour of a condition; a user's own name without underscores."""
+    return condition if model_key(condition) else model_label(condition)

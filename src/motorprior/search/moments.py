@@ -1,0 +1,55 @@
+"""Mean and spread of observations, added up in pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Count, mean and summed squared deviation of observations; merging is exact up to rounding.
+
+    Attributes:
+        count: number of observations.
+        mean: shape (observation,).
+        m2: Σ (x - mean)², shape (observation,).
+    """
+
+    count: int
+    mean: np.ndarray
+    m2: np.ndarray
+
+    @classmethod
+    def empty(cls, size: int) -> Moments:
+        """Moments of no observations."""
+        return cls(0, np.zeros(size), np.zeros(size))
+
+    @classmethod
+    def of(cls, observations: np.ndarray) -> Moments:
+        """Moments of observations of shape (count, observation)."""
+        if len(observations) == 0:
+            return cls.empty(observations.shape[1])
+        mean = observations.mean(axis=0)
+        return cls(len(observations), mean, np.square(observations - mean).sum(axis=0))
+
+    def merge(self, other: Moments) -> Moments:
+        """Moments of both together (Chan, Golub, LeVeque 1983).
+
+        d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.
+        """
+        if other.count == 0:
+            return self
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        mean = self.mean + shift * (other.count / count)
+        m2 = self.m2 + other.m2 + np.square(shift) * (self.count * other.count / count)
+        return Moments(count, mean, m2)
+
+    def std(self) -> np.ndarray:
+        """Population standard deviation; 1 where the observation is constant or there is none."""
+        std = np.sqrt(self.m2 / max(self.count, 1))
+        return np.where(std > CONSTANT_STD, std, 1.0)

@@ -1,0 +1,107 @@
+"""Which policy a flat vector of parameters stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.symmetry import Mirror, mirror_of
+from motorprior.robots.robot import Robot
+from motorprior.search.moments import Moments
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyShape:
+    """Sizes of a policy, and its symmetry.
+
+    The parameters are those of W (actions, inputs), then of H (units, inputs), then of V (units, actions), each row by
+    row. With a mirror, W becomes the nearest symmetric one, and every hidden unit gets a mirrored twin: H above H·O and
+    V above V·A, so that the policy answers a mirrored observation with the mirrored action.
+
+    Attributes:
+        num_joints: of the robot.
+        units: hidden units before mirroring; none for a linear policy.
+        mirror: of the robot in its gait; None for a policy that may limp.
+    """
+
+    num_joints: int
+    units: int = 0
+    mirror: Mirror | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, gait: str, units: int, symmetric: bool) -> PolicyShape:
+        """Of a robot's policy in a gait.
+
+        Raises:
+            ConfigError: symmetry of a robot or a gait that has none.
+        """
+        return cls(robot.num_joints, units, mirror_of(robot, gait) if symmetric else None)
+
+    @property
+    def observations(self) -> int:
+        """Length of an observation."""
+        return observation_size(self.num_joints)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        inputs, actions = self.observations + 1, action_size(self.num_joints)
+        return actions * inputs + self.units * (inputs + actions)
+
+    def split(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Views of W, H and V in (size,) parameters."""
+        inputs, actions = self.observations + 1, action_size(self.num_joints)
+        first, second = actions * inputs, (actions + self.units) * inputs
+        return (
+            parameters[:first].reshape(actions, inputs),
+            parameters[first:second].reshape(self.units, inputs),
+            parameters[second:].reshape(self.units, actions),
+        )
+
+    def policy(self, parameters: np.ndarray, moments: Moments, normalise: bool = True) -> PolicyArrays:
+        """The policy of (size,) parameters, which normalises with the moments of its observations."""
+        weights, hidden, readout = self.split(parameters)
+        inputs = self.observations + 1
+        if self.mirror is not None:
+            weights = self.mirror.symmetric(weights)
+            hidden = np.concatenate([hidden, self.mirror.inputs.columns(hidden)])
+            readout = np.concatenate([readout, self.mirror.action.of(readout)])
+        if not normalise:
+            return PolicyArrays(weights, hidden, readout, np.zeros(inputs - 1), np.ones(inputs - 1))
+        seen = self.seen(moments)
+        return PolicyArrays(weights, hidden, readout, seen.mean, seen.std())
+
+    def seen(self, moments: Moments) -> Moments:
+        """The moments of observations, and of their mirror images if there is a mirror."""
+        if self.mirror is None:
+            return moments
+        swap = self.mirror.observation
+        return moments.merge(Moments(moments.count, swap.of(moments.mean), moments.m2[swap.place]))
+
+    def parameters(self, policy: Policy) -> np.ndarray:
+        """(size,) the parameters that stand for a policy; inverse of `policy`.
+
+        Raises:
+            ConfigError: it has another number of hidden units, or is not symmetric where this shape is.
+        """
+        units = self.units if self.mirror is None else 2 * self.units
+        if len(policy.hidden) != units:
+            raise ConfigError(
+                f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}",
+                remedy="train with as many", argument="hidden_units",
+            )  # fmt: skip
+        parameters = np.concatenate(
+            [policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()]
+        )
+        kept = self.policy(parameters, Moments.empty(self.observations))
+        for name in ("weights", "hidden", "readout"):
+            if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):
+                raise ConfigError(
+                    f"the {name} of the policy to start from are not symmetric",
+                    remedy="train without symmetry", argument="symmetric",
+                )  # fmt: skip
+        return parameters

@@ -1,0 +1,48 @@
+"""Where the feet are and how their lowest points move, from the states of a walk."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from motorprior.robots.robot import Robot
+from motorprior.simulation.build_model import build_model
+
+
+@dataclass(frozen=True, eq=False)
+class FootMotion:
+    """Attributes: clearance (F, L) of the feet's lowest points over the floor [m]; sliding (F, L) their speed [m/s]."""
+
+    clearance: np.ndarray
+    sliding: np.ndarray
+
+
+def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
+    """Forward kinematics of every frame.
+
+    The lowest point of a foot of radius r moves with v + ω × (0, 0, -r): a foot that rolls does not slide.
+
+    Args:
+        robot: a legged one.
+        qpos: (F, 7 + joints).
+        qvel: (F, 6 + joints).
+    """
+    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
+    data, velocity = mujoco.MjData(model), np.zeros(6)
+    feet = [(model.geom(leg.foot).id, leg.foot_radius) for leg in robot.legs]
+    clearance, sliding = np.zeros((2, len(qpos), len(feet)))
+    for frame in range(len(qpos)):
+        data.qpos[:], data.qvel[:] = qpos[frame], qvel[frame]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        for column, (geom, radius) in enumerate(feet):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
+            clearance[frame, column] = data.geom_xpos[geom, 2] - radius
+            across = velocity[3] - velocity[1] * radius, velocity[4] + velocity[0] * radius
+            sliding[frame, column] = np.hypot(*across)
+    return FootMotion(clearance, sliding)

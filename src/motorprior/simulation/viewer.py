@@ -1,0 +1,74 @@
+"""Walks in MuJoCo's own window, in real time, where there is a screen."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.robots.robot import Robot
+from motorprior.simulation.build_model import build_model
+from motorprior.simulation.camera import look_at, prepare
+
+
+def require_screen() -> None:
+    """Refuse a window where there can be none.
+
+    Raises:
+        ConfigError: there is no screen.
+    """
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise ConfigError(
+            "viewer: there is no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set)",
+            remedy="leave it out: the film in the output folder shows the same", argument="viewer",
+        )  # fmt: skip
+
+
+def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
+    """Play the walks one after another, again and again, until the window is closed.
+
+    Args:
+        robot: that walked.
+        walks: (F, 7 + joints) of each, base pose and joint angles.
+        control_dt: time between frames [s].
+
+    Raises:
+        ConfigError: no screen, or no window on it.
+    """
+    require_screen()
+    import mujoco.viewer  # here: it looks for a screen
+
+    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
+    data = mujoco.MjData(model)
+    try:
+        opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    except Exception as error:  # glfw's, MuJoCo's or RuntimeError, as the system has it
+        remedy = "on macOS start it with mjpython; or leave it out: the film in the output folder shows the same"
+        raise ConfigError(f"viewer: no window ({error})", remedy=remedy, argument="viewer") from error
+    with opened as window:
+        window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
+        look_at(robot, window.cam)
+        prepare(model, window.opt)
+        while window.is_running():
+            for walk in walks:
+                _play(window, model, data, walk, control_dt)
+
+
+def _play(window: Any, model: mujoco.MjModel, data: mujoco.MjData, walk: np.ndarray, control_dt: float) -> None:
+    """One walk, until its end or that of the window; frames that would come late are left out."""
+    started, frame = time.monotonic(), 0
+    while frame < len(walk) and window.is_running():
+        with window.lock():
+            data.qpos[:] = walk[frame]
+            mujoco.mj_forward(model, data)
+        window.sync()
+        time.sleep(max(0.0, started + (frame + 1) * control_dt - time.monotonic()))
+        frame = max(frame + 1, int((time.monotonic() - started) / control_dt))

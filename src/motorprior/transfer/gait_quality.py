@@ -1,0 +1,138 @@
+"""How well a robot walks: what an owner sees, measured on the states of a walk in simulation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.locomotion.control_step import RAMP
+from motorprior.robots.robot import Robot
+from motorprior.rotations import roll_pitch_yaw
+from motorprior.simulation.foot_motion import FootMotion, foot_motion
+from motorprior.simulation.rollout import Episode
+
+WARM_UP = 1.0
+"""Time from standing to an even gait that no measure counts [s]."""
+TOUCHING = 0.0005
+"""A foot whose lowest point is below this height [m] is on the ground."""
+_LEAST_WAY = 0.05
+"""Way below which nothing is measured per metre [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class GaitQuality:
+    """Measures of one walk, of its part after the first second.
+
+    Attributes:
+        upright: 1 if it did not fall, else 0.
+        speed: way along the robot's own heading over time [m/s].
+        speed_error: |speed - command| over |command| [-]; over the fastest command where the robot is to stand.
+        heading_deg_per_m: |heading - commanded heading| at the end over the way [°/m].
+        lateral_share: sideways distance at the end from the way at its own speed along the commanded headings, which is
+            a straight line without a turn, over the way [-].
+        foot_lift_mm: (legs,) median over the swings of the highest clearance of a foot [mm].
+        slip: way that a foot's lowest point slides on the ground, mean of the feet, over the way [m/m].
+        step_frequency: swings per leg and second [Hz].
+        body_rate: RMS of the rates about the body's x and y axes: how much it shakes [rad/s].
+        roll_deg: RMS [°].
+        pitch_deg: RMS [°].
+        torque: 99.9th percentile of |torque| over the joints and time, that of the joints' largest [N·m].
+        transport: cost of transport, Σ |torque · joint velocity| over weight and speed [-].
+    """
+
+    upright: float
+    speed: float
+    speed_error: float
+    heading_deg_per_m: float
+    lateral_share: float
+    foot_lift_mm: np.ndarray
+    slip: float
+    step_frequency: float
+    body_rate: float
+    roll_deg: float
+    pitch_deg: float
+    torque: float
+    transport: float
+
+
+def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int) -> GaitQuality:
+    """Measure an episode with one command.
+
+    Args:
+        robot: that walked.
+        episode: with trace and motion.
+        forward: commanded speed [m/s].
+        yaw_rate: commanded yaw rate [rad/s].
+        steps: of an episode without a fall.
+    """
+    dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
+    upright = float(episode.steps == steps and episode.fault == 0)
+    if len(episode.trace) < begin + round(1.0 / dt):
+        return _fallen_at_once(len(robot.legs))
+    heading = np.unwrap([roll_pitch_yaw(quat)[2] for quat in episode.trace[:, 3:7]])
+    goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
+    qpos, moved = episode.trace[begin:], episode.motion[begin:]
+    qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
+    roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
+    yaw, time = heading[begin:], dt * (len(qpos) - 1)
+    along = way_along(qpos[:, :2], yaw)
+    way, speed = max(_LEAST_WAY, abs(along)), along / time
+    feet = foot_motion(robot, qpos, qvel)
+    swings = _swings(feet)
+    power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
+    return GaitQuality(
+        upright=upright,
+        speed=speed,
+        speed_error=abs(speed - forward) / (abs(forward) or robot.require_legs().forward[1]),
+        heading_deg_per_m=math.degrees(abs(float(heading[-1] - goal[-1]))) / way,
+        lateral_share=abs(_aside(qpos[:, :2], goal[begin:], speed * dt)) / way,
+        foot_lift_mm=np.array([1e3 * float(np.median(lifts or [0.0])) for lifts in swings]),
+        slip=float(np.mean(np.sum(feet.sliding * (feet.clearance < TOUCHING), axis=0))) * dt / way,
+        step_frequency=float(np.mean([len(lifts) for lifts in swings])) / time,
+        body_rate=float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
+        roll_deg=math.degrees(float(np.sqrt(np.mean(np.square(roll))))),
+        pitch_deg=math.degrees(float(np.sqrt(np.mean(np.square(pitch))))),
+        torque=float(np.percentile(np.abs(torque).max(axis=1), 99.9)),
+        transport=power / (robot.weight * max(abs(speed), 1e-3)),
+    )
+
+
+def way_along(place: np.ndarray, yaw: np.ndarray) -> float:
+    """Way of the base along its own heading [m], from (F, 2) places [m] and (F,) headings [rad]."""
+    step = np.diff(place, axis=0)
+    return float(np.sum(np.cos(yaw[:-1]) * step[:, 0] + np.sin(yaw[:-1]) * step[:, 1]))
+
+
+def _commanded_heading(robot: Robot, yaw_rate: float, steps: int) -> np.ndarray:
+    """(steps,) heading [rad] that a command leads to, which comes into force over a while: `follow_command`."""
+    reached = robot.require_legs().yaw_rate * robot.control_dt / RAMP * np.arange(1, steps + 1)
+    return robot.control_dt * np.cumsum(np.sign(yaw_rate) * np.minimum(abs(yaw_rate), reached))
+
+
+def _aside(place: np.ndarray, goal: np.ndarray, step: float) -> float:
+    """Distance of the end, to the left, from the way of the commanded headings [m].
+
+    Args:
+        place: (F, 2) of the base [m].
+        goal: (F,) commanded headings [rad].
+        step: way in a control step [m], the walk's own.
+    """
+    off = place[-1] - place[0] - step * np.array([np.cos(goal[:-1]).sum(), np.sin(goal[:-1]).sum()])
+    return float(math.cos(goal[-1]) * off[1] - math.sin(goal[-1]) * off[0])
+
+
+def _swings(feet: FootMotion) -> list[list[float]]:
+    """By leg the highest clearance of every whole swing [m]; a foot that barely leaves the ground does not swing."""
+    lifts = []
+    for clearance in feet.clearance.T:
+        edges = np.flatnonzero(np.diff((clearance >= TOUCHING).astype(int)))
+        parts = [part for part in np.split(clearance, edges + 1)[1:-1] if part[0] >= TOUCHING]
+        lifts.append([float(part.max()) for part in parts if part.max() > 4.0 * TOUCHING])
+    return lifts
+
+
+def _fallen_at_once(legs: int) -> GaitQuality:
+    nan = float("nan")
+    return GaitQuality(0.0, 0.0, 1.0, nan, nan, np.full(legs, nan), *7 * [nan])

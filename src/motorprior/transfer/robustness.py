@@ -1,0 +1,98 @@
+"""How far from the nominal robot a policy still walks: time upright over two disturbances at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.locomotion.policy import Policy
+from motorprior.robots.robot import GRAVITY, Robot
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.transfer.study import STUDY_SEED, share_upright
+from motorprior.transfer.twin import DURATION_STEPS
+
+ROBUSTNESS_DRAWS = 8
+"""Episodes of a cell, the same motors in every cell."""
+FRICTIONS = (0.3, 0.5, 0.75, 1.0)
+"""Of the feet on the ground [-]."""
+PUSHES = (0.0, 0.1, 0.2, 0.4)
+"""Largest push once a second, over mass · √(g · height of the standing robot) [-]: it shoves robots of every size
+alike."""
+DELAYS = (0.0, 0.01, 0.02, 0.04)
+"""Of the position targets [s], besides that of the motors."""
+MASSES = (0.8, 1.0, 1.2, 1.4)
+"""Factors on mass and inertia of every link [-]."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Attributes: title, what is varied, with its unit; values, in that unit."""
+
+    title: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A disturbance per row and one per column.
+
+    Attributes:
+        rows: of the first.
+        columns: of the second.
+        cell: what differs between episodes where the two have these values.
+    """
+
+    rows: Scale
+    columns: Scale
+    cell: Callable[[float, float], Randomization]
+
+
+@dataclass(frozen=True, eq=False)
+class UprightMap:
+    """Attributes: rows and columns, see `Grid`; share (rows, columns) of the time upright [-]."""
+
+    rows: Scale
+    columns: Scale
+    share: np.ndarray
+
+
+def grids(robot: Robot) -> tuple[Grid, Grid]:
+    """Push over friction, and delay over mass."""
+    unit = robot.weight / GRAVITY * math.sqrt(GRAVITY * robot.standing_height)
+    pushes = Scale("largest push, once a second [N·s]", tuple(float(f"{each * unit:.2g}") for each in PUSHES))
+    friction = Scale("friction of the feet [-]", FRICTIONS)
+    delay = Scale("delay of the targets [ms]", tuple(1e3 * each for each in DELAYS))
+
+    def slippery(push: float, value: float) -> Randomization:
+        factor = value / robot.foot_friction
+        return Randomization(push=push, friction=(factor, factor))
+
+    def heavy(milliseconds: float, mass: float) -> Randomization:
+        late = 1e-3 * milliseconds
+        return Randomization(command_delay=(late, late), mass=(mass, mass))
+
+    return Grid(pushes, friction, slippery), Grid(delay, Scale("mass over the nominal one [-]", MASSES), heavy)
+
+
+def upright_row(
+    policy: Policy, simulators: Sequence[WalkSimulator], progress: Callable[[], None] | None = None
+) -> np.ndarray:
+    """(simulators,) mean share of the time upright of ROBUSTNESS_DRAWS episodes of DURATION_STEPS in each [-].
+
+    Args:
+        policy: that walks.
+        simulators: one per cell of a row.
+        progress: called after every cell.
+    """
+    shares = []
+    for simulator in simulators:
+        seeds = range(STUDY_SEED, STUDY_SEED + ROBUSTNESS_DRAWS)
+        episodes = [simulator.run(policy.arrays(), seed) for seed in seeds]
+        shares.append(float(np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])))
+        if progress is not None:
+            progress()
+    return np.array(shares)

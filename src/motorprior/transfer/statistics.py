@@ -1,0 +1,207 @@
+"""How sure a comparison of policies is: interquartile means, intervals, tests, after Agarwal et al., NeurIPS 2021.
+
+Scores are (seeds, draws): a row per trained policy, a column per draw of motors; NaN where one cannot be told. Every
+policy of a place walks the same draws, so an interval resamples both: policies with replacement, and draws with
+replacement, the same ones for all rows. The published bootstrap resamples policies within every task alone, which takes
+the policies of a seed at two draws for independent and gives narrower intervals than there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+RESAMPLES = 2000
+TESTED = 10_000
+"""Resamples of a comparison: the smallest p value is 2 / (1 + TESTED), and a correction multiplies it."""
+LEVEL = 0.95
+_SEED = 0x57A7
+_CHUNK = 1000
+"""Resamples in memory at a time."""
+Key = TypeVar("Key", bound=Hashable)
+Statistic = Callable[[np.ndarray], np.ndarray]
+"""(..., scores) -> (...), what is known of them; NaN where nothing is."""
+Sampled = Callable[[np.random.Generator, int], np.ndarray]
+"""(generator, count) -> (count,) values of a statistic, one for every resample."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Attributes: value of a statistic; low and high ends of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One condition against another at the same place.
+
+    Attributes:
+        difference: of the interquartile means, one less the other.
+        improvement: see `improvement`.
+        p: two-sided, of no difference, by the bootstrap of the difference; 1 where that cannot be told.
+    """
+
+    difference: Estimate
+    improvement: float
+    p: float
+
+
+def iqm(scores: np.ndarray) -> float:
+    """Interquartile mean of all scores [their unit], see `iqms`."""
+    return float(iqms(scores.ravel()))
+
+
+def iqms(scores: np.ndarray) -> np.ndarray:
+    """(...) interquartile means of (..., scores) [their unit]: of n known ones without the n/4 lowest and n/4 highest.
+
+    n/4 is rounded down, as in `scipy.stats.trim_mean`.
+    """
+    ordered = np.sort(scores, axis=-1)  # NaN last
+    known = np.isfinite(ordered).sum(axis=-1, keepdims=True)
+    place = np.arange(scores.shape[-1])
+    middle = (place >= known // 4) & (place < known - known // 4)
+    return _mean_of(ordered, middle)
+
+
+def means(scores: np.ndarray) -> np.ndarray:
+    """(...) means of the known of (..., scores)."""
+    return _mean_of(scores, np.isfinite(scores))
+
+
+def estimate(scores: np.ndarray, statistic: Statistic = iqms, resamples: int = RESAMPLES) -> Estimate:
+    """A statistic of (seeds, draws) scores with its interval.
+
+    Raises:
+        ValueError: no scores.
+    """
+    _require_scores(scores)
+
+    def sampled(rng: np.random.Generator, count: int) -> np.ndarray:
+        return statistic(_taken(scores, _places(rng, count, len(scores)), _places(rng, count, scores.shape[1])))
+
+    return _with_interval(statistic(scores.ravel()), _bootstrap(sampled, resamples))
+
+
+def compare_scores(
+    one: np.ndarray, other: np.ndarray, shared: bool = True, statistic: Statistic = iqms, resamples: int = TESTED
+) -> Comparison:
+    """Compare (seeds, draws) scores of two conditions at a place.
+
+    Args:
+        one: of the first condition.
+        other: of the second.
+        shared: they walked the same draws, which are then resampled together; their seeds never are.
+        statistic: whose difference is tested.
+        resamples: of the bootstrap.
+
+    Raises:
+        ValueError: no scores, or shared draws, but another number of them.
+    """
+    _require_scores(one, other)
+    if shared and one.shape[1] != other.shape[1]:
+        raise ValueError(f"{one.shape[1]} draws against {other.shape[1]}")
+
+    def sampled(rng: np.random.Generator, count: int) -> np.ndarray:
+        columns = _places(rng, count, one.shape[1])
+        others = columns if shared else _places(rng, count, other.shape[1])
+        mine, theirs = (_places(rng, count, len(each)) for each in (one, other))
+        return statistic(_taken(one, mine, columns)) - statistic(_taken(other, theirs, others))
+
+    found = _bootstrap(sampled, resamples)
+    difference = _with_interval(statistic(one.ravel()) - statistic(other.ravel()), found)
+    p = 1.0
+    if len(found) and np.isfinite(difference.value):
+        p = 2.0 * (1 + min(np.sum(found <= 0.0), np.sum(found >= 0.0))) / (1 + len(found))
+    return Comparison(difference, improvement(one, other, shared), float(min(1.0, p)))
+
+
+def ratio(there: np.ndarray, own: np.ndarray, least: float, resamples: int = RESAMPLES) -> Estimate:
+    """Interquartile mean at a place over that at another [-]; policies stay together, the places' draws do not.
+
+    Args:
+        there: (seeds, draws) of the policies at a place.
+        own: (seeds, other draws) of the same policies, in the same order, at the other.
+        least: interquartile mean below which nothing is measured in its shares; the ratio is then NaN.
+        resamples: of the bootstrap.
+
+    Raises:
+        ValueError: no scores, or of another number of policies.
+    """
+    _require_scores(there, own)
+    if len(there) != len(own):
+        raise ValueError(f"{len(there)} policies against {len(own)}")
+
+    def quotient(above: np.ndarray, below: np.ndarray) -> np.ndarray:
+        return above / np.where(below >= least, below, np.nan)
+
+    def sampled(rng: np.random.Generator, count: int) -> np.ndarray:
+        rows = _places(rng, count, len(there))
+        here, home = (_taken(each, rows, _places(rng, count, each.shape[1])) for each in (there, own))
+        return quotient(iqms(here), iqms(home))
+
+    return _with_interval(quotient(iqms(there.ravel()), iqms(own.ravel())), _bootstrap(sampled, resamples))
+
+
+def improvement(one: np.ndarray, other: np.ndarray, shared: bool = True) -> float:
+    """Probability of improvement [-]: mean over pairs of policies and shared draws of [better] + ½ [equal].
+
+    Without shared draws every walk of the one meets every walk of the other. Pairs of which one is not known are left
+    out; NaN where none is left.
+    """
+    gain = one[:, None, :] - other[None, :, :] if shared else np.subtract.outer(one.ravel(), other.ravel())
+    known = gain[np.isfinite(gain)]
+    return float(np.mean((known > 0.0) + 0.5 * (known == 0.0))) if len(known) else float("nan")
+
+
+def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:
+    """P values corrected for their number by the step-down procedure of Holm, by the same keys."""
+    corrected, largest = {}, 0.0
+    for rank, key in enumerate(sorted(p_values, key=p_values.__getitem__)):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[key]))
+        corrected[key] = largest
+    return {key: corrected[key] for key in p_values}
+
+
+def profile(scores: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+    """(thresholds,) share of the walks whose score is above each threshold [-]; an unknown one is above none."""
+    return np.mean(scores.ravel()[:, None] > thresholds[None, :], axis=0)
+
+
+def _mean_of(scores: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """(...) means of the chosen of (..., scores); NaN where none is."""
+    count = chosen.sum(axis=-1)
+    return np.where(chosen, scores, 0.0).sum(axis=-1) / np.where(count > 0, count, np.nan)
+
+
+def _require_scores(*scores: np.ndarray) -> None:
+    if not all(each.size for each in scores):
+        raise ValueError("no scores")
+
+
+def _places(rng: np.random.Generator, count: int, size: int) -> np.ndarray:
+    return rng.integers(size, size=(count, size))
+
+
+def _taken(scores: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(count, seeds · draws) of the rows and columns of every resample."""
+    return scores[rows[:, :, None], columns[:, None, :]].reshape(len(rows), -1)
+
+
+def _bootstrap(sampled: Sampled, resamples: int) -> np.ndarray:
+    """The known values among those of all resamples."""
+    rng = np.random.default_rng(_SEED)
+    counts = [min(_CHUNK, resamples - start) for start in range(0, resamples, _CHUNK)]
+    found = np.concatenate([sampled(rng, count) for count in counts])
+    return found[np.isfinite(found)]
+
+
+def _with_interval(value: float | np.ndarray, found: np.ndarray) -> Estimate:
+    sides = [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)]
+    low, high = np.quantile(found, sides) if len(found) else (float("nan"), float("nan"))
+    return Estimate(float(value), float(low), float(high))

@@ -1,0 +1,29 @@
+"""A study's summary as rows, and so as figures by name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.results import Result, Results
+from motorprior.transfer.study_summary import Summary
+from motorprior.transfer.study_verdicts import MEASURES
+
+
+def study_results(summary: Summary) -> Results:
+    """Rows whose names as figures are PLACE/CONDITION/MEASURE, with /low and /high ends of the 95 % interval.
+
+    Besides MEASURES there are ratio, to the speed where a policy was trained, and regret, to the oracle's speed [m/s];
+    p_against_prior, corrected, and prior_improves, the probability that the prior walks faster.
+    """
+    ratios = {(*pair, "ratio"): each for pair, each in summary.ratios.items()}
+    regrets = {(*pair, "regret"): each for pair, each in summary.regrets.items()}
+    units, rows = MEASURES | {"ratio": "1", "regret": "m/s"}, []
+    for (place, condition, measure), found in {**summary.estimates, **ratios, **regrets}.items():
+        name, unit = f"{place}/{condition}/{measure}", units.get(measure, units["foot_lift_mm"])  # of one leg
+        ends = {None: found.value, "low": found.low, "high": found.high}
+        rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
+    for (place, condition), p in summary.corrected.items():
+        improves = summary.comparisons[place, condition].improvement
+        rows.append(Result(f"{place}/{condition}/p_against_prior", "1", p))
+        rows.append(Result(f"{place}/{condition}/prior_improves", "1", improves))
+    return Results.of(rows)

@@ -1,0 +1,139 @@
+"""What a study decides: interquartile means with intervals, comparisons with corrected p values, targets, claims."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.exceptions import ArtifactError
+from motorprior.transfer.places import ABROAD, TWINS
+from motorprior.transfer.statistics import Comparison, Estimate, compare_scores, estimate, holm, iqms, means, ratio
+from motorprior.transfer.study_verdicts import (
+    ADAPTED,
+    CONDITIONS,
+    LEAST_SPEED,
+    MEANS,
+    ORACLE,
+    PRIOR,
+    UNTRAINED,
+    Facts,
+    Verdict,
+    claims,
+    in_order,
+    targets,
+    twins_in,
+)  # fmt: skip
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
+
+ENOUGH_POLICIES = 8
+"""Of a condition. The bootstrap of fewer finds differences that are not there: of pairs of equal conditions it calls
+4 % different (p < 0.05) with 8 policies each, 8 % with 4, and 22 % with 2."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a table of walks says.
+
+    Attributes:
+        estimates: (place, condition, measure) -> interquartile mean, of a share its mean, with interval.
+        ratios: (twin, condition) -> speed there over the speed where it was trained; NaN where it does not walk there.
+        regrets: (twin, condition) -> speed that the oracle walks faster [m/s]; the oracle has none.
+        comparisons: (twin, condition) -> the prior's speed against that condition's.
+        corrected: likewise, p by Holm over all comparisons.
+        targets: of the study.
+        claims: of the paper.
+        policies: fewest policies of a trained condition at a place.
+    """
+
+    estimates: Mapping[tuple[str, str, str], Estimate]
+    ratios: Mapping[tuple[str, str], Estimate]
+    regrets: Mapping[tuple[str, str], Estimate]
+    comparisons: Mapping[tuple[str, str], Comparison]
+    corrected: Mapping[tuple[str, str], float]
+    targets: tuple[Verdict, ...]
+    claims: tuple[Verdict, ...]
+    policies: int
+
+    def places(self) -> list[str]:
+        """OWN, then the twins, see `twins_in`."""
+        return in_order((place for place, *_ in self.estimates), (OWN, *self.twins()))
+
+    def twins(self) -> list[str]:
+        """See `twins_in`."""
+        return twins_in(place for place, *_ in self.estimates)
+
+    def conditions(self) -> list[str]:
+        """CONDITIONS that walked, then others in the order of the table."""
+        return in_order((condition for _, condition, _ in self.estimates), CONDITIONS)
+
+
+def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) -> Summary:
+    """Judge a table of walks.
+
+    Args:
+        table: of places, conditions, seeds and draws; what lacks a place or a condition lacks its comparisons.
+        alone: conditions whose draws are not those of the others, though they have the same numbers.
+
+    Raises:
+        ArtifactError: not every policy walked every draw, or other policies walked on a twin than where they were
+            trained.
+    """
+    cells = {
+        (place, condition): there.at(place, condition)
+        for place in table.distinct("place")
+        for there in (table.at(place),)
+        for condition in there.distinct("condition")
+    }
+    homes = {pair: cells[home] for pair in cells if pair[0] != OWN and (home := home_of(*pair, cells)) in cells}
+    cells = {pair: cell for pair, cell in cells.items() if pair[0] != OWN_ABROAD}
+    estimates = {
+        (place, condition, measure): estimate(scores, means if measure in MEANS else iqms)
+        for (place, condition), cell in cells.items()
+        for measure in cell.measures()
+        for scores in (cell.scores(place, condition, measure),)
+        if np.isfinite(scores).any()
+    }
+    ratios = {pair: _ratio(pair, cells[pair], home) for pair, home in homes.items() if pair in cells}
+    regrets = {pair: each.difference for pair, each in _against(ORACLE, cells, alone).items()}
+    comparisons = _against(PRIOR, cells, alone)
+    corrected = holm({pair: each.p for pair, each in comparisons.items()})
+    judged = targets(Facts(estimates, comparisons, corrected))
+    trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
+    policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
+    return Summary(estimates, ratios, regrets, comparisons, corrected, judged, claims(table), policies)
+
+
+Cells = Mapping[tuple[str, str], WalkTable]
+
+
+def _against(best: str, cells: Cells, alone: frozenset[str]) -> dict[tuple[str, str], Comparison]:
+    """Speed of one condition against every other's on every twin where both walked."""
+    found = {}
+    for (place, condition), cell in cells.items():
+        if place == OWN or condition == best or (place, best) not in cells:
+            continue
+        other = cells[place, best]
+        shared = not alone & {best, condition} and other.distinct("draw") == cell.distinct("draw")
+        found[place, condition] = compare_scores(
+            other.scores(place, best, "speed"), cell.scores(place, condition, "speed"), shared
+        )
+    return found
+
+
+def home_of(place: str, condition: str, known: Container[tuple[str, str]]) -> tuple[str, str]:
+    """Where, of the known (place, condition), the policies of a condition that walk at a twin were trained."""
+    abroad = place in TWINS and TWINS[place].population == ABROAD and (OWN_ABROAD, condition) in known
+    return (OWN_ABROAD if abroad else OWN), condition
+
+
+def _ratio(pair: tuple[str, str], there: WalkTable, own: WalkTable) -> Estimate:
+    place, condition = pair
+    home = own.walks[0].place
+    if there.distinct("seed") != own.distinct("seed"):
+        raise ArtifactError(
+            f"{condition}: seeds {there.distinct('seed')} walked at {place}, {own.distinct('seed')} where trained",
+            remedy="delete the study's folder and run it again",
+        )
+    return ratio(there.scores(place, condition, "speed"), own.scores(home, condition, "speed"), LEAST_SPEED)

@@ -1,0 +1,182 @@
+"""Whether the targets of a study, and the paper's claims, hold on a table of walks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.transfer.places import TWINS
+from motorprior.transfer.statistics import Comparison, Estimate, compare_scores, iqm, iqms, means
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
+
+MEASURES = {
+    "speed": "m/s", "upright": "1", "distance": "m", "heading_deg_per_m": "°/m", "lateral_share": "1", "drift": "m",
+    "slip": "m/m", "transport": "1", "torque_beyond": "1", "step_frequency": "Hz", "foot_lift_mm": "mm",
+    "body_rate": "rad/s",
+}  # fmt: skip
+"""Name -> unit, see `walk_measures`; the lift of every foot is foot_lift_mm/LEG."""
+MEANS = frozenset({"upright"})
+"""Measures whose mean is reported: the middle half of a share near 1 says nothing of the falls."""
+PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE = "prior", "prior_adapted", "prior_robust", "oracle"
+PAPER, BASELINE = "paper", "ideal_pd"
+UNTRAINED = "untrained"
+"""The gait itself: one policy, which nothing trained."""
+CONDITIONS = (
+    UNTRAINED, BASELINE, "tuned_pd", "pd_friction", "pd_randomised", "one_network", PAPER, "prior_mean", PRIOR, ADAPTED,
+    ROBUST_PRIOR, ORACLE,
+)  # fmt: skip
+"""Of a study, in the order of every table and picture."""
+HARD = "hard"
+RIVALS = CONDITIONS[3:5]
+"""Conditions that the prior must beat."""
+SURE = 0.05
+"""P value below which a difference is no accident."""
+_IN_WORDS = {
+    PRIOR: "sampled", ADAPTED: "adapted", RIVALS[0]: "a PD with friction", RIVALS[1]: "a randomised PD",
+}  # fmt: skip
+CLAIMS = (
+    "it walks worse where it was trained", "its steps are less frequent", "its feet lift higher",
+    "it walks faster where it was not trained", "the body shakes less where it was not trained",
+    "it falls less where it was not trained: it acts as a regulariser",
+)  # fmt: skip
+"""Of the paper, about its learned motors."""
+LEAST_SPEED = 0.02
+"""[m/s]; a policy that is slower where it was trained does not walk, and has no transfer ratio."""
+ENOUGH_SPEED, ENOUGH_UPRIGHT, UPRIGHT_WHERE_HARD, TWINS_WON = 0.95, 0.98, 0.9, 2
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Attributes: what is aimed at or claimed; whether it holds, None where it cannot be told; what was found."""
+
+    said: str
+    holds: bool | None
+    found: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the targets are judged by; see `study_summary.Summary`."""
+
+    estimates: Mapping[tuple[str, str, str], Estimate]
+    comparisons: Mapping[tuple[str, str], Comparison]
+    corrected: Mapping[tuple[str, str], float]
+
+    def value(self, place: str, condition: str, measure: str) -> float:
+        """Of an estimate; NaN without one."""
+        found = self.estimates.get((place, condition, measure))
+        return float("nan") if found is None else found.value
+
+    def twins(self) -> list[str]:
+        """See `twins_in`."""
+        return twins_in(place for place, *_ in self.estimates)
+
+
+def twins_in(places: Iterable[str]) -> list[str]:
+    """Those of some places where no policy was trained, each once: TWINS in their order, then others."""
+    return in_order((place for place in places if place not in (OWN, OWN_ABROAD)), TWINS)
+
+
+def in_order(names: Iterable[str], order: Iterable[str]) -> list[str]:
+    """Names, each once: those of an order in it, then the others as they come."""
+    found = list(dict.fromkeys(names))
+    known = [name for name in order if name in found]
+    return known + [name for name in found if name not in known]
+
+
+def targets(facts: Facts) -> tuple[Verdict, ...]:
+    """Whether the prior transfers: against the oracle on every twin, against its rivals, and on the hard one."""
+    twins = facts.twins()
+    verdicts = [_against_the_oracle(facts, place) for place in twins if place != HARD]
+    verdicts += [_against_a_rival(facts, rival, twins) for rival in RIVALS]
+    if HARD in twins:
+        upright = facts.value(HARD, ROBUST_PRIOR, "upright")
+        said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
+        verdicts.append(Verdict(said, _told(upright >= UPRIGHT_WHERE_HARD, upright), f"{_percent(upright)} upright"))
+    return tuple(verdicts)
+
+
+def _against_the_oracle(facts: Facts, place: str) -> Verdict:
+    """One of the two ways of using the prior must be both fast and safe."""
+    oracle, each_holds, found = facts.value(place, ORACLE, "speed"), [], []
+    for name in (PRIOR, ADAPTED):
+        upright, speed = (facts.value(place, name, measure) for measure in ("upright", "speed"))
+        share = speed / oracle if oracle > 0.0 else float("nan")
+        each_holds.append(_told(share >= ENOUGH_SPEED and upright >= ENOUGH_UPRIGHT, share, upright))
+        found.append(f"{_IN_WORDS[name]} {_percent(share)} of the speed, {_percent(upright)} upright")
+    told = [each for each in each_holds if each is not None]
+    said = f"{place}: the prior, sampled or adapted, walks at {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
+    return Verdict(f"{said}, {100 * ENOUGH_UPRIGHT:.0f} % upright", any(told) if told else None, "; ".join(found))
+
+
+def _against_a_rival(facts: Facts, rival: str, twins: list[str]) -> Verdict:
+    """Faster on enough twins and slower on none, both beyond doubt; a single twin may show a loss, never a win."""
+    met = {place: facts.comparisons[place, rival] for place in twins if (place, rival) in facts.comparisons}
+    sure = [place for place in met if facts.corrected[place, rival] < SURE]
+    better = [place for place in sure if met[place].difference.value > 0.0]
+    worse = [place for place in sure if met[place].difference.value < 0.0]
+    said = f"the prior is faster than {_IN_WORDS[rival]} on {TWINS_WON} twins (p < {SURE:g}, corrected), slower on none"
+    found = ", ".join(
+        f"{place} {_number(each.difference.value, '+.3f')} m/s (p {facts.corrected[place, rival]:.2g})"
+        for place, each in met.items()
+    )
+    can_be_told = bool(worse) or len(met) >= TWINS_WON
+    return Verdict(said, (len(better) >= TWINS_WON and not worse) if can_be_told else None, found or "not measured")
+
+
+def claims(table: WalkTable) -> tuple[Verdict, ...]:
+    """What the paper says of its learned actuator against the ideal PD, measured on the paper's recipe.
+
+    A claim is decided where the difference has p < SURE, one by one: their number is not corrected for. Where the
+    robot does not walk in the simulation that it was trained in, nothing was learned, and no claim can be judged. What
+    is said of another place is of the first twin.
+    """
+    if _falls_at_once(table):
+        found = "the robot falls at once in the simulation of this recipe: nothing was learned that could be judged"
+        return tuple(Verdict(said, None, found) for said in CLAIMS)
+    twin = next(iter(twins_in(table.distinct("place"))), None)
+    return (
+        _claim(CLAIMS[0], table, OWN, "speed", -1),
+        _claim(CLAIMS[1], table, OWN, "step_frequency", -1),
+        _claim(CLAIMS[2], table, OWN, "foot_lift_mm", 1),
+        _claim(CLAIMS[3], table, twin, "speed", 1),
+        _claim(CLAIMS[4], table, twin, "body_rate", -1),
+        _claim(CLAIMS[5], table, twin, "upright", 1),
+    )
+
+
+def _falls_at_once(table: WalkTable) -> bool:
+    """Whether policies of the paper's recipe do not walk where they were trained."""
+    walks = table.at(OWN, PAPER)
+    return len(walks) > 0 and iqm(walks.scores(OWN, PAPER, "speed")) < LEAST_SPEED
+
+
+def _claim(said: str, table: WalkTable, place: str | None, measure: str, sign: int) -> Verdict:
+    """Whether the difference of the paper's recipe from the baseline has a sign."""
+    if place is None:
+        return Verdict(said, None, "not measured")
+    walks = {name: table.at(place, name) for name in (PAPER, BASELINE)}
+    scores = {name: each.scores(place, name, measure) for name, each in walks.items()}
+    if not all(np.isfinite(each).any() for each in scores.values()):
+        return Verdict(said, None, "not measured")
+    shared = place != OWN and walks[PAPER].distinct("draw") == walks[BASELINE].distinct("draw")
+    statistic = means if measure in MEANS else iqms
+    compared = compare_scores(scores[PAPER], scores[BASELINE], shared, statistic)
+    paper, pd = (_number(float(statistic(each.ravel())), ".3g") for each in scores.values())
+    unit = "" if MEASURES[measure] == "1" else f" {MEASURES[measure]}"
+    found = f"{place}: {paper}{unit} after the paper's recipe, {pd}{unit} after the ideal PD (p {compared.p:.2g})"
+    return Verdict(said, bool(sign * compared.difference.value > 0.0) if compared.p < SURE else None, found)
+
+
+def _told(condition: bool, *values: float) -> bool | None:
+    return bool(condition) if np.isfinite(values).all() else None
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form).replace("-", "−")
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.1f} %" if np.isfinite(value) else "unknown"

@@ -1,0 +1,139 @@
+"""Every walk of a study as one tidy table: where, trained on what, which policy, which draw, and how well."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.artifacts import write_text
+from motorprior.exceptions import ArtifactError
+from motorprior.outside_files import read_text
+
+KEYS = ("place", "condition", "seed", "draw")
+NUMBERS = frozenset({"seed", "draw"})
+MAX_TABLE = 100_000_000
+"""Bytes of a file."""
+OWN = "own"
+"""The place where a policy was trained."""
+OWN_ABROAD = "own_foreign"
+"""Likewise, of the policies that were trained for foreign motors."""
+
+
+@dataclass(frozen=True)
+class WalkRow:
+    """One walk.
+
+    Attributes:
+        place: a twin, or OWN.
+        condition: name of what the policy was trained on.
+        seed: of the training.
+        draw: number of the draw of motors and conditions, the same for every policy at a place.
+        measures: name -> number; NaN where it cannot be told.
+    """
+
+    place: str
+    condition: str
+    seed: int
+    draw: int
+    measures: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class WalkTable:
+    """Walks in the order in which they were measured."""
+
+    walks: tuple[WalkRow, ...] = ()
+
+    @classmethod
+    def of(cls, walks: Iterable[WalkRow]) -> WalkTable:
+        """The table of some walks."""
+        return cls(tuple(walks))
+
+    def __len__(self) -> int:
+        return len(self.walks)
+
+    def distinct(self, key: str) -> list:
+        """The values of one of KEYS, each once: names in the order of the rows, numbers from the smallest."""
+        found = list(dict.fromkeys(getattr(walk, key) for walk in self.walks))
+        return sorted(found) if key in NUMBERS else found
+
+    def measures(self) -> list[str]:
+        """Names of all measures, in the order of the rows."""
+        return list(dict.fromkeys(name for walk in self.walks for name in walk.measures))
+
+    def at(self, place: str, condition: str | None = None) -> WalkTable:
+        """The walks at a place, of one condition if it is given."""
+        return WalkTable.of(walk for walk in self.walks if walk.place == place and condition in (None, walk.condition))
+
+    def scores(self, place: str, condition: str, measure: str) -> np.ndarray:
+        """(seeds, draws) of one measure, both from the smallest number, whatever the order of the rows.
+
+        Raises:
+            ArtifactError: not every policy walked every draw once.
+        """
+        found = self.at(place, condition)
+        seeds, draws = found.distinct("seed"), found.distinct("draw")
+        values = {(walk.seed, walk.draw): walk.measures.get(measure, np.nan) for walk in found.walks}
+        if len(values) != len(found) or len(values) != len(seeds) * len(draws):
+            raise ArtifactError(
+                f"{condition} at {place}: {len(found)} walks, not one for each of {len(seeds)} seeds and "
+                f"{len(draws)} draws", remedy="delete the study's folder and run it again",
+            )  # fmt: skip
+        return np.array([[values[seed, draw] for draw in draws] for seed in seeds]).reshape(len(seeds), len(draws))
+
+    def save(self, path: Path) -> None:
+        """Write a CSV file, one row per walk; what cannot be told is left empty."""
+        names, text = self.measures(), io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([*KEYS, *names])
+        for walk in self.walks:
+            numbers = (walk.measures.get(name, np.nan) for name in names)
+            cells = ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]
+            writer.writerow([*(getattr(walk, key) for key in KEYS), *cells])
+        write_text(path, text.getvalue())
+
+    @classmethod
+    def load(cls, path: Path) -> WalkTable:
+        """Read what `save` wrote.
+
+        Raises:
+            ArtifactError: missing, or damaged; names the row.
+        """
+        remedy = "delete its folder and run the study again"
+        try:
+            rows = list(csv.reader(io.StringIO(read_text(path, MAX_TABLE), newline="")))
+            header = _measures_of(rows[0] if rows else [])
+        except (csv.Error, ValueError) as error:
+            raise ArtifactError(f"no table of walks ({error})", where=path, remedy=remedy) from error
+        walks: dict[tuple, WalkRow] = {}
+        for number, row in enumerate(rows[1:], start=2):
+            try:
+                walk = _walk_of(header, row)
+                if walks.setdefault((walk.place, walk.condition, walk.seed, walk.draw), walk) is not walk:
+                    raise ValueError("the same walk as in a row before")
+            except ValueError as error:
+                raise ArtifactError(f"row {number}: {error}", where=path, remedy=remedy) from error
+        return cls(tuple(walks.values()))
+
+
+def _measures_of(header: Sequence[str]) -> list[str]:
+    """Names of the columns behind KEYS."""
+    names = list(header[len(KEYS) :])
+    if tuple(header[: len(KEYS)]) != KEYS or len(set(names)) != len(names) or not all(names):
+        raise ValueError(f"its first row is not {', '.join(KEYS)} and names of measures")
+    return names
+
+
+def _walk_of(names: Sequence[str], row: Sequence[str]) -> WalkRow:
+    if len(row) != len(KEYS) + len(names):
+        raise ValueError(f"{len(row)} cells for {len(KEYS) + len(names)} columns")
+    place, condition, seed, draw, *numbers = row
+    if not place or not condition:
+        raise ValueError("no place or no condition")
+    measures = {name: float(text or "nan") for name, text in zip(names, numbers, strict=True)}
+    return WalkRow(place, condition, int(seed), int(draw), measures)

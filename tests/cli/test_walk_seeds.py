@@ -1,0 +1,23 @@
+"""`motorprior walk --seeds N`: one training in the folder itself, several in a folder each."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walk import Walk, run_walk
+
+SMALL = ("walk", "--actuator", "pd", "--episode-steps", 10, "--iterations", 1)
+
+
+def test_one_seed_is_the_training_of_the_library(motorprior: Callable[..., Any], tmp_path: Path):
+    assert motorprior(*SMALL, "--out", tmp_path / "a").code == 0
+    run_walk(Walk(tmp_path / "b", MotorChoice("pd"), episode_steps=10, iterations=1))
+    assert (tmp_path / "a" / "policy.safetensors").read_bytes() == (tmp_path / "b" / "policy.safetensors").read_bytes()
+
+
+def test_several_seeds_have_a_folder_each_and_one_picture(motorprior: Callable[..., Any], tmp_path: Path):
+    done = motorprior(*SMALL, "--out", tmp_path, "--seeds", 2, "--search.seed", 7)
+    assert done.code == 0 and "seeds.png" in done.out
+    assert {path.parent.name for path in tmp_path.glob("*/policy.safetensors")} == {"seed_7", "seed_8"}
+    assert motorprior(*SMALL, "--out", tmp_path, "--seeds", 0).code == 2

@@ -1,0 +1,145 @@
+"""A host that stands still for a moment while its robot walks, in simulated time: ridden out up to the bound."""
+
+import itertools
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware_stalls import BEGIN, SPREAD, StallingPort, bounds, main, stays_upright
+from motorprior.artifacts import read_json
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.control_loop import Timing
+from motorprior.hardware.deploy import gains_for, walk
+from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.session import StopRequest
+from motorprior.locomotion.policy import Policy
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from simulated_port import on_its_clock
+
+LIMITS = PUPPER_V2.require_wire().safety
+
+
+@pytest.fixture
+def paused(trot: Path) -> Callable[..., tuple[Timing, RobotFault | None]]:
+    """Walk for some seconds with the robot's own limits; the host pauses once, or at every tenth step."""
+
+    def run(pause: float, kind: str = "on") -> tuple[Timing, RobotFault | None]:
+        policy, timing = Policy.load(trot), Timing()
+        port = StallingPort(PUPPER_V2, 0, 0, pause, kind)
+        with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
+            try:
+                walk(link, policy, gains_for(PUPPER_V2, policy), StopRequest(), seconds=5.0, timing=timing)
+            except RobotFault as fault:
+                return timing, fault
+        return timing, None
+
+    return run
+
+
+def test_a_pause_within_the_bound_is_ridden_out(paused: Callable):
+    """Telemetry that waited is read, and the latest of it is fresh; the steps left out stay left out."""
+    timing, fault = paused(LIMITS.tick_delay - 0.01)
+    assert fault is None
+    assert max(timing.late) > LIMITS.tick_delay - 0.02 and timing.skipped >= 8
+    assert max(timing.age[step] for step in range(len(timing.age)) if timing.late[step] < 0.005) < 0.02
+
+
+def test_a_pause_beyond_the_bound_ends_the_walk(paused: Callable):
+    timing, fault = paused(LIMITS.tick_delay + 0.01)
+    assert fault is not None and fault.kind == "slow host" and fault.safe_state == "crouch"
+    assert timing.sent[-1] < BEGIN + SPREAD + 0.2
+
+
+def test_pauses_within_the_bound_that_do_not_end_are_a_fault(paused: Callable):
+    _, fault = paused(0.5 * LIMITS.tick_delay, "often")
+    assert fault is not None and fault.kind == "slow host" and "in all" in str(fault)
+
+
+def test_telemetry_that_pauses_for_longer_than_its_bound_ends_the_walk(paused: Callable):
+    assert paused(LIMITS.telemetry_age - 0.03, "blind")[1] is None
+    fault = paused(LIMITS.telemetry_age + 0.03, "blind")[1]
+    assert fault is not None and fault.kind == "stale telemetry" and fault.safe_state == "idle"
+
+
+def test_the_watchdog_waits_for_the_longest_pause_and_little_more():
+    silence = LIMITS.tick_delay + PUPPER_V2.control_dt
+    assert silence < LIMITS.watchdog <= silence + 0.02
+
+
+def test_the_benchmark_tells_a_robot_that_falls(trot: Path, monkeypatch: pytest.MonkeyPatch):
+    policy = Policy.load(trot)
+    assert stays_upright(policy, 0, 0, 0.1, "on") and stays_upright(policy, 0, 0, 0.1, "down")
+    monkeypatch.setattr("hardware_stalls.bounds", lambda *given: replace(bounds(*given), max_tilt=0.02))
+    assert not stays_upright(policy, 0, 0, 0.1, "on"), "every walk leans so far"
+
+
+class _Waiting:
+    """A port at which batches of messages wait, as many as one read takes each."""
+
+    rejected = unsent = 0
+
+    def __init__(self, batches: Iterable[list[Telemetry | str]]):
+        self._batches = iter(batches)
+
+    def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
+        return [(time.monotonic(), message) for message in next(self._batches, [])]
+
+
+def frames(count: int, hot: range = range(0)) -> list[Telemetry]:
+    """One every 10 ms, with 9.5 A in those of ``hot``."""
+    zeros = dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
+    return [
+        Telemetry(**zeros, ts=10.0 * number, pos=np.zeros(12), vel=np.zeros(12), cur=np.full(12, 9.5 * (number in hot)))
+        for number in range(count)
+    ]
+
+
+def test_telemetry_that_waited_is_read_to_its_end():
+    """One read takes 4 kB: after a long pause the first ones are old."""
+    waiting = frames(60)
+    link = RobotLink(PUPPER_V2, _Waiting(waiting[first : first + 12] for first in range(0, 60, 12)))  # pyright: ignore[reportArgumentType]
+    link.receive(time.monotonic() - 1.0)
+    assert link.stream.latest is not None and link.stream.latest.telemetry is not None
+    assert link.stream.latest.telemetry.ts == 590.0 and link.stream.accepted == 60
+
+
+def test_a_device_that_sends_without_end_is_not_listened_to_without_end():
+    link = RobotLink(PUPPER_V2, _Waiting(itertools.repeat(["a line"])))  # pyright: ignore[reportArgumentType]
+    link.receive(time.monotonic() - 1.0)
+    assert 1 <= len(link.text) <= 100
+
+
+def test_a_fault_in_telemetry_that_waited_is_seen():
+    """The last frame of it is well again."""
+    link = RobotLink(PUPPER_V2, _Waiting([frames(12, range(3, 8))]))  # pyright: ignore[reportArgumentType]
+    link.receive(time.monotonic() - 1.0)
+    with pytest.raises(RobotFault, match=r"draws -?9\.5 A"):
+        link.check()
+
+
+@pytest.mark.slow
+def test_the_benchmark_tells_of_every_length(trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    out = tmp_path / "stalls.json"
+    words = [
+        "--policy",
+        str(trot),
+        "--kinds",
+        "on",
+        "blind",
+        "--stalls",
+        "20",
+        "100",
+        "--draws",
+        "1",
+        "--json",
+        str(out),
+    ]
+    monkeypatch.setattr(sys, "argv", ["hardware_stalls", *words])
+    main()
+    assert read_json(out)["on/longest_ms"] == 100.0 and {"blind/20", "blind/100"} <= set(read_json(out))

@@ -1,0 +1,30 @@
+"""A log feels the constants that move its joint, and no others."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.identification.felt import felt_constants
+from motorprior.identification.initial_motor import INITIAL_MOTOR, encoded, with_motor
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.residual import without_residual
+from motorprior.identification.window_runs import WindowRuns
+from motorprior.identification.windows import POS, VEL, TrainingData
+
+SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
+PRESET = replace(PRESETS["per_motor"], warm_up=60)
+
+
+def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., TrainingData]):
+    center = encoded(INITIAL_MOTOR | {"torque_limit": 100.0, "backlash": 1e-7}, ())
+    network = with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    z = np.zeros((1, len(center)))
+    data = decoder_data(network, z, segments=5, rows=400)
+    series = data.series.copy()
+    noise = np.random.default_rng(0).standard_normal((*series.shape[:2], 2)) * [3e-4, 0.02]
+    series[..., [POS, VEL]] += noise.astype(np.float32)
+    felt = felt_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
+    assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= felt
+    assert not {"torque_limit", "backlash"} & felt

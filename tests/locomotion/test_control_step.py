@@ -1,0 +1,211 @@
+"""The step around the gait: commands ramp, heading and drift add up, targets lead and never jump, slips are counted."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from policies import ACTIONS, OBSERVATIONS
+
+from motorprior.locomotion.body import LEAD, body_of
+from motorprior.locomotion.control_step import (
+    FURTHEST_DRIFT,
+    FURTHEST_HEADING,
+    LEVEL_RATE,
+    RAMP,
+    TARGET_SPEED,
+    accumulate_moments,
+    begin_gait,
+    command_step,
+    follow_command,
+    levelling,
+    new_gait,
+    sliding,
+)
+from motorprior.locomotion.gaits import GAITS
+from motorprior.locomotion.trajectory_generator import add_support, joint_targets
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+BODY, DT = body_of(PUPPER_V2), PUPPER_V2.control_dt
+NOTHING, LEVEL = np.zeros(ACTIONS), np.zeros(OBSERVATIONS)
+
+
+def begun(body=BODY):
+    gait = new_gait(PUPPER_V2.num_joints, len(PUPPER_V2.legs))
+    begin_gait(body, gait)
+    return gait
+
+
+def followed(gait, forward=0.0, yaw_rate=0.0, steps=1, rate=0.0):
+    """The last observation of a level robot that turns at ``rate`` [rad/s]."""
+    seen = np.zeros(OBSERVATIONS)
+    for _ in range(steps):
+        seen[4] = rate
+        follow_command(BODY, gait, forward, yaw_rate, DT, seen)
+    return seen
+
+
+def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate():
+    gait = begun()
+    speeds = np.array([followed(gait, 0.5, -0.6)[19:21] for _ in range(80)])
+    assert np.all(np.diff(speeds[:, 0]) <= BODY.fastest * DT / RAMP + 1e-12)
+    np.testing.assert_allclose(speeds[round(RAMP / DT) - 1 :], np.tile([0.5, -0.6], (31, 1)), atol=1e-12)
+    assert speeds[round(RAMP / DT) // 2 - 1] == pytest.approx([0.25, -0.3])
+    assert followed(gait, 0.0, 0.0, round(RAMP / DT))[19:21] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_a_command_beyond_the_robots_range_is_the_end_of_the_range():
+    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([BODY.fastest, BODY.yaw_rate])
+    assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.slowest, -BODY.yaw_rate])
+
+
+def test_the_heading_error_is_the_turn_that_was_not_commanded():
+    gait = begun()
+    assert followed(gait, forward=0.3, steps=100, rate=0.2)[18] == pytest.approx(0.2)
+    assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == FURTHEST_HEADING
+    turning, seen, commanded = begun(), np.zeros(OBSERVATIONS), 0.0
+    for _ in range(150):  # a robot that turns as it is told, ramp and all
+        seen[4] = min(BODY.yaw_rate * (commanded + DT) / RAMP, 0.4)
+        follow_command(BODY, turning, 0.0, 0.4, DT, seen)
+        commanded += DT
+    assert seen[18] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_standing_robot_adds_up_no_heading_however_long_its_gyroscope_errs():
+    gait = begun()
+    assert followed(gait, steps=5000, rate=0.05)[18] == 0.0
+    assert abs(followed(gait, forward=0.3, steps=1, rate=0.05)[18]) < 1e-3
+
+
+def test_the_drift_is_the_way_aside_that_follows_from_the_heading_error():
+    gait = begun()
+    followed(gait, 0.3, steps=100)
+    followed(gait, 0.3, steps=10, rate=1.0)  # 0.1 rad
+    before = gait.scalars[2]
+    after = followed(gait, 0.3, steps=50)[17]
+    assert after - before == pytest.approx(50 * DT * 0.3 * math.sin(0.1))
+    assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(FURTHEST_DRIFT * BODY.fastest)
+    standing = begun()
+    assert followed(standing, 0.0, steps=100, rate=0.3)[17] == 0.0
+
+
+def test_the_phase_is_observed_as_far_as_the_robot_walks():
+    gait = begun()
+    gait.scalars[0] = 0.2
+    assert not followed(gait)[21:].any()
+    angle = 0.4 * math.pi
+    assert followed(gait, 0.5, steps=100)[21:] == pytest.approx([math.cos(angle), math.sin(angle)])
+
+
+@pytest.mark.parametrize("gait_name", GAITS)
+def test_standing_still_is_one_target_whatever_the_gait(gait_name):
+    body = body_of(PUPPER_V2, gait_name)
+    gait = begun(body)
+    standing = PUPPER_V2.nominal_pose
+    add_support(body, 0.0, 1.0, 0.0, PUPPER_V2.nominal_pose, standing)
+    for _ in range(100):
+        command_step(body, NOTHING, LEVEL, gait, DT)
+        np.testing.assert_allclose(gait.target, standing, atol=1e-12)
+    assert gait.phase == pytest.approx(body.frequency % 1.0, abs=1e-9), "the cycle goes on"
+
+
+def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_needs_not():
+    """Pitch is positive with the nose down, roll with the left side up."""
+    assert BODY.level == 0.0
+    soft, seen = BODY._replace(level=0.5), np.zeros(OBSERVATIONS)
+    seen[:4] = 0.2, 0.1, 1.0, -0.5
+    assert levelling(soft, seen) == pytest.approx((0.5 * (0.1 - 0.5 * LEVEL_RATE), -0.5 * (0.2 + LEVEL_RATE)))
+    assert levelling(BODY, seen) == (0.0, 0.0)
+    seen[2:4] = 0.0
+    gait, flat = begun(soft), begun(soft)
+    command_step(soft, NOTHING, seen, gait, DT)
+    command_step(soft, NOTHING, LEVEL, flat, DT)
+    drops = [[leg.drop(each.target) for leg in PUPPER_V2.legs] for each in (gait, flat)]
+    longer = {leg.name: one - other for leg, one, other in zip(PUPPER_V2.legs, *drops, strict=True)}
+    assert longer["FR"] > longer["FL"] > longer["RL"] and longer["FR"] > longer["RR"] > longer["RL"]
+    assert longer["FR"] > 0.0 > longer["RL"]
+
+
+def test_only_a_robot_too_soft_against_its_weight_levels_itself():
+    weak = tuple(replace(joint, kp=joint.kp / 10.0, kd=joint.kd / 10.0) for joint in PUPPER_V2.joints)
+    assert body_of(replace(PUPPER_V2, joints=weak)).level > 1.0
+
+
+def test_targets_lead_the_gait_by_what_its_pd_lags():
+    gait = begun()
+    followed(gait, 0.2, steps=100)
+    gait.scalars[0], path = 0.1, np.zeros((2, 12))
+    for row, phase in zip(path, (0.1, 0.1 + BODY.frequency * DT), strict=True):
+        joint_targets(BODY, phase, 0.2, 0.0, BODY.frequency, 0.0, (0.0, 0.0), 1.0, BODY.swing_height, row)
+    joint = PUPPER_V2.joints[0]
+    lead = LEAD * joint.kd / joint.kp
+    expected = path[0] + lead * (path[1] - path[0]) / DT
+    add_support(BODY, 0.1, 1.0, 1.0, path[0], expected)
+    gait.target[:] = expected + 0.1  # near enough that the bound on its speed does not matter
+    command_step(BODY, NOTHING, LEVEL, gait, DT)
+    np.testing.assert_allclose(gait.target, expected, atol=1e-12)
+    assert np.abs(expected - path[0]).max() > 0.1
+    assert 0.05 < lead < 0.1 and gait.phase == pytest.approx(0.1 + BODY.frequency * DT)
+
+
+@pytest.mark.parametrize("gait_name", GAITS)
+def test_targets_never_change_faster_than_the_bound_nor_leave_the_joint_limits(gait_name):
+    body, rng = body_of(PUPPER_V2, gait_name), np.random.default_rng(0)
+    gait = begun(body)
+    before, fastest = gait.target.copy(), 0.0
+    for _ in range(300):
+        seen = np.zeros(OBSERVATIONS)
+        follow_command(body, gait, rng.uniform(-0.5, 1.0), rng.uniform(-1.0, 1.0), DT, seen)
+        command_step(body, rng.uniform(-3.0, 3.0, ACTIONS), seen, gait, DT)
+        fastest = max(fastest, np.abs(gait.target - before).max() / DT)
+        assert np.all(gait.target >= body.lower) and np.all(gait.target <= body.upper)
+        before = gait.target.copy()
+    assert 0.3 * TARGET_SPEED < fastest <= TARGET_SPEED + 1e-9
+
+
+def test_the_first_jump_is_cut_to_the_bound():
+    gait = begun()
+    gait.target[:] = BODY.lower
+    command_step(BODY, NOTHING, LEVEL, gait, DT)
+    standing = PUPPER_V2.nominal_pose
+    add_support(BODY, 0.0, 1.0, 0.0, PUPPER_V2.nominal_pose, standing)
+    np.testing.assert_allclose(gait.target, BODY.lower + np.minimum(TARGET_SPEED * DT, standing - BODY.lower))
+
+
+def feet_at(x, y=0.0, height=0.0):
+    """(legs, 3) centres of feet whose lowest points are at this height."""
+    return np.stack([np.full(4, x), np.full(4, y), BODY.foot_radius + height], axis=1)
+
+
+def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
+    gait, joints = begun(), PUPPER_V2.nominal_pose
+
+    def slid(places, angles=joints):
+        return sliding(BODY, gait, places, angles, 0.0, 0.0, DT)
+
+    assert slid(feet_at(0.0)) == 0.0, "nobody knows where they were"
+    assert slid(feet_at(0.003, 0.004)) == pytest.approx(4 * 0.005 / DT)
+    assert slid(feet_at(0.003, 0.004)) == pytest.approx(0.0, abs=1e-12)
+    assert slid(feet_at(0.1, height=0.01)) == 0.0 and slid(feet_at(0.2)) == 0.0
+    assert slid(np.full((4, 3), np.nan)) == 0.0 and slid(feet_at(0.5)) == 0.0
+
+
+def test_a_rolling_foot_does_not_slide_in_whatever_direction_the_robot_looks():
+    gait, turned, yaw = begun(), PUPPER_V2.nominal_pose.copy(), 0.7
+    sliding(BODY, gait, feet_at(0.0), turned, 0.0, yaw, DT)
+    turned[2::3] += 0.1  # the shank turns about +y: the ball rolls forward
+    way = 0.1 * BODY.foot_radius[0]
+    places = feet_at(way * math.cos(yaw), way * math.sin(yaw))
+    assert sliding(BODY, gait, places, turned, 0.0, yaw, DT) == pytest.approx(0.0, abs=1e-12)
+    turned[2::3] += 0.1
+    assert sliding(BODY, gait, places, turned, 0.0, yaw, DT) == pytest.approx(4 * way / DT), "spinning on the spot"
+
+
+def test_statistics_of_an_episode_equal_numpy():
+    observations = np.random.default_rng(0).normal(3.0, 2.0, (50, OBSERVATIONS))
+    count, mean, m2 = 0, np.zeros(OBSERVATIONS), np.zeros(OBSERVATIONS)
+    for observation in observations:
+        count = accumulate_moments(observation, count, mean, m2)
+    assert count == 50
+    np.testing.assert_allclose(mean, observations.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(m2 / 50, observations.var(axis=0), rtol=1e-12)

@@ -1,0 +1,76 @@
+"""Which foot touches down after which, and that every gait is its own mirror image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import body_of
+from motorprior.locomotion.gaits import GAITS, GaitName, phases_of
+from motorprior.locomotion.trajectory_generator import advance_phase, foot_path
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+TOUCH_DOWNS = {
+    "trot": [{"FR", "RL"}, {"FL", "RR"}],
+    "walk": [{"RL"}, {"FL"}, {"RR"}, {"FR"}],
+    "pace": [{"FR", "RR"}, {"FL", "RL"}],
+    "bound": [{"FR", "FL"}, {"RR", "RL"}],
+    "pronk": [{"FR", "FL", "RR", "RL"}],
+}
+"""In the order of time, from phase 0."""
+
+
+def stance_and_touch_downs(gait: GaitName) -> tuple[np.ndarray, list[set[str]]]:
+    """(steps, legs) whether each foot is down, over a cycle of 400 steps from phase 0, and who comes down when."""
+    phases, ratio = phases_of(PUPPER_V2, gait)
+    names, share = [leg.name for leg in PUPPER_V2.legs], 1.0 / (1.0 + ratio)
+    cycle = (np.arange(400) + 0.5) / 400
+    down = np.array([[foot_path(float((phase + own) % 1.0), share)[1] == 0.0 for own in phases] for phase in cycle])
+    touched = down & ~np.roll(down, 1, axis=0)
+    order = [{names[leg] for leg in np.flatnonzero(row)} for row in touched if row.any()]
+    return down, order
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_feet_touch_down_in_the_order_of_the_gait(gait: GaitName):
+    down, order = stance_and_touch_downs(gait)
+    assert order == TOUCH_DOWNS[gait]
+    np.testing.assert_allclose(down.mean(axis=0), 0.75 if gait == "walk" else 0.5, atol=0.005)
+
+
+def test_a_walk_lifts_one_foot_at_a_time_and_a_trot_two():
+    walk, trot = stance_and_touch_downs("walk")[0], stance_and_touch_downs("trot")[0]
+    assert set(walk.sum(axis=1)) <= {3, 4} and set(trot.sum(axis=1)) == {2}
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_a_gait_is_its_own_mirror_image_at_once_or_half_a_cycle_later(gait: GaitName):
+    phases = dict(zip([leg.name for leg in PUPPER_V2.legs], phases_of(PUPPER_V2, gait)[0], strict=True))
+    apart = {(phases[end + "L"] - phases[end + "R"]) % 1.0 for end in "FR"}
+    assert apart == ({0.0} if gait in ("bound", "pronk") else {0.5})
+
+
+def test_a_robots_own_phases_are_those_of_its_trot_alone():
+    odd = replace(PUPPER_V2, legs=tuple(replace(leg, phase=0.1 * i) for i, leg in enumerate(PUPPER_V2.legs)))
+    np.testing.assert_allclose(body_of(odd).phases, [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(body_of(odd, "pace").phases, body_of(PUPPER_V2, "pace").phases)
+
+
+def test_an_unknown_gait_and_four_legs_on_another_robot_are_refused():
+    with pytest.raises(ConfigError, match="gait 'amble' is unknown -> use one of trot, walk, pace, bound, pronk"):
+        phases_of(PUPPER_V2, "amble")
+    biped = replace(PUPPER_V2, legs=PUPPER_V2.legs[:2])
+    with pytest.raises(ConfigError, match="gait 'walk' is for four legs, one at each corner"):
+        phases_of(biped, "walk")
+    np.testing.assert_array_equal(phases_of(biped, "trot")[0], [0.0, 0.5])
+
+
+def test_phase_advances_and_wraps():
+    assert advance_phase(0.2, 1.25, 0.01) == pytest.approx(0.2125)
+    assert advance_phase(0.99, 2.0, 0.01) == pytest.approx(0.01)
+    phase = 0.0
+    for _ in range(1000):  # 10 s at 1.3 Hz: 13 cycles
+        phase = advance_phase(phase, 1.3, 0.01)
+        assert 0.0 <= phase < 1.0
+    assert min(phase, 1.0 - phase) == pytest.approx(0.0, abs=1e-9)

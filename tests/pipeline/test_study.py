@@ -1,0 +1,79 @@
+"""The transfer study, as small as it gets: every condition at every place, resumed to the same bytes."""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from motorprior.artifacts import read_json
+from motorprior.pipeline.progress import SILENT
+from motorprior.pipeline.study import run_study
+from motorprior.pipeline.study_report import TRACES, WALKS, build_study_report
+from motorprior.pipeline.study_settings import Study
+from motorprior.transfer.places import TWINS
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
+
+pytestmark = pytest.mark.slow
+EVERYWHERE = {
+    "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "one_network", "paper", "prior_mean", "prior",
+    "prior_adapted", "prior_robust", "oracle",
+}  # fmt: skip
+FIXED = {"ideal_pd", "tuned_pd", "pd_friction", "prior_mean", "one_network"}
+DRAWS = 2
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    pytest.importorskip("pybullet")
+    config = Study(
+        tmp_path_factory.mktemp("study") / "run", seeds=2, draws=DRAWS, seconds=2.5, iterations=1, motors=12,
+        bench_steps=1500, adam_steps=30, workers=2,
+    )  # fmt: skip
+    run_study(config)
+    return config
+
+
+def test_every_policy_walks_every_draw_where_it_belongs(done: Study):
+    table = WalkTable.load(done.out / WALKS)
+    for place in (OWN, *TWINS):
+        gait = set() if place == OWN else {"untrained"}
+        assert set(table.at(place).distinct("condition")) == EVERYWHERE | gait
+        assert all(table.scores(place, name, "speed").shape == (1, DRAWS) for name in gait)
+        for condition in EVERYWHERE:
+            draws = 1 if place == OWN and condition in FIXED else DRAWS
+            assert table.scores(place, condition, "speed").shape == (done.seeds, draws)
+    assert set(table.at(OWN_ABROAD).distinct("condition")) == {"oracle", "prior_adapted"}
+
+
+def test_figures_have_intervals(done: Study):
+    figures = read_json(done.out / "figures.json")
+    for twin in TWINS:
+        for condition in EVERYWHERE:
+            for measure in ("speed", "upright", "drift"):
+                low, value, high = (figures[f"{twin}/{condition}/{measure}{end}"] for end in ("/low", "", "/high"))
+                assert low <= value <= high
+            assert 0.0 <= figures.get(f"{twin}/{condition}/p_against_prior", 0.0) <= 1.0
+    assert "fleet/prior/ratio" in figures and "fleet/prior/regret" in figures
+
+
+def test_fits_say_what_they_took(done: Study):
+    fits = read_json(done.out / "fits" / "fits.json")
+    assert set(fits) == {"ideal_pd", "tuned_pd", "pd_friction"}
+    assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["pd_friction"]["error"]
+    assert all(fit["evaluations"] > 50 for fit in fits.values())
+
+
+def test_what_was_interrupted_goes_on_to_the_same_bytes(done: Study):
+    """A walk, a measured policy and the table are gone; other workers go on."""
+    kept = {name: (done.out / name).read_bytes() for name in (WALKS, TRACES, "figures.json")}
+    shutil.rmtree(done.out / "watched" / "prior_1")
+    shutil.rmtree(done.out / "walk" / "paper_0")
+    shutil.rmtree(done.out / "watched" / "paper_0")
+    (done.out / WALKS).unlink()
+    run_study(replace(done, workers=1), SILENT)
+    assert {name: (done.out / name).read_bytes() for name in kept} == kept
+
+
+def test_it_has_a_page(done: Study):
+    page = build_study_report(done.out, "motorprior transfer --study").read_text("utf-8")
+    assert "targets" in page and "PD with friction" in page

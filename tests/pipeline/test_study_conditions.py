@@ -1,0 +1,116 @@
+"""Names of motors in a study, PDs with friction and spread, and settings that are refused."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.friction_pd import FrictionPd
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.policy import Policy
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.study_conditions import Condition
+from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.transfer import walker_of
+from motorprior.pipeline.walk import POLICY, Walk, run_walk
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.randomization import ROBUST
+
+PD = MotorChoice("pd", armature=0.003, coulomb=0.1)
+
+
+def drawn(choice: MotorChoice, seed: int = 0) -> Any:
+    return choice.drawer(PUPPER_V2)(np.random.default_rng(seed))
+
+
+def test_a_pd_with_friction_has_it_and_one_without_is_ideal():
+    assert isinstance(drawn(PD), FrictionPd) and isinstance(drawn(replace(PD, coulomb=0.0)), IdealPd)
+    with pytest.raises(ConfigError, match="without armature"):
+        drawn(replace(PD, armature=0.0))
+
+
+def test_a_spread_changes_every_constant_of_every_motor_within_its_share_and_no_spread_none():
+    fixed = drawn(PD)
+    for name in ("kp", "kd", "torque_limit", "armature"):
+        ratio = np.array([getattr(drawn(replace(PD, spread=0.3), seed).pd, name) for seed in range(50)])
+        ratio /= getattr(fixed.pd, name)
+        assert 0.7 <= ratio.min() < 0.75 and 1.25 < ratio.max() <= 1.3 and len(np.unique(ratio)) == ratio.size
+        np.testing.assert_array_equal(getattr(drawn(PD, 1).pd, name), getattr(fixed.pd, name))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"spread": 1.0}, "spread"), ({"spread": -0.1}, "spread"), ({"coulomb": np.nan}, "coulomb")],
+)
+def test_impossible_pds_are_refused(change: dict, words: str):
+    with pytest.raises(ConfigError, match=words):
+        drawn(replace(PD, **change))
+
+
+def test_names_are_those_given_and_are_kept_with_what_training_varied(tmp_path: Path):
+    assert PD.condition() == "pd_friction" and replace(PD, name="mine").condition() == "mine"
+    motors = replace(PD, spread=0.2, name="mine")
+    run_walk(Walk(tmp_path, motors, iterations=1, episode_steps=5, workers=1, randomization=ROBUST))
+    walker = walker_of(tmp_path / POLICY, PUPPER_V2)
+    assert walker.condition == "mine"
+    assert Policy.load(tmp_path / POLICY).provenance["motors"]["spread"] == 0.2
+    one, other = (walker.own.run(walker.policy.arrays(), 5, trace=True).trace for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+    varied = walker.own._walk.randomization  # pyright: ignore[reportAttributeAccessIssue]
+    assert varied == ROBUST, "its own simulation is that of its training"
+
+
+def test_only_a_simulation_without_chance_is_walked_once():
+    assert Condition("pd", PD).one_draw_is_all
+    assert not Condition("pd", replace(PD, spread=0.1)).one_draw_is_all
+    assert not Condition("pd", PD, ROBUST).one_draw_is_all
+    assert Condition("mean", MotorChoice("prior", latent_spread=0.0)).one_draw_is_all
+    assert not Condition("prior", MotorChoice("prior")).one_draw_is_all
+    assert not Condition("oracle", MotorChoice("fleet")).one_draw_is_all
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"seeds": 0}, "seeds"), ({"draws": 0}, "draws"), ({"seconds": 1.0}, "seconds"), ({"motors": 3}, "motors")],
+)
+def test_impossible_studies_are_refused(tmp_path: Path, change: dict, words: str):
+    with pytest.raises(ConfigError, match=words):
+        replace(Study(tmp_path), **change).sized()
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_quick_study_is_small():
+    full, quick = Study(Path("x")).sized(), Study(Path("x"), quick=True).sized()
+    assert quick.seeds < full.seeds and quick.draws < full.draws and quick.iterations < full.iterations
+
+
+def test_a_quick_study_keeps_what_is_given():
+    given = Study(Path("x"), quick=True, seeds=5, draws=16).sized()
+    assert (given.seeds, given.draws) == (5, 16) and given.iterations < Study.iterations
+    with pytest.raises(ConfigError, match="adam_steps"):
+        Study(Path("x"), adam_steps=0).sized()
+
+
+@pytest.mark.parametrize(
+    ("choice", "words"),
+    [
+        (MotorChoice("prior", spread=0.1), "spread 0.1 has no effect on actuator prior"),
+        (MotorChoice("fleet", kp=8.0), "kp 8 has no effect on actuator fleet"),
+        (MotorChoice("pd", latent_spread=0.5), "latent_spread 0.5 has no effect on actuator pd"),
+        (MotorChoice("prior", posterior=Path("p"), latent_spread=0.5), "with a posterior"),
+    ],
+)
+def test_numbers_without_effect_are_refused(choice: MotorChoice, words: str):
+    with pytest.raises(ConfigError, match=words):
+        drawn(choice)
+
+
+def test_motors_that_differ_have_names_that_differ():
+    choices = [
+        MotorChoice("pd"), MotorChoice("pd", armature=0.003), PD, replace(PD, spread=0.3), MotorChoice("fleet"),
+        MotorChoice("prior"), MotorChoice("prior", latent_spread=0.0), MotorChoice("prior", latent_spread=1.5),
+    ]  # fmt: skip
+    assert len({choice.condition() for choice in choices}) == len(choices)

@@ -1,0 +1,88 @@
+"""metrics.jsonl: a line per iteration, the same bytes however often a training was interrupted."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motorprior.pipeline import walk_metrics
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walk import CURVE, POLICY, Walk, run_walk
+from motorprior.pipeline.walk_metrics import METRICS, Extent, Metrics
+
+
+class Stops:
+    """Progress that keeps the notes of a training, and interrupts it after some iterations."""
+
+    def __init__(self, after: int):
+        self.notes: list[str] = []
+        self._after = after
+
+    @contextmanager
+    def start(self, name: str, total: int) -> Iterator["Stops"]:
+        yield self
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        self.notes += [note] if note else []
+        if len(self.notes) == self._after:
+            raise KeyboardInterrupt
+
+    def note(self, text: str) -> None:
+        pass
+
+
+def small(folder: Path) -> Walk:
+    return Walk(folder, MotorChoice("pd"), iterations=4, episode_steps=20, workers=1)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    folder, seen = tmp_path_factory.mktemp("whole"), Stops(99)
+    run_walk(small(folder), seen)
+    return folder, seen.notes
+
+
+def test_a_line_says_what_the_learning_curve_says(whole: tuple[Path, list[str]]):
+    lines = [json.loads(line) for line in (whole[0] / METRICS).read_text("utf-8").splitlines()]
+    curve = json.loads((whole[0] / CURVE).read_text("utf-8"))
+    assert [line["iteration"] for line in lines] == [0, 1, 2, 3]
+    episodes = 2 * Walk(Path()).search.num_directions
+    assert [line["episodes"] for line in lines] == [episodes * n for n in (1, 2, 3, 4)]
+    for line, point in zip(lines, curve, strict=True):
+        assert (line["return_mean"], line["return_best"]) == (point["mean_return"], point["best_return"])
+        assert line["upright"] == point["mean_steps"] / 20
+    assert not {"seconds", "time"} & lines[0].keys()
+
+
+def test_an_interrupted_training_ends_at_the_same_bytes(whole: tuple[Path, list[str]], tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt):
+        run_walk(small(tmp_path), Stops(2))
+    with (tmp_path / METRICS).open("a") as file:  # ahead of the checkpoint, and half a line of a killed process
+        file.write('{"iteration": 99}\n{"itera')
+    run_walk(small(tmp_path))
+    for name in (METRICS, CURVE, POLICY):
+        assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes(), name
+
+
+def test_a_training_with_other_settings_begins_a_new_file(tmp_path: Path):
+    (tmp_path / METRICS).write_text('{"iteration": 0}\n')
+    Metrics(tmp_path, [], Extent(3, 10, 4))
+    assert (tmp_path / METRICS).read_text() == ""
+
+
+def test_the_line_on_the_terminal_has_return_uprightness_speed_and_time_left(
+    whole: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    assert len(whole[1]) == 4 and all("episodes/s" in note and "upright" in note for note in whole[1])
+    now = iter([100.0, 110.0])
+    monkeypatch.setattr(walk_metrics.time, "monotonic", lambda: next(now))
+    done: list[dict[str, Any]] = [point(number) for number in range(2)]
+    metrics = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32))
+    assert metrics.add(point(2)) == "return 1.50 m, upright 80 %, 3 episodes/s, 1:06:30 left"
+
+
+def point(iteration: int) -> dict[str, Any]:
+    return {"iteration": iteration, "mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "faults": {}}

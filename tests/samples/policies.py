@@ -1,0 +1,36 @@
+"""Policies that nobody trained."""
+
+from typing import Any
+
+import numpy as np
+
+from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import SHIPPED
+
+ROBOT = SHIPPED[0]
+OBSERVATIONS, ACTIONS = observation_size(ROBOT.num_joints), action_size(ROBOT.num_joints)
+
+
+def random_policy(
+    scale: float, seed: int, mean: float = 0.0, std: float = 1.0, units: int = 0, robot: Robot = ROBOT
+) -> PolicyArrays:
+    """Normal weights of this standard deviation; those of hidden units have 1."""
+    rng = np.random.default_rng(seed)
+    observations, actions = observation_size(robot.num_joints), action_size(robot.num_joints)
+    weights = scale * rng.standard_normal((actions, observations + 1))
+    hidden, readout = rng.standard_normal((units, observations + 1)), scale * rng.standard_normal((units, actions))
+    return PolicyArrays(weights, hidden, readout, np.full(observations, mean), np.full(observations, std))
+
+
+def as_file_content(arrays: PolicyArrays, **changes: Any) -> Policy:
+    """The policy, for motors with the gains that the wire sends."""
+    kp, kd = spec.WIRE_KP * spec.TORQUE_CONSTANT, spec.WIRE_KD * spec.TORQUE_CONSTANT
+    parts: dict[str, Any] = {
+        "weights": arrays.weights, "hidden": arrays.hidden, "readout": arrays.readout, "observation_mean": arrays.mean,
+        "observation_std": arrays.std, "kp": np.full(ROBOT.num_joints, kp), "kd": np.full(ROBOT.num_joints, kd),
+        "control_dt": ROBOT.control_dt, "robot": ROBOT.name, "joint_names": ROBOT.joint_names,
+    }  # fmt: skip
+    return Policy(**parts | changes)

@@ -1,0 +1,68 @@
+"""Clearance and sliding of feet are those of their lowest points: a rolling foot does not slide."""
+
+import numpy as np
+import pytest
+
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.simulation.foot_motion import foot_motion
+
+RADIUS = ROBOT.legs[0].foot_radius
+
+
+def standing(frames: int = 1, lifted: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Qpos and qvel of a robot at rest in the nominal pose, so much above the floor [m]."""
+    qpos, qvel = np.zeros((frames, 7 + ROBOT.num_joints)), np.zeros((frames, 6 + ROBOT.num_joints))
+    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = ROBOT.standing_height + lifted, 1.0, ROBOT.nominal_pose
+    return qpos, qvel
+
+
+def test_a_standing_robot_touches_the_floor_with_four_feet_that_do_not_slide():
+    found = foot_motion(ROBOT, *standing(2))
+    assert found.clearance.shape == found.sliding.shape == (2, 4)
+    np.testing.assert_allclose(found.clearance, 0.0, atol=1e-9)
+    np.testing.assert_array_equal(found.sliding, 0.0)
+    np.testing.assert_allclose(foot_motion(ROBOT, *standing(lifted=0.05)).clearance, 0.05, atol=1e-9)
+
+
+def test_a_sliding_robot_slides_as_fast_as_it_goes_in_any_direction_and_not_by_falling():
+    qpos, qvel = standing(3)
+    qvel[0, :2], qvel[1, :2], qvel[2, 2] = (0.3, -0.4), (-0.2, 0.0), -1.0
+    np.testing.assert_allclose(foot_motion(ROBOT, qpos, qvel).sliding, [[0.5] * 4, [0.2] * 4, [0.0] * 4], atol=1e-12)
+
+
+def test_a_robot_that_turns_on_the_spot_slides_around_itself():
+    qpos, qvel = standing()
+    qvel[0, 5] = 2.0
+    around = [2.0 * np.hypot(*leg.rest) for leg in ROBOT.legs]
+    np.testing.assert_allclose(foot_motion(ROBOT, qpos, qvel).sliding[0], around, atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+def test_a_foot_that_rolls_does_not_slide_and_one_that_spins_on_the_spot_does(yaw: float):
+    """The body turns forward about +y at ω; where its centre of a foot moves by ω·radius, the lowest point rests."""
+    omega = 1.5
+    for leg, one in enumerate(ROBOT.legs):
+        qpos, qvel = standing()
+        qpos[0, 3:7] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
+        x, _ = one.rest
+        # of the foot's centre relative to the base: ω y × (x, y, -h) = ω (-h, 0, -x); rolling wants (ω r, 0, 0)
+        below = ROBOT.standing_height - RADIUS
+        speed = omega * (RADIUS + below)
+        qvel[0, :3] = speed * np.cos(yaw), speed * np.sin(yaw), omega * x
+        qvel[0, 4] = omega
+        assert foot_motion(ROBOT, qpos, qvel).sliding[0, leg] == pytest.approx(0.0, abs=1e-9)
+        qvel[0, :2] *= below / (RADIUS + below)  # its centre stays where it is
+        assert foot_motion(ROBOT, qpos, qvel).sliding[0, leg] == pytest.approx(omega * RADIUS, abs=1e-9)
+
+
+def test_sliding_is_the_derivative_of_the_place_of_a_foot_that_does_not_turn():
+    rng = np.random.default_rng(0)
+    qpos, qvel = standing()
+    qvel[0, :3] = rng.normal(0.0, 0.3, 3)
+    joints = qvel[0, 6:]
+    joints[1::3] = rng.normal(0.0, 1.0, 4)
+    joints[2::3] = -joints[1::3]  # the shank keeps its angle, so that the foot neither rolls nor spins
+    thigh = ROBOT.legs[0].thigh
+    hip = ROBOT.nominal_pose[1]
+    forward = qvel[0, 0] - thigh * np.cos(hip) * joints[1::3]
+    np.testing.assert_allclose(foot_motion(ROBOT, qpos, qvel).sliding[0], np.hypot(forward, qvel[0, 1]), atol=1e-9)

@@ -1,0 +1,145 @@
+"""Measures of a walk, on walks that were made by hand and whose measures are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.simulation.rollout import Episode
+from motorprior.transfer.gait_quality import GaitQuality, gait_quality
+from motorprior.transfer.quality_results import quality_results
+
+DT, STEPS, JOINTS = ROBOT.control_dt, 500, ROBOT.num_joints
+TIME = DT * np.arange(STEPS)
+
+
+def gliding(
+    speed: float = 0.3, aside: float = 0.0, yaw: np.ndarray | float = 0.0, steps: int = STEPS, height: float = 0.0
+) -> Episode:
+    """A robot in the nominal pose that glides, its feet this high above the floor [m], along its heading."""
+    heading = np.broadcast_to(yaw, (STEPS,))
+    along, left = np.stack([np.cos(heading), np.sin(heading)]), np.stack([-np.sin(heading), np.cos(heading)])
+    velocity = speed * along + aside * left
+    trace, motion = np.zeros((STEPS, 7 + JOINTS)), np.zeros((STEPS, 6 + 2 * JOINTS))
+    trace[1:, :2] = DT * np.cumsum(velocity.T[:-1], axis=0)
+    trace[:, 2], trace[:, 3], trace[:, 6] = ROBOT.standing_height + height, np.cos(heading / 2), np.sin(heading / 2)
+    trace[:, 7:], motion[:, :2] = ROBOT.nominal_pose, velocity.T
+    nothing = np.zeros(23)
+    return Episode(0.0, steps, trace[-1, :2], 0, steps, nothing, nothing, trace[:steps], motion[:steps])
+
+
+def measured(episode: Episode, forward: float = 0.3, yaw_rate: float = 0.0) -> GaitQuality:
+    return gait_quality(ROBOT, episode, forward, yaw_rate, STEPS)
+
+
+def test_a_walk_as_it_was_told():
+    found = measured(gliding(height=0.1))
+    assert found.speed == pytest.approx(0.3) and found.upright == 1.0
+    for name in ("speed_error", "heading_deg_per_m", "lateral_share", "slip", "roll_deg", "pitch_deg", "torque"):
+        assert getattr(found, name) == pytest.approx(0.0, abs=1e-9), name
+
+
+def test_speed_is_along_the_robots_own_heading_and_its_error_a_share_of_the_command():
+    assert measured(gliding(0.27)).speed_error == pytest.approx(0.1)
+    away = measured(gliding(0.3, aside=0.15, yaw=0.5))
+    assert away.speed == pytest.approx(0.3)
+    backward = measured(gliding(-0.1), forward=-0.2)
+    assert (backward.speed, backward.speed_error) == (pytest.approx(-0.1), pytest.approx(0.5))
+    still = measured(gliding(0.05), forward=0.0)
+    assert still.speed_error == pytest.approx(0.1), "of the fastest command, 0.5 m/s"
+
+
+def test_the_share_to_the_side_is_of_the_line_that_it_was_told_to_walk():
+    assert measured(gliding(0.3, aside=0.015)).lateral_share == pytest.approx(0.05)
+    assert measured(gliding(0.3, aside=-0.015, yaw=2.5)).lateral_share == pytest.approx(0.05)
+
+
+def test_a_heading_that_drifts_is_told_per_metre():
+    found = measured(gliding(0.3, yaw=0.1 * TIME))
+    way = 0.3 * (STEPS - 1 - 100) * DT
+    assert found.heading_deg_per_m == pytest.approx(np.degrees(0.1 * TIME[-1]) / way)
+
+
+def test_a_turn_as_it_was_told_is_no_heading_error_and_nothing_to_the_side():
+    """The command comes into force over half a second, and a heading goes round."""
+    rate, ramp = 0.6, 0.5
+    yaw = np.where(ramp > TIME, 0.5 * rate * TIME**2 / ramp, rate * (TIME - 0.5 * ramp)) * 2.0
+    assert yaw.max() > np.pi
+    found = measured(gliding(0.3, yaw=0.5 * yaw), yaw_rate=rate)
+    assert found.heading_deg_per_m < 1.0 and found.lateral_share < 0.01
+    wrong = measured(gliding(0.3, yaw=0.4 * yaw), yaw_rate=rate)
+    assert wrong.heading_deg_per_m > 10.0
+
+
+def test_lean_is_the_root_of_the_mean_square():
+    episode = gliding()
+    roll = 0.1 * np.sin(2.0 * np.pi * TIME)
+    episode.trace[:, 3], episode.trace[:, 4] = np.cos(roll / 2), np.sin(roll / 2)
+    found = measured(episode)
+    assert found.roll_deg == pytest.approx(np.degrees(0.1 / np.sqrt(2.0)), rel=1e-3)
+    assert found.pitch_deg == pytest.approx(0.0, abs=1e-6)
+
+
+def test_feet_that_stay_on_the_ground_slide_all_the_way_and_feet_in_the_air_do_not():
+    assert measured(gliding()).slip == pytest.approx(1.0, rel=0.01)
+    assert measured(gliding(height=0.02)).slip == 0.0
+
+
+def test_the_lift_of_a_foot_is_its_highest_clearance_in_the_middle_one_of_its_swings():
+    episode, leg = gliding(), ROBOT.legs[1]
+    _, hip, knee = leg.joints
+    for begin, height in ((110, 0.01), (200, 0.03), (300, 0.02), (490, 0.9)):  # the last one does not end
+        bend = np.sin(np.pi * np.arange(40) / 40)[: STEPS - begin]
+        drop = np.array([leg.drop(ROBOT.nominal_pose + b * _bent(leg, height)) for b in bend])
+        assert np.ptp(drop) <= 1.1
+        episode.trace[begin : begin + 40, 7 + hip] += bend * _bent(leg, height)[hip]
+        episode.trace[begin : begin + 40, 7 + knee] += bend * _bent(leg, height)[knee]
+    found = measured(episode).foot_lift_mm
+    assert found[1] == pytest.approx(20.0, abs=0.5)
+    assert found[0] == found[2] == found[3] == 0.0, "never left the ground"
+
+
+def _bent(leg, height: float) -> np.ndarray:
+    """(joints,) what to add to the nominal pose to lift the foot by ``height`` [m], at most as far as it goes."""
+    _, hip, knee = leg.joints
+    low, high = 0.0, 1.0
+    pose = ROBOT.nominal_pose
+
+    def added(amount: float) -> np.ndarray:
+        out = np.zeros(JOINTS)
+        out[hip], out[knee] = amount, -2.0 * amount
+        return out
+
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if leg.drop(pose) - leg.drop(pose + added(middle)) < height else (low, middle)
+    return added(low)
+
+
+def test_torque_and_cost_of_transport():
+    episode = gliding(height=0.1)
+    velocity, torque = episode.motion[:, 6 : 6 + JOINTS], episode.motion[:, 6 + JOINTS :]
+    velocity[:, 3], torque[:, 3], torque[:, 5] = -2.0, 0.6, 1.1
+    found = measured(episode)
+    assert found.torque == pytest.approx(1.1)
+    assert found.transport == pytest.approx(1.2 / (ROBOT.weight * 0.3)), "only the third joint moves"
+
+
+def test_a_walk_that_fell_is_measured_up_to_the_fall_and_one_that_fell_at_once_got_nowhere():
+    fell = measured(gliding(0.3, steps=300))
+    assert fell.upright == 0.0 and fell.speed == pytest.approx(0.3)
+    assert measured(replace(gliding(), fault=1)).upright == 0.0
+    at_once = measured(gliding(steps=150))
+    assert (at_once.upright, at_once.speed, at_once.speed_error) == (0.0, 0.0, 1.0) and np.isnan(
+        at_once.foot_lift_mm
+    ).all()
+    assert len(at_once.foot_lift_mm) == 4
+
+
+def test_a_table_has_the_lift_of_every_leg_by_its_name():
+    rows = quality_results(measured(gliding()), ROBOT, "walk", "own")
+    assert rows.where(quantity="foot_lift_mm").distinct("part") == [leg.name for leg in ROBOT.legs]
+    assert rows.value(quantity="upright") == 1.0 and set(rows.distinct("motors")) == {"own"}
+    fallen = quality_results(measured(gliding(steps=150)), ROBOT, "walk", "own")
+    assert set(fallen.distinct("quantity")) == {"upright", "speed", "speed_error"}, "what is not known has no row"

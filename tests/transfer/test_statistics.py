@@ -1,0 +1,165 @@
+"""Statistics of policies: closed forms, textbook examples, and intervals that cover the truth."""
+
+import numpy as np
+import pytest
+from scipy.stats import trim_mean
+
+from motorprior.transfer.statistics import (
+    compare_scores,
+    estimate,
+    holm,
+    improvement,
+    iqm,
+    iqms,
+    means,
+    profile,
+    ratio,
+)
+
+
+def studies(count: int, seeds: int = 8, draws: int = 16, spread: float = 0.05, luck: float = 0.03):
+    """Scores around 0 with an effect of the policy, of the draw and of both."""
+    rng = np.random.default_rng(11)
+    for _ in range(count):
+        of_draws = luck * rng.standard_normal(draws)
+        yield [
+            spread * rng.standard_normal((seeds, 1)) + of_draws + 0.05 * rng.standard_normal((seeds, draws))
+            for _ in range(2)
+        ]
+
+
+def test_the_interquartile_mean_is_that_of_the_middle_half():
+    assert iqm(np.array([[100.0, 3.0, 1.0, 4.0], [2.0, -100.0, 5.0, 6.0]])) == np.mean([2, 3, 4, 5])
+    assert iqm(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
+    assert iqm(np.array([[7.0]])) == 7.0
+
+
+@pytest.mark.parametrize("count", range(1, 14))
+def test_the_interquartile_mean_is_scipys_trimmed_mean(count: int):
+    scores = np.random.default_rng(count).standard_normal(count)
+    assert iqm(scores) == pytest.approx(trim_mean(scores, 0.25))
+
+
+def test_what_is_not_known_counts_neither_as_high_nor_as_low():
+    known = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
+    with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, np.inf, 4.0])
+    assert iqm(np.where(np.isinf(with_gaps), np.nan, with_gaps)) == iqm(known) == 3.0
+    assert means(with_gaps) == 3.0
+    assert np.isnan(iqm(np.full(3, np.nan)))
+    rows = iqms(np.array([[1.0, np.nan, 3.0, np.nan], [1.0, 1.0, 2.0, 40.0]]))
+    np.testing.assert_allclose(rows, [2.0, 1.5])
+
+
+def test_an_interval_covers_the_truth_about_as_often_as_it_says():
+    found = [estimate(one, resamples=300) for one, _ in studies(200)]
+    covered = np.mean([each.low <= 0.0 <= each.high for each in found])
+    assert 0.86 < covered < 0.995
+    assert all(each.low <= each.value <= each.high for each in found)
+
+
+def test_without_a_difference_few_comparisons_find_one():
+    p = np.array([compare_scores(one, other, resamples=300).p for one, other in studies(200)])
+    assert np.mean(p < 0.05) < 0.11 and 0.3 < np.mean(p < 0.5) < 0.7
+
+
+def test_draws_that_a_policy_shares_make_the_interval_wider():
+    """The walks of a policy are no independent ones: of 4 policies there are 4, however often they walk."""
+    policies = np.array([0.1, 0.2, 0.3, 0.4])[:, None] + np.zeros((4, 200))
+    nested, naive = estimate(policies), estimate(policies.reshape(-1, 1))
+    assert nested.high - nested.low > 4.0 * (naive.high - naive.low) > 0.0
+
+
+def test_the_draws_are_resampled_too():
+    """Of one policy on two robots nobody knows how it does on a third."""
+    found = estimate(np.array([[0.0, 1.0]]))
+    assert (found.low, found.high) == (0.0, 1.0)
+
+
+def test_the_same_scores_give_the_same_interval():
+    scores = np.random.default_rng(0).standard_normal((3, 5))
+    assert estimate(scores) == estimate(scores.copy())
+
+
+def test_shared_draws_tell_more():
+    rng = np.random.default_rng(3)
+    luck = rng.standard_normal(12)
+    one, other = (luck + level + 0.02 * rng.standard_normal((4, 12)) for level in (0.2, 0.0))
+    shared, apart = compare_scores(one, other, True), compare_scores(one, other, False)
+    assert shared.p < 0.001 < 0.3 < apart.p
+    assert shared.difference.value == apart.difference.value == pytest.approx(0.2, abs=0.05)
+    assert shared.improvement == 1.0 > apart.improvement
+
+
+def test_a_comparison_turned_around_has_the_other_sign():
+    one, other = next(studies(1))
+    there, back = compare_scores(one, other), compare_scores(other, one)
+    assert there.difference.value == -back.difference.value
+    assert there.improvement == pytest.approx(1.0 - back.improvement)
+    assert there.p == pytest.approx(back.p, abs=0.05)
+
+
+def test_equal_scores_do_not_differ():
+    found = compare_scores(np.ones((3, 4)), np.ones((3, 4)))
+    assert (found.p, found.improvement, found.difference.value) == (1.0, 0.5, 0.0)
+
+
+def test_the_smallest_p_value_survives_the_correction_of_a_large_study():
+    found = compare_scores(np.ones((8, 32)), np.zeros((8, 32)))
+    assert found.p == 2.0 / 10_001
+    assert 100 * found.p < 0.05
+
+
+def test_scores_that_are_not_known_decide_nothing():
+    found = compare_scores(np.full((2, 3), np.nan), np.ones((2, 3)))
+    assert found.p == 1.0 and np.isnan(found.difference.value) and np.isnan(found.improvement)
+    gaps = np.ones((2, 3))
+    gaps[0, 0] = np.nan
+    assert compare_scores(gaps, np.zeros((2, 3))).difference.value == 1.0
+
+
+def test_improvement_counts_ties_half():
+    one, other = np.array([[1.0, 2.0], [3.0, 0.0]]), np.array([[1.0, 1.0]])
+    assert improvement(one, other) == (0.5 + 1.0 + 1.0 + 0.0) / 4
+    assert improvement(np.array([[1.0, 2.0]]), np.array([[1.0], [3.0]]), shared=False) == (0.5 + 0 + 1 + 0) / 4
+
+
+def test_holm_is_the_textbooks():
+    """Four tests: .005 · 4, .01 · 3, .03 · 2, and .04, which must not fall below the one before it."""
+    corrected = holm({"a": 0.01, "b": 0.04, "c": 0.03, "d": 0.005})
+    assert corrected == pytest.approx({"a": 0.03, "b": 0.06, "c": 0.06, "d": 0.02})
+    assert list(corrected) == ["a", "b", "c", "d"]
+    assert holm({"a": 0.6, "b": 0.9}) == {"a": 1.0, "b": 1.0}
+    assert holm({}) == {}
+
+
+def test_a_ratio_keeps_policies_together():
+    """Every policy keeps half of its speed: there is nothing uncertain, though the speeds differ."""
+    own = np.array([[0.2], [0.4], [0.8]]) + np.zeros((3, 4))
+    found = ratio(0.5 * own, own, 0.02)
+    assert (found.value, found.low, found.high) == pytest.approx((0.5, 0.5, 0.5))
+
+
+def test_a_ratio_of_policies_that_differ_is_uncertain():
+    shares, own = np.array([[0.2], [0.9]]) + np.zeros((2, 4)), np.full((2, 4), 0.5)
+    found = ratio(shares * own, own, 0.02)
+    assert (found.low, found.high) == pytest.approx((0.2, 0.9))
+
+
+def test_a_policy_that_does_not_walk_has_no_ratio():
+    assert np.isnan(ratio(np.full((2, 3), 0.3), np.full((2, 1), 0.01), 0.02).value)
+    with pytest.raises(ValueError, match="2 policies against 3"):
+        ratio(np.ones((2, 3)), np.ones((3, 3)), 0.02)
+
+
+def test_a_profile_counts_the_walks_above():
+    scores = np.array([[0.1, 0.2], [0.3, np.nan]])
+    np.testing.assert_array_equal(profile(scores, np.array([0.0, 0.1, 0.25, 0.3])), [0.75, 0.5, 0.25, 0.0])
+
+
+def test_what_cannot_be_compared_is_refused():
+    with pytest.raises(ValueError, match="no scores"):
+        estimate(np.zeros((0, 0)))
+    with pytest.raises(ValueError, match="no scores"):
+        compare_scores(np.zeros((1, 1)), np.zeros((0, 0)), shared=False)
+    with pytest.raises(ValueError, match="2 draws against 3"):
+        compare_scores(np.zeros((1, 2)), np.zeros((1, 3)))

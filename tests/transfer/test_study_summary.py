@@ -1,0 +1,214 @@
+"""What a study decides, on tables made by hand: what holds, what does not, and what cannot be told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from study_walks import CONDITIONS, PLACES, invented, table_of
+
+from motorprior.exceptions import ArtifactError
+from motorprior.transfer.study_summary import summarise
+from motorprior.transfer.study_verdicts import Verdict
+from motorprior.transfer.walk_table import OWN_ABROAD, WalkRow, WalkTable
+
+SEEDS, DRAWS = 4, 3
+SPEEDS = {"prior": 0.40, "prior_adapted": 0.30, "prior_robust": 0.4, "oracle": 0.41, "pd_friction": 0.2,
+          "pd_randomised": 0.1, "paper": 0.3, "ideal_pd": 0.2}  # fmt: skip
+
+
+def study(
+    places: tuple[str, ...] = ("own", "fleet", "foreign", "hard"),
+    speeds: dict[str, float] = SPEEDS,
+    at: dict[tuple[str, str], float] | None = None,
+    measures: dict[tuple[str, str], dict[str, float]] | None = None,
+) -> WalkTable:
+    """Policies that differ by a hundredth: ``at`` and ``measures`` change the walks of a (place, condition)."""
+    found = []
+    for place in places:
+        for condition, speed in speeds.items():
+            pair = (place, condition)
+            level = (at or {}).get(pair, speed)
+            told = {"upright": 1.0, **(measures or {}).get(pair, {})}
+            scores = [[level + 0.001 * seed + 0.002 * draw for draw in range(DRAWS)] for seed in range(SEEDS)]
+            found += table_of({pair: scores}, **told).walks
+    return WalkTable.of(found)
+
+
+def verdict(verdicts: tuple[Verdict, ...], words: str) -> Verdict:
+    (found,) = [each for each in verdicts if words in each.said]
+    return found
+
+
+def test_everything_that_is_aimed_at_can_hold():
+    summary = summarise(study())
+    assert [each.holds for each in summary.targets] == [True] * 5
+    assert "97.6 % of the speed, 100.0 % upright" in verdict(summary.targets, "fleet").found
+
+
+def test_slow_or_fallen_is_not_enough():
+    slow = {("fleet", "prior"): 0.37, ("fleet", "prior_adapted"): 0.38}
+    fallen = {("foreign", "prior"): {"upright": 0.97}, ("hard", "prior_robust"): {"upright": 0.89}}
+    summary = summarise(study(at=slow, measures=fallen))
+    assert verdict(summary.targets, "fleet").holds is False
+    assert verdict(summary.targets, "foreign").holds is False
+    assert verdict(summary.targets, "hard").holds is False
+    assert verdict(summary.targets, "hard").found == "89.0 % upright"
+
+
+def test_the_slower_of_two_priors_may_be_the_one_that_holds():
+    fast_but_fallen = study(
+        at={("fleet", "prior_adapted"): 0.5}, measures={("fleet", "prior_adapted"): {"upright": 0.9}}
+    )
+    assert verdict(summarise(fast_but_fallen).targets, "fleet").holds is True
+
+
+def test_a_rival_that_wins_anywhere_spoils_the_target():
+    summary = summarise(study(at={("hard", "pd_friction"): 0.45}))
+    assert verdict(summary.targets, "with friction").holds is False
+    assert "hard −0.050 m/s" in verdict(summary.targets, "with friction").found
+    assert verdict(summary.targets, "randomised PD").holds is True
+
+
+def test_a_tie_on_all_but_one_twin_does_not_hold():
+    summary = summarise(study(at={(place, "pd_randomised"): 0.40 for place in ("foreign", "hard")}))
+    assert verdict(summary.targets, "randomised PD").holds is False
+
+
+def test_what_was_not_run_cannot_be_told():
+    few = {name: SPEEDS[name] for name in ("prior", "pd_friction")}
+    summary = summarise(study(("own", "fleet"), few))
+    assert {each.holds for each in (*summary.targets, *summary.claims)} == {None}
+    assert verdict(summary.targets, "fleet").found.startswith("sampled unknown of the speed, 100.0 % upright")
+    lost = summarise(study(("own", "fleet"), few, at={("fleet", "pd_friction"): 0.6}))
+    assert verdict(lost.targets, "with friction").holds is False, "one twin can show a loss"
+
+
+def test_the_fewest_policies_count():
+    table = study(("own", "fleet"))
+    assert summarise(table).policies == SEEDS
+    fewer = [walk for walk in table.walks if walk.condition != "paper" or walk.seed]
+    assert summarise(WalkTable.of(fewer)).policies == SEEDS - 1
+    assert summarise(WalkTable()).policies == 0
+
+
+def test_a_table_of_training_alone_has_no_comparison():
+    summary = summarise(study(("own",)))
+    assert not summary.ratios and not summary.regrets and not summary.comparisons and summary.estimates
+    assert verdict(summary.claims, "faster").holds is None
+
+
+def test_an_oracle_that_does_not_walk_is_no_measure():
+    assert verdict(summarise(study(at={("fleet", "oracle"): -0.01})).targets, "fleet").holds is None
+
+
+def test_the_papers_claims_hold_or_do_not():
+    says = {
+        ("own", "paper"): {"step_frequency": 2.0, "foot_lift_mm": 20.0},
+        ("own", "ideal_pd"): {"step_frequency": 3.0, "foot_lift_mm": 10.0},
+        ("fleet", "paper"): {"body_rate": 0.5, "upright": 1.0},
+        ("fleet", "ideal_pd"): {"body_rate": 1.0, "upright": 0.5},
+    }
+    found = summarise(study(at={("own", "paper"): 0.1}, measures=says)).claims
+    assert [each.holds for each in found] == [True] * 6
+    swapped = {(place, {"paper": "ideal_pd"}.get(name, "paper")): each for (place, name), each in says.items()}
+    found = summarise(study(at={("own", "ideal_pd"): 0.1, ("fleet", "ideal_pd"): 0.5}, measures=swapped)).claims
+    assert [each.holds for each in found] == [False] * 6
+    assert "after the paper's recipe" in found[0].found
+
+
+def test_a_claim_about_two_that_do_not_differ_cannot_be_told():
+    found = verdict(summarise(study(at={("own", "paper"): 0.2})).claims, "walks worse")
+    assert found.holds is None and "p 1" in found.found
+
+
+def test_ratio_and_regret_are_of_the_speeds():
+    summary = summarise(study(at={("own", "prior"): 0.8, ("own", "paper"): 0.001}))
+    assert summary.ratios["fleet", "prior"].value == pytest.approx(0.4 / 0.8, abs=0.01)
+    assert np.isnan(summary.ratios["fleet", "paper"].value), "it does not walk where it was trained"
+    assert summary.regrets["fleet", "pd_friction"].value == pytest.approx(0.21)
+    assert ("fleet", "oracle") not in summary.regrets and ("fleet", "prior") not in summary.comparisons
+    compared = summary.comparisons["fleet", "pd_friction"]
+    assert compared.difference.value == pytest.approx(0.2) and compared.improvement == 1.0
+
+
+def test_p_values_are_corrected_for_all_comparisons():
+    summary = summarise(study())
+    assert len(summary.comparisons) == 3 * (len(SPEEDS) - 1)
+    smallest = min(summary.comparisons, key=lambda pair: summary.comparisons[pair].p)
+    assert summary.corrected[smallest] == pytest.approx(len(summary.comparisons) * summary.comparisons[smallest].p)
+
+
+def test_a_share_is_reported_by_its_mean_and_the_rest_by_its_middle_half():
+    walks = [
+        WalkRow("own", "prior", 0, draw, {"speed": speed, "upright": upright})
+        for draw, (speed, upright) in enumerate([(0.0, 0.2), (0.4, 1.0), (0.4, 1.0), (9.0, 1.0)])
+    ]
+    found = summarise(WalkTable.of(walks)).estimates
+    assert found["own", "prior", "speed"].value == 0.4
+    assert found["own", "prior", "upright"].value == pytest.approx(0.8)
+
+
+def test_a_measure_that_is_not_known_leaves_the_others_alone():
+    torque = {("pybullet", name): {"transport": float("nan")} for name in SPEEDS}
+    places = ("own", "fleet", "pybullet")
+    with_nan, without = summarise(study(places, measures=torque)), summarise(study(places))
+    assert ("pybullet", "prior", "transport") not in with_nan.estimates
+    assert with_nan.estimates == without.estimates and with_nan.corrected == without.corrected
+    half = summarise(study(("own",), measures={("own", "prior"): {"slip": float("nan")}}))
+    assert ("own", "prior", "slip") not in half.estimates
+
+
+def test_a_few_walks_that_tell_a_measure_are_enough():
+    walks = list(study(("own",), {"prior": 0.4}).walks)
+    walks = [replace(w, measures={**w.measures, "slip": 0.2 if i == 5 else np.nan}) for i, w in enumerate(walks)]
+    found = summarise(WalkTable.of(walks)).estimates["own", "prior", "slip"]
+    assert (found.value, found.low, found.high) == pytest.approx((0.2, 0.2, 0.2))
+
+
+def test_the_order_of_the_rows_does_not_matter():
+    table = invented(("prior", "oracle", "paper"), ("own", "fleet"))
+    shuffled = WalkTable.of(sorted(table.walks, key=lambda walk: (walk.draw * 7919 + walk.seed) % 13))
+    one, other = summarise(table), summarise(shuffled)
+    assert one.estimates == other.estimates and dict(one.ratios) == dict(other.ratios)
+    assert one.comparisons == other.comparisons
+
+
+def test_tables_have_one_order_whatever_was_measured_first():
+    table = study(("hard", "fleet", "own", OWN_ABROAD), {"oracle": 0.4, "mine": 0.3, "paper": 0.3, "ideal_pd": 0.2})
+    summary = summarise(table)
+    assert summary.places() == ["own", "fleet", "hard"] and summary.twins() == ["fleet", "hard"]
+    assert summary.conditions() == ["ideal_pd", "paper", "oracle", "mine"]
+    assert verdict(summary.claims, "faster").found.startswith("fleet: ")
+
+
+def test_other_policies_than_were_trained_are_refused():
+    table = study(("own", "fleet"))
+    moved = [replace(walk, seed=walk.seed + 50 * (walk.place == "fleet")) for walk in table.walks]
+    with pytest.raises(ArtifactError, match=r"seeds \[50, 51, 52, 53\] walked at fleet, \[0, 1, 2, 3\]"):
+        summarise(WalkTable.of(moved))
+
+
+def test_the_adapted_prior_walks_on_draws_of_its_own():
+    """Every robot is 0.01 m/s better with the one: certain where both had the same robots, and else not."""
+    luck = [0.1, 0.2, 0.3, 0.4]
+    better = [[speed + 0.01 for speed in luck]] * 3
+    speeds = {("fleet", "prior"): better, ("fleet", "prior_adapted"): [luck] * 3, ("fleet", "pd_friction"): [luck] * 3}
+    found = summarise(table_of(speeds)).comparisons
+    assert found["fleet", "pd_friction"].improvement == 1.0 and found["fleet", "pd_friction"].p < 0.01
+    assert found["fleet", "prior_adapted"].improvement < 0.7 and found["fleet", "prior_adapted"].p > 0.5
+
+
+def test_draws_of_other_numbers_are_not_paired():
+    table = study(("own", "fleet"), {"prior": 0.4, "oracle": 0.41})
+    more = table_of({("fleet", "pd_friction"): [[0.2] * 5] * 2, ("own", "pd_friction"): [[0.2]] * 2}, upright=1.0)
+    summary = summarise(WalkTable.of([*table.walks, *more.walks]))
+    assert summary.comparisons["fleet", "pd_friction"].difference.value == pytest.approx(0.2, abs=0.01)
+
+
+def test_an_invented_study_has_an_estimate_for_every_measure():
+    table = invented(draws=3, seeds=2)
+    summary = summarise(table)
+    unknown = 2 * len(CONDITIONS)  # PyBullet tells no torque
+    assert len(summary.estimates) == len(PLACES) * len(CONDITIONS) * len(table.walks[0].measures) - unknown
+    assert all(np.isfinite([each.value, each.low, each.high]).all() for each in summary.estimates.values())
+    assert summary.places() == list(PLACES) and summary.conditions() == list(CONDITIONS)

@@ -1,0 +1,95 @@
+"""A table of walks keeps every draw, in whatever order it was measured, and refuses what is damaged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ArtifactError
+from motorprior.transfer.walk_table import OWN, WalkRow, WalkTable
+
+HEAD = "place,condition,seed,draw,speed,slip\n"
+
+
+def row(place: str, condition: str, seed: int, draw: int, speed: float, slip: float = 0.1) -> WalkRow:
+    return WalkRow(place, condition, seed, draw, {"speed": speed, "slip": slip})
+
+
+def test_scores_are_by_seed_and_draw_whatever_the_order_of_the_rows():
+    walks = [row("fleet", "prior", seed, draw, 10 * seed + draw) for seed in (7, 3) for draw in (2, 0, 1)]
+    scores = WalkTable.of([*walks, row(OWN, "prior", 3, 0, 99.0), row("fleet", "pd", 3, 0, 98.0)]).scores
+    np.testing.assert_array_equal(scores("fleet", "prior", "speed"), [[30, 31, 32], [70, 71, 72]])
+    assert np.isnan(scores("fleet", "prior", "no such measure")).all()
+    assert scores("hard", "prior", "speed").shape == (0, 0)
+
+
+def test_names_keep_the_order_of_the_rows_and_numbers_do_not():
+    table = WalkTable.of([row("hard", "z", 2, 1, 0.0), row("fleet", "a", 1, 0, 0.0)])
+    found = [table.distinct(key) for key in ("place", "condition", "seed", "draw")]
+    assert found == [["hard", "fleet"], ["z", "a"], [1, 2], [0, 1]]
+
+
+@pytest.mark.parametrize("missing", [0, 3])
+def test_a_policy_that_lacks_a_draw_is_refused(missing: int):
+    walks = [row("fleet", "prior", seed, draw, 0.0) for seed in (0, 1) for draw in (0, 1)]
+    del walks[missing]
+    with pytest.raises(ArtifactError, match=r"prior at fleet: 3 walks.*2 seeds and 2 draws"):
+        WalkTable.of(walks).scores("fleet", "prior", "speed")
+
+
+def test_a_walk_that_is_there_twice_is_refused():
+    with pytest.raises(ArtifactError, match="2 walks, not one"):
+        WalkTable.of([row("fleet", "prior", 0, 0, 0.1), row("fleet", "prior", 0, 0, 0.2)]).scores(
+            "fleet", "prior", "speed"
+        )
+
+
+def test_a_saved_table_is_read_back_with_what_is_not_known(tmp_path: Path):
+    told = {"speed": 0.123456, "torque": float("nan")}
+    names = ("plain", 'with, comma and "quotes"', "of two\nlines")
+    table = WalkTable.of(WalkRow("own", name, 3, draw, told) for name in names for draw in range(2))
+    table.save(tmp_path / "walks.csv")
+    found = WalkTable.load(tmp_path / "walks.csv")
+    assert [(w.place, w.condition, w.seed, w.draw) for w in found.walks] == [
+        (w.place, w.condition, w.seed, w.draw) for w in table.walks
+    ]
+    assert all(walk.measures["speed"] == 0.123456 and np.isnan(walk.measures["torque"]) for walk in found.walks)
+    before = (tmp_path / "walks.csv").read_bytes()
+    found.save(tmp_path / "walks.csv")
+    assert (tmp_path / "walks.csv").read_bytes() == before
+
+
+def test_a_measure_that_only_some_walks_have_is_unknown_of_the_others(tmp_path: Path):
+    WalkTable.of([row("a", "b", 0, 0, 1.0), WalkRow("a", "b", 0, 1, {"lift": 2.0})]).save(tmp_path / "walks.csv")
+    found = WalkTable.load(tmp_path / "walks.csv").scores("a", "b", "lift")
+    np.testing.assert_array_equal(found, [[np.nan, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "first row"),
+        ("a,b\n1,2\n", "first row"),
+        ("place,condition,seed,draw,speed,speed\n", "first row"),
+        (HEAD + "own,prior,0,0,0.1\n", "row 2: 5 cells for 6 columns"),
+        (HEAD + "own,prior,0,0,0.1,0.1\n\n", "row 3: 0 cells"),
+        (HEAD + "own,prior,0,0,0.1,fast\n", "row 2: .*'fast'"),
+        (HEAD + "own,prior,0.5,0,0.1,0.1\n", "row 2: .*'0.5'"),
+        (HEAD + ",prior,0,0,0.1,0.1\n", "row 2: no place"),
+        (HEAD + 2 * "own,prior,0,0,0.1,0.1\n", "row 3: the same walk"),
+        (HEAD + "own,prior,0,0,0.1," + 200_000 * "1" + "\n", "field larger"),
+        (b"\xff\xfe\x00", "not a text file"),
+    ],
+)
+def test_a_damaged_file_gives_one_error_that_names_it(tmp_path: Path, text: str | bytes, problem: str):
+    path = tmp_path / "walks.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ArtifactError, match=problem) as caught:
+        WalkTable.load(path)
+    assert caught.value.where == path and caught.value.remedy
+
+
+@pytest.mark.parametrize("name", ["", "missing.csv"])
+def test_what_is_no_file_is_refused(tmp_path: Path, name: str):
+    with pytest.raises(ArtifactError):
+        WalkTable.load(tmp_path / name)
