@@ -69,6 +69,7 @@ def trot_policy(robot: Robot, folder: Path) -> Path:
         control_dt=robot.control_dt,
         robot=robot.name,
         joint_names=robot.joint_names,
+        forward=robot.require_legs().forward,
     ).save(path)
     return path
 

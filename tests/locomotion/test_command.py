@@ -79,3 +79,9 @@ def test_what_json_made_of_a_range_is_a_range():
 def test_an_impossible_command_is_refused_by_the_name_it_has_on_the_command_line(name, value):
     with pytest.raises(ConfigError, match=rf"commands\.{name} "):
         Commands(**{name: value})
+
+
+def test_commands_beyond_the_robots_range_widen_it_and_others_leave_it():
+    assert Commands((0.1, 0.3)).on(ROBOT) == Commands().on(ROBOT) == ROBOT
+    assert Commands((-0.5, 0.3)).on(ROBOT).require_legs().forward == (-0.5, GAIT.forward[1])
+    assert Commands((0.1, 0.9)).on(ROBOT).require_legs().forward == (GAIT.forward[0], 0.9)

@@ -1,6 +1,7 @@
 """The policy by hand, its filter and scaling, and its file."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,13 +93,13 @@ def test_ends_of_every_range():
 
 @pytest.mark.parametrize("units", [0, 3])
 def test_file_holds_everything(tmp_path, units):
-    path, policy = tmp_path / "policy.safetensors", a_policy(units, gait="bound")
+    path, policy = tmp_path / "policy.safetensors", a_policy(units, gait="bound", forward=(-0.1, 0.9))
     policy.save(path)
     loaded = Policy.load(path)
     for name in ("weights", "hidden", "readout", "observation_mean", "observation_std", "kp", "kd"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(policy, name))
         assert getattr(loaded, name).shape == getattr(policy, name).shape
-    for name in ("control_dt", "robot", "joint_names", "gait", "provenance"):
+    for name in ("control_dt", "robot", "joint_names", "forward", "gait", "provenance"):
         assert getattr(loaded, name) == getattr(policy, name)
     seen = np.random.default_rng(0).standard_normal(OBSERVATIONS)
     np.testing.assert_array_equal(acted(loaded.arrays(), seen), acted(policy.arrays(), seen))
@@ -113,6 +114,8 @@ def test_file_holds_everything(tmp_path, units):
         ({"hidden": np.zeros((2, 24))}, r"readout is float64\(3, 17\), wanted float64\(2, 17\)"),
         ({"readout": np.zeros((3, 16))}, r"readout is float64\(3, 16\), wanted float64\(3, 17\)"),
         ({"gait": "amble"}, "gait = 'amble' is not"),
+        ({"forward": (0.1, 0.5)}, "slowest = 0.1 is not"),
+        ({"forward": (-0.2, 0.0)}, "fastest = 0 is not"),
         ({"observation_std": np.zeros(23)}, "observation_std holds 0, not above 0"),
         ({"robot": 3}, "robot = 3 is not a text"),
         ({"joint_names": ("a",)}, r"weights is float64\(17, 24\), wanted float64\(6, 13\)"),
@@ -132,6 +135,12 @@ def test_another_robots_policy_is_refused():
     with pytest.raises(ConfigError, match="its joints are"):
         a_policy(joint_names=PUPPER_V2.joint_names[::-1]).require_robot(PUPPER_V2)
     a_policy().require_robot(PUPPER_V2)
+
+
+def test_a_policy_has_its_robot_told_the_speeds_it_was_trained_for():
+    told = a_policy(forward=(-0.1, 0.9)).commanded(PUPPER_V2)
+    assert told.require_legs().forward == (-0.1, 0.9) and PUPPER_V2.require_legs().forward[1] < 0.9
+    assert replace(told, gait=PUPPER_V2.gait) == PUPPER_V2, "nothing else is changed"
 
 
 def test_a_policy_of_another_gait_or_clock_is_refused():

@@ -9,9 +9,12 @@ import pytest
 from PIL import Image
 
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands
+from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.play import Play, _held, _notes, commands_of, run_play
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.schedule_file import read_schedule
+from motorprior.pipeline.walk import Walk, run_walk
 from motorprior.report import film
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.rollout import Episode
@@ -36,6 +39,18 @@ def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(
     assert frames_of(first.film) == (20, (480, 2 * 288))
     assert set(first.steps) == {"gait_0", "gait_0 (2)"}
     assert (tmp_path / "a" / "figures.json").is_file()
+
+
+def test_policies_are_told_what_all_of_them_were_trained_for(gait_walk: Path, tmp_path: Path, no_encoder: None):
+    fast = Walk(tmp_path / "fast", MotorChoice("pd"), iterations=1, episode_steps=5, commands=Commands((0.0, 0.7)))
+    run_walk(replace(fast, workers=1))
+    speeds = {}
+    for name, policies in (("one", (fast.out,)), ("both", (fast.out, gait_walk))):
+        played = run_play(Play(policies, tmp_path / name, seconds=3.0, film="drawn"))
+        speeds[name] = played.results.value(quantity="speed", model="fast")
+    assert speeds["one"] > speeds["both"] + 0.05, "told 0.7 and 0.5 m/s"
+    with pytest.raises(ConfigError, match=r"forward 0\.7"):
+        run_play(Play((fast.out, gait_walk), tmp_path / "c", forward=0.7, film="drawn"))
 
 
 def test_a_schedule_of_one_command_is_that_command(gait_walk: Path, tmp_path: Path, no_encoder: None):

@@ -32,5 +32,6 @@ def as_file_content(arrays: PolicyArrays, **changes: Any) -> Policy:
         "weights": arrays.weights, "hidden": arrays.hidden, "readout": arrays.readout, "observation_mean": arrays.mean,
         "observation_std": arrays.std, "kp": np.full(ROBOT.num_joints, kp), "kd": np.full(ROBOT.num_joints, kd),
         "control_dt": ROBOT.control_dt, "robot": ROBOT.name, "joint_names": ROBOT.joint_names,
+        "forward": ROBOT.require_legs().forward,
     }  # fmt: skip
     return Policy(**parts | changes)

@@ -20,8 +20,8 @@ from motorprior.results import Results
 from motorprior.transfer.study import DRAWS
 
 
-@dataclass(frozen=True, kw_only=True)
-class TransferCommand(Transfer):
+@dataclass(frozen=True)
+class TransferCommand(Transfer, Study):
     """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise.
 
     With --study nothing is given but a folder: policies are trained on every model of a bench's motors, with several
@@ -30,28 +30,8 @@ class TransferCommand(Transfer):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """The whole study, an hour and a half on two cores. A rerun continues where it stopped. The options that follow are
-    for it."""
-    quick: bool = False
-    """Minutes instead: 2 seeds, 6 walks, 10 iterations, 300 Adam steps, unless others are given. It decides nothing."""
-    foreign: str = Study.foreign
-    """Population of the twins with motors of another family."""
-    seeds: int = Study.seeds
-    """Policies per condition."""
-    draws: int = Study.draws
-    """Walks of each policy at each place."""
-    seconds: float = Study.seconds
-    """Of a walk [s]."""
-    iterations: int = Study.iterations
-    """ARS iterations per policy, the same for every condition."""
-    motors: int = Study.motors
-    """Motors on the bench."""
-    bench_steps: int = Study.bench_steps
-    """Samples per motor."""
-    adam_steps: int | None = None
-    """Adam steps of each identification; the preset's own number if not given."""
-    seed: int = Study.seed
-    """Of the bench and the priors; policies of different studies share no search seed."""
+    """The whole study, an hour and a half on two cores; a rerun continues where it stopped. --foreign, --seeds, --draws,
+    --seconds, --speed, --iterations, --motors, --bench-steps, --adam-steps, --seed and --quick are for it."""
 
 
 def transfer(config: TransferCommand) -> None:

@@ -58,13 +58,13 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
         RobotFault: why the walk ended early.
     """
     _require("seconds", settings.seconds, 0.0, 1e6)
-    gait = robot.require_legs()
+    policy = Policy.load(path)
+    deploy.check_policy(robot, policy)
+    gait = policy.commanded(robot).require_legs()
     if settings.forward is not None:
         _require("forward", settings.forward, *gait.forward, or_equal=True)
     _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
     command = walks_alone(gait) if settings.forward is None else settings.forward, settings.yaw_rate
-    policy = Policy.load(path)
-    deploy.check_policy(robot, policy)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, robot.require_wire().safety)
     if settings.dry_run:

@@ -16,13 +16,13 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rmse
 
 EVALUATIONS = 200
-"""Largest number of evaluations of the objective."""
+"""Largest number of evaluations of the objective, unless told otherwise."""
 _SEGMENTS = 5
-"""Number of log segments that the fit replays: one per excitation of the bench's preset ``rollout``."""
+"""Number of log segments that a quick fit replays: one per excitation of the bench's preset ``rollout``."""
 
 
-def trials(log: MotorLog, count: int) -> list[tuple[Trial, np.ndarray]]:
-    """The first ``count`` segments of a log as trials, each with its recorded joint_pos (steps, n) [rad].
+def trials(log: MotorLog, count: int | None = None) -> list[tuple[Trial, np.ndarray]]:
+    """The first ``count`` segments of a log, or all, as trials, each with its recorded joint_pos (steps, n) [rad].
 
     Joints begin as they were recorded: a real one sags, and a stretch of a log may begin in motion. Where the encoders
     are on the rotors, which are not the joints, they begin at rest at the first target.
@@ -78,7 +78,7 @@ def fit_pd(
     Returns:
         A PD of one motor; `repeated` copies it for several.
     """
-    error = closed_loop_error(log, progress)
+    error = closed_loop_error(log, progress, _SEGMENTS)
     first = np.log([START.get(name, float(getattr(nominal, name)[0])) for name in free])
 
     def model(values: np.ndarray) -> IdealPd:
@@ -96,7 +96,7 @@ def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> Id
 
     Nothing needs to be known of the motors: the gains that are tried span small servos and large direct drives.
     """
-    error = closed_loop_error(log, progress)
+    error = closed_loop_error(log, progress, _SEGMENTS)
     starts = [IdealPd.uniform(1, kp, kp * share, limit) for kp, share, limit in _BEGINNINGS]
     return repeated(
         fit_pd(log, min(starts, key=lambda start: error(repeated(start, log.num_joints))), EVERYTHING, progress),
@@ -104,12 +104,15 @@ def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> Id
     )
 
 
-def closed_loop_error(log: MotorLog, progress: Callable[[int], None] | None) -> Callable[[Actuator], float]:
+def closed_loop_error(
+    log: MotorLog, progress: Callable[[int], None] | None, segments: int | None = None
+) -> Callable[[Actuator], float]:
     """Mean over the log's motors of the joint RMSE [rad] of its commands and loads on the dynamometer.
 
     Takes models of all of them; one that broke down has an error of 1000 rad. ``progress`` is called after every one.
+    The first ``segments`` of the log are replayed, or all.
     """
-    cases = trials(log, _SEGMENTS)
+    cases = trials(log, segments)
 
     def error(motors: Actuator) -> float:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -121,10 +124,10 @@ def closed_loop_error(log: MotorLog, progress: Callable[[int], None] | None) -> 
     return error
 
 
-def least(cost: Callable[[np.ndarray], float], first: np.ndarray) -> OptimizeResult:
-    """Nelder-Mead search over (N,) logarithms from ``first``, EVALUATIONS at most."""
+def least(cost: Callable[[np.ndarray], float], first: np.ndarray, evaluations: int = EVALUATIONS) -> OptimizeResult:
+    """Nelder-Mead search over (N,) logarithms from ``first``, with so many evaluations at most."""
     simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
-    options = {"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
+    options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
     return minimize(cost, first, method="Nelder-Mead", options=options)
 
 

@@ -13,8 +13,8 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.identification.baselines import START, closed_loop_error, least
 from motorprior.logs.motor_log import MotorLog
 
-ROUNDS = 6
-"""Most searches, see `baselines.least`, each from the best of the one before."""
+ROUNDS, ROUND = 6, 600
+"""Most searches, see `baselines.least`, each from the best of the one before; most evaluations of each."""
 CONVERGED, NOTHING = 0.002, 1e-5
 """A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit."""
 
@@ -40,7 +40,7 @@ def pd_motors(constants: Mapping[str, float], count: int) -> Actuator:
 def fit_to_the_end(
     log: MotorLog, start: Mapping[str, float], free: tuple[str, ...], progress: Callable[[int], None]
 ) -> PdFit:
-    """One PD for all motors of a log with known loads, with the least closed-loop error.
+    """One PD for all motors of a log with known loads, with the least closed-loop error on the whole of it.
 
     Nelder-Mead over the logarithms of the ``free`` constants, restarted with a new simplex from its own best.
 
@@ -62,9 +62,9 @@ def fit_to_the_end(
     best, evaluations = np.log([START.get(name, start.get(name, 0.0)) for name in free]), 0
     error, converged = cost(best), False
     for _ in range(ROUNDS):
-        found = least(cost, best)
+        found = least(cost, best, ROUND)
         evaluations += found.nfev
-        converged = error - found.fun < max(CONVERGED * error, NOTHING)
+        converged = found.nfev < ROUND and error - found.fun < max(CONVERGED * error, NOTHING)
         best, error = found.x, float(found.fun)
         if converged:
             break

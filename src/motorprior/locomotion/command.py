@@ -64,6 +64,12 @@ class Commands:
         """
         return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
 
+    def on(self, robot: Robot) -> Robot:
+        """The robot, told all speeds of its usual range and of these commands: faster ones may be trained for."""
+        slowest, fastest = robot.require_legs().forward
+        low, high = self.forward or (slowest, fastest)
+        return robot.told((min(slowest, low), max(fastest, high)))
+
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
         rng, size = np.random.default_rng([_STREAM, seed]), robot.require_legs()

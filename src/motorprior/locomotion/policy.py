@@ -40,6 +40,8 @@ _HEADER = Header(
         "robot": TEXT,
         "joint_names": many(TEXT, least=1),
         "gait": one_of(*GAITS),
+        "slowest": number(-10.0, 0.0, unit="m/s"),
+        "fastest": number(0.0, 10.0, above=0.0, unit="m/s"),
         "provenance": TABLE,
     },
     _REMEDY,
@@ -168,6 +170,7 @@ class Policy:
         control_dt: control period [s] in training.
         robot: name of the robot.
         joint_names: the joints in the order of residuals and observed angles.
+        forward: slowest and fastest speed that it was trained for [m/s].
         gait: which leg steps when, see `locomotion.gaits`.
         provenance: settings of its training; JSON values only.
     """
@@ -182,6 +185,7 @@ class Policy:
     control_dt: float
     robot: str
     joint_names: tuple[str, ...]
+    forward: tuple[float, float]
     gait: GaitName = "trot"
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -206,7 +210,7 @@ class Policy:
     def _header(self) -> dict[str, Any]:
         return _HEADER.write(
             control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names), gait=self.gait,
-            provenance=dict(self.provenance),
+            slowest=self.forward[0], fastest=self.forward[1], provenance=dict(self.provenance),
         )  # fmt: skip
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
@@ -221,6 +225,10 @@ class Policy:
         if self.joint_names != robot.joint_names:
             problem = f"its joints are {list(self.joint_names)}, the robot's are {list(robot.joint_names)}"
             raise ConfigError(problem, where=where, remedy=remedy)
+
+    def commanded(self, robot: Robot) -> Robot:
+        """The robot, told the speeds that this policy was trained for."""
+        return robot.told(self.forward)
 
     def require_gait(self, gait: str, where: str | Path | None = None) -> None:
         """Refuse a policy of another gait.
@@ -264,6 +272,7 @@ class Policy:
         policy = cls(
             **tensors, control_dt=float(header["control_dt"]), robot=header["robot"],
             joint_names=tuple(header["joint_names"]), gait=header["gait"], provenance=header["provenance"],
+            forward=(float(header["slowest"]), float(header["fastest"])),
         )  # fmt: skip
         policy.check(path)
         return policy

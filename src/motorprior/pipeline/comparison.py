@@ -7,6 +7,7 @@ from pathlib import Path
 
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Range
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorSource, drawn_from
@@ -56,15 +57,16 @@ def compare(
         for policy in each:
             policy.require_robot(robot, name)
             policy.require_clock(robot.control_dt, name)
-    gaits: set[GaitName] = {policy.gait for each in seeds.values() for policy in each}
-    simulators = {(name, gait): _simulator(robot, twins[name], gait) for name in twins for gait in gaits}
+    ways: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
+    simulators = {(name, *way): _simulator(robot.told(way[0]), twins[name], way[1]) for name in twins for way in ways}
     count = sum(map(len, seeds.values())) * len(twins)
     rows = []
     with progress.start(f"compare: {count} x {DRAWS} draws", DRAWS * count) as task:
         for model, each in seeds.items():
             for motor_set in twins:
                 for seed, policy in enumerate(each):
-                    walking, _ = evaluate(robot, policy, simulators[motor_set, policy.gait], task.advance)
+                    there = simulators[motor_set, policy.forward, policy.gait]
+                    walking, _ = evaluate(robot, policy, there, task.advance)
                     for quantity, unit in _UNITS.items():
                         value = getattr(walking, quantity)
                         rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))

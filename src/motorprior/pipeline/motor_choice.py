@@ -102,7 +102,8 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
         ordered = _of_the_robot(motors, robot)
         return (lambda rng: ordered.sample(count, rng, told_gains(motors.prior, robot))), robot.physics_dt
     if isinstance(motors, Fleet):
-        return (lambda rng: motors.sample(count, rng).actuator()), robot.physics_step(motors.kind.longest_step)
+        physics_dt = robot.physics_step(motors.kind.longest_step)
+        return (lambda rng: motors.sample(count, rng, of_one_robot=True).actuator()), physics_dt
     if callable(motors):
         return motors, robot.physics_dt
     given = getattr(motors, "num_motors", None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,6 +12,7 @@ import numpy as np
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
@@ -51,7 +52,7 @@ class Play:
     """The motors: those that each policy was trained on, or the twin, unseen motors with 1 kHz physics and noise, or
     that on unknown ground, with an unknown load and pushes."""
     forward: float | None = None
-    """Commanded speed [m/s]; the fastest that the robot is built for if not given."""
+    """Commanded speed [m/s]; the fastest that the policies were trained for if not given."""
     yaw_rate: float = 0.0
     """Commanded yaw rate, to the left [rad/s]."""
     schedule: Path | None = None
@@ -84,8 +85,8 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     """Walk, measure, write the film, and open the window if it is asked for.
 
     Raises:
-        ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command that the
-            robot is not built for; no OpenGL where a rendered film is asked for; no screen where a window is.
+        ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command that a
+            policy was not trained for; no OpenGL where a rendered film is asked for; no screen where a window is.
     """
     robot = load_robot(config.robot)
     names = _names(config.policies)
@@ -93,7 +94,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     require_seed(config.seed)
     if config.viewer:
         require_screen()
-    commands, steps = commands_of(config, robot), max(1, round(config.seconds / robot.control_dt))
+    commands, steps = commands_of(config, _shared(robot, names)), max(1, round(config.seconds / robot.control_dt))
     episodes: dict[str, Episode] = {}
     with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
         for name, path in names.items():
@@ -109,6 +110,12 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     if config.viewer:
         show(robot, walks, robot.control_dt)
     return Played(film, results, {name: episode.steps for name, episode in episodes.items()})
+
+
+def _shared(robot: Robot, names: Mapping[str, Path]) -> Robot:
+    """The robot, told the speeds that all policies were trained for."""
+    ranges = [Policy.load(path).forward for path in names.values()]
+    return robot.told((max(low for low, _ in ranges), min(high for _, high in ranges)))
 
 
 def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
@@ -147,7 +154,7 @@ def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
     simulator = walker.own
     if config.place in _TWINS:
         other = replace(walk, randomization=_TWINS[config.place], gait=walker.policy.gait)
-        simulator = twin_of(robot, load_robot_fleet(robot, config.fleet), other)
+        simulator = twin_of(walker.robot, load_robot_fleet(robot, config.fleet), other)
     try:
         return simulator.run(walker.policy.arrays(), STUDY_SEED + config.seed, trace=True)
     finally:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.side_by_side import side_by_side, threads_here
 from motorprior.pipeline.transfer import walker_of
@@ -17,7 +18,7 @@ from motorprior.transfer.twin import DURATION_STEPS, straight_ahead
 
 
 def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> tuple[UprightMap, ...]:
-    """Walk straight ahead, as fast as the robot is built for, in every cell of `transfer.robustness.grids`.
+    """Walk straight ahead, as fast as the policy was trained for, in every cell of `transfer.robustness.grids`.
 
     In MuJoCo on flat ground, whatever the policy was trained in; the result does not depend on ``workers``.
 
@@ -30,6 +31,7 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
     Raises:
         ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
     """
+    robot = Policy.load(path).commanded(robot)
     found, name = grids(robot), path.parent.name
     cells = sum(len(grid.rows.values) * len(grid.columns.values) for grid in found)
     with progress.start(f"robustness of {name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:

@@ -11,6 +11,7 @@ import numpy as np
 
 from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import load_robot_fleet
@@ -35,7 +36,6 @@ from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
 from motorprior.transfer.study_results import study_results
 from motorprior.transfer.study_summary import summarise
 from motorprior.transfer.study_verdicts import UNTRAINED
-from motorprior.transfer.twin import straight_ahead
 from motorprior.transfer.walk_measures import walk_measures
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkRow, WalkTable
 
@@ -80,12 +80,12 @@ def _cell(
     """Train the policy of a condition and a seed, and watch it everywhere."""
     name = condition.folder(seed)
     walk = Walk(
-        config.out / "walk" / name, condition.motors, iterations=config.iterations,
+        config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
         randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed), workers=1,
         robot=config.robot,
     )  # fmt: skip
     if condition.name == UNTRAINED:
-        _gait(robot, condition).save(walk.out / POLICY)
+        _gait(config.commands(robot).on(robot), condition).save(walk.out / POLICY)
     else:
         run_walk(walk, progress, name)
     table = _watched(config, robot, twins, condition, seed, progress)
@@ -124,15 +124,17 @@ class _Watch:
     def __init__(
         self, config: Study, robot: Robot, condition: Condition, seed: int, path: Path, progress: Progress
     ) -> None:
-        self._config, self._robot, self._condition, self._seed = config, robot, condition, seed
+        self._config, self._condition, self._seed = config, condition, seed
         self._path, self._policy, self._progress = path, Policy.load(path), progress
+        self._robot = self._policy.commanded(robot)
         self._steps = round(config.seconds / robot.control_dt)
 
     def everywhere(self, twins: tuple[str, ...]) -> tuple[list[WalkRow], dict[str, np.ndarray]]:
         """The walks at its own place and at the twins; the trace of the walk of median speed at each."""
         own = OWN_ABROAD if self._condition.population == ABROAD else OWN
         rows, traces = [], {}
-        walk = WalkConfig(self._steps, commands=straight_ahead(self._robot), gait=self._policy.gait)
+        told = Commands.steady(self._config.fastest(self._robot))
+        walk = WalkConfig(self._steps, commands=told, gait=self._policy.gait)
         mine = replace(walk, randomization=self._condition.randomization)
         places: dict[str, Callable[[], OwnWalks | NumberedWalks]] = {}
         if self._condition.name != UNTRAINED:
@@ -152,7 +154,7 @@ class _Watch:
 
     def _at(self, place: str, walks: OwnWalks | NumberedWalks) -> tuple[list[WalkRow], np.ndarray]:
         draws = 1 if place in (OWN, OWN_ABROAD) and self._condition.one_draw_is_all else self._config.draws
-        forward, rows, traces = self._robot.require_legs().forward[1], [], []
+        forward, rows, traces = self._config.fastest(self._robot), [], []
         name = self._condition.name
         with self._progress.start(f"{name} {self._seed} at {place}", draws) as task:
             for draw in range(draws):

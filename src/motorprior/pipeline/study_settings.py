@@ -8,9 +8,11 @@ from pathlib import Path
 
 from motorprior.bench.facts import require_bench_size
 from motorprior.bounds import require_count, require_number, require_seed
+from motorprior.locomotion.command import Commands
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 _QUICK = {"seeds": 2, "draws": 6, "iterations": 10, "adam_steps": 300}
@@ -32,6 +34,8 @@ class Study:
     """Walks of each policy at each place."""
     seconds: float = 10.0
     """Of a walk [s]."""
+    speed: float | None = None
+    """Commanded at every place, and the fastest in training [m/s]; the fastest of the robot if not given."""
     iterations: int = 50
     """ARS iterations per policy, the same for every condition."""
     motors: int = 32
@@ -48,6 +52,14 @@ class Study:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
     """Policies at a time; the result does not depend on it."""
+
+    def fastest(self, robot: Robot) -> float:
+        """Speed that is commanded at every place [m/s]."""
+        return robot.require_legs().forward[1] if self.speed is None else self.speed
+
+    def commands(self, robot: Robot) -> Commands:
+        """What a policy is told in training."""
+        return Commands((robot.require_legs().forward[0], self.fastest(robot)))
 
     def sized(self) -> Study:
         """With the numbers of a quick study if it is one.
@@ -68,6 +80,7 @@ class Study:
         if config.adam_steps is not None:
             require_count("adam_steps", config.adam_steps)
         require_number("seconds", config.seconds, 2.0, MOST_EPISODE_STEPS * robot.control_dt)
+        require_number("speed", config.fastest(robot), robot.require_legs().forward[1] * 0.5, 10.0)
         require_count("workers", config.workers, 1, MOST_WORKERS)
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")

@@ -85,9 +85,10 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 
 @dataclass(frozen=True)
 class Walker:
-    """The name of a walk, its policy, the name of what it was trained on, and the simulation it was trained in."""
+    """A walk: its name, robot as the policy commands it, policy, what it was trained on, and in which simulation."""
 
     name: str
+    robot: Robot
     policy: Policy
     condition: str
     own: WalkSimulator | BackendSimulator
@@ -110,6 +111,7 @@ def walker_of(path: Path, robot: Robot, engine: Engine | None = None, walk: Walk
     policy = Policy.load(path)
     policy.require_robot(robot, path)
     policy.require_clock(robot.control_dt, path)
+    robot = policy.commanded(robot)
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
         draw = choice.drawer(robot)
@@ -124,7 +126,7 @@ def walker_of(path: Path, robot: Robot, engine: Engine | None = None, walk: Walk
         walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=straight_ahead(robot))
     walk = replace(walk, gait=policy.gait)
     scene = Scene(robot, engine, draw, choice.physics_dt(robot), walk, terrain)
-    return Walker(path.parent.name, policy, choice.condition(), scene.simulator())
+    return Walker(path.parent.name, robot, policy, choice.condition(), scene.simulator())
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:
@@ -154,7 +156,7 @@ def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
 def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: Fleet, progress: Progress) -> None:
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
-    works = [partial(_own_and_twin, robot, walker, fleet) for walker in walkers]
+    works = [partial(_own_and_twin, walker, fleet) for walker in walkers]
     found = side_by_side(works, threads_here(config.workers, progress), progress)
     for walker, places in zip(walkers, found, strict=True):
         for place, (walking, trace) in places.items():
@@ -165,10 +167,9 @@ def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: 
     write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
 
 
-def _own_and_twin(
-    robot: Robot, walker: Walker, fleet: Fleet, progress: Progress
-) -> dict[str, tuple[Walking, np.ndarray]]:
+def _own_and_twin(walker: Walker, fleet: Fleet, progress: Progress) -> dict[str, tuple[Walking, np.ndarray]]:
     """`evaluate` by place."""
+    robot = walker.robot
     places = {"own": walker.own, "twin": twin_simulator(robot, fleet, walker.policy.gait)}
     with progress.start(f"transfer of {walker.name}: {len(places)} x {DRAWS} walks", len(places) * DRAWS) as task:
         return {place: evaluate(robot, walker.policy, there, task.advance) for place, there in places.items()}

@@ -65,7 +65,7 @@ class Walk:
     gait: GaitName = "trot"
     """Which leg steps when."""
     commands: Commands = field(default_factory=Commands)
-    """What the robot is told to do."""
+    """What the robot is told to do; faster than it usually is, too."""
     hidden_units: int = 0
     """Hidden units of the policy; none for a linear one."""
     symmetric: bool = True
@@ -104,7 +104,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     require_count("workers", config.workers, 1, MOST_WORKERS)
     require_count("hidden_units", config.hidden_units, 0, MOST_UNITS)
     units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
-    robot = load_robot(config.robot)
+    robot = config.commands.on(load_robot(config.robot))
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
     draw = config.motors.drawer(robot)
     settings = asdict(config)
@@ -259,6 +259,7 @@ def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd
         control_dt=robot.control_dt,
         robot=robot.name,
         joint_names=robot.joint_names,
+        forward=robot.require_legs().forward,
         gait=gait,
         provenance=provenance | {"iteration": champion.iteration, "own_return": champion.score},
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -251,6 +251,14 @@ class Robot:
                 remedy="turn the joints' axes and zeros in its model as docs/your-robot.md says",
             )
         return self.gait
+
+    def told(self, forward: tuple[float, float]) -> Robot:
+        """The same robot, told speeds within this range [m/s] instead of its usual one.
+
+        Raises:
+            ConfigError: it cannot walk.
+        """
+        return replace(self, gait=replace(self.require_legs(), forward=forward))
 
     def require_wire(self) -> Wire:
         """The wire of the real robot.
