@@ -106,7 +106,10 @@ def _watched(
     name = condition.folder(seed)
     folder, policy = config.out / "watched" / name, config.out / "walk" / name / POLICY
     here = tuple(twin for twin in condition.twins if twin in twins)
-    settings = {"twins": here, "draws": config.draws, "seconds": config.seconds, "condition": condition.name}
+    settings = {
+        "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.fastest(robot),
+        "condition": condition.name,
+    }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
     wanted = description("study", settings | {"robot": condition.robot}, [policy, *fleets, *robot.files])
     if not is_finished(folder, wanted):
