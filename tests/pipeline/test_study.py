@@ -15,7 +15,7 @@ from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
 
 pytestmark = pytest.mark.slow
 EVERYWHERE = {
-    "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "one_network", "paper", "prior_mean", "prior",
+    "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "one_network", "paper", "paper_wide", "prior_mean", "prior",
     "prior_adapted", "prior_robust", "oracle",
 }  # fmt: skip
 FIXED = {"ideal_pd", "tuned_pd", "pd_friction", "prior_mean", "one_network"}

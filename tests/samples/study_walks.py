@@ -13,6 +13,7 @@ from motorprior.transfer.walk_table import WalkRow, WalkTable
 
 CONDITIONS = {
     "ideal_pd": 0.13, "tuned_pd": 0.29, "pd_friction": 0.38, "pd_randomised": 0.37, "one_network": 0.35, "paper": 0.21,
+    "paper_wide": 0.19,
     "prior_mean": 0.40, "prior": 0.42, "prior_adapted": 0.43, "prior_robust": 0.41, "oracle": 0.42,
 }  # fmt: skip
 """Name -> mean speed on a twin [m/s]."""

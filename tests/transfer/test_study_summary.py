@@ -78,6 +78,7 @@ def test_what_was_not_run_cannot_be_told():
     few = {name: SPEEDS[name] for name in ("prior", "pd_friction")}
     summary = summarise(study(("own", "fleet"), few))
     assert {each.holds for each in (*summary.targets, *summary.claims)} == {None}
+    assert {each.found for each in summary.claims} == {"not measured"}
     assert verdict(summary.targets, "fleet").found.startswith("sampled unknown of the speed, 100.0 % upright")
     lost = summarise(study(("own", "fleet"), few, at={("fleet", "pd_friction"): 0.6}))
     assert verdict(lost.targets, "with friction").holds is False, "one twin can show a loss"
@@ -114,6 +115,14 @@ def test_the_papers_claims_hold_or_do_not():
     found = summarise(study(at={("own", "ideal_pd"): 0.1, ("fleet", "ideal_pd"): 0.5}, measures=swapped)).claims
     assert [each.holds for each in found] == [False] * 6
     assert "after the paper's recipe" in found[0].found
+
+
+def test_claims_are_judged_on_the_papers_loss_where_its_recipe_does_not_walk():
+    both, falls = SPEEDS | {"paper_wide": 0.3}, {("own", "paper"): 0.001, ("own", "paper_wide"): 0.1}
+    found = verdict(summarise(study(speeds=both, at=falls)).claims, "walks worse")
+    assert found.holds is True and "m/s after the paper's loss on our data" in found.found
+    neither = summarise(study(speeds=both, at=dict.fromkeys(falls, 0.001))).claims
+    assert {each.holds for each in neither} == {None} and "falls at once" in neither[0].found
 
 
 def test_a_claim_about_two_that_do_not_differ_cannot_be_told():

@@ -31,7 +31,7 @@ HAND_PICKED = 0.3
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
 _NOTHING = Randomization()
-_PRESETS = ("rollout", "paper", "one_network")
+_PRESETS = ("rollout", "paper", "paper_wide", "one_network")
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         Condition(SAMPLED, _named(prior, SAMPLED)),
         Condition(ROBUST_PRIOR, _named(prior, ROBUST_PRIOR), ROBUST),
         Condition("prior_mean", _named(prior, "prior_mean", latent_spread=0.0)),
-        *(Condition(name, _named(learned[name], name)) for name in ("paper", "one_network")),
+        *(Condition(name, _named(learned[name], name)) for name in ("paper", "paper_wide", "one_network")),
         *(Condition(name, _pd(config, fits, name, name)) for name in ("ideal_pd", "tuned_pd", "pd_friction")),
         *([Condition(UNTRAINED, MotorChoice("pd", fleet=config.fleet, name=UNTRAINED))] if seed == 0 else []),
         Condition("pd_randomised", _pd(config, fits, "pd_friction", "pd_randomised", spread=HAND_PICKED)),
