@@ -47,7 +47,7 @@ def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Ac
 
 
 def straight_ahead(robot: Robot) -> Commands:
-    """As fast as the robot is built for: what every policy of a study is told to do."""
+    """As fast as the robot is told at most: of a policy's robot, what the policy was trained for."""
     return Commands.steady(robot.require_legs().forward[1])
 
 
