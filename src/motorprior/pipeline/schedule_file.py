@@ -38,8 +38,8 @@ def read_schedule(path: Path, robot: Robot) -> Timetable:
     for column, (name, (least, most)) in enumerate(bounds.items(), start=1):
         for row in np.flatnonzero(~((table[:, column] >= least) & (table[:, column] <= most)))[:1]:
             raise ConfigError(
-                f"row {row}: {name} {table[row, column]:g} is not within {least:g} to {most:g}, for which robot "
-                f"{robot.name!r} is built", where=path, remedy="give a command that it can follow",
+                f"row {row}: {name} {table[row, column]:g} is not within {least:g} to {most:g}, which robot "
+                f"{robot.name!r} can be told here", where=path, remedy="give a command that it can follow",
             )  # fmt: skip
     return Timetable(tuple((float(time), float(forward), float(turn)) for time, forward, turn in table))
 
