@@ -10,12 +10,14 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
 import motorprior as mp
+from motorprior.locomotion.command import Commands
 
 HEAVY = ("jax", "optax", "numba", "mujoco", "gymnasium", "scipy", "pyarrow", "matplotlib", "ray")
 LIGHT = (
@@ -247,6 +249,11 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     table = {(row.quantity, row.model, row.seed): (row.unit, row.value) for row in rows}
     assert len(table) == len(rows) == 9 and {row.motors for row in rows} == {"twin"}
     assert table["speed", "prior", 0] == table["speed", "oracle", 0] and table["drift", "oracle", 1][0] == "m"
+    short: dict[str, Any] = {"iterations": 1, "workers": 1, "episode_steps": 5}
+    fast = mp.train_policy(ROBOT, prior, commands=Commands((0.0, 0.8)), **short)
+    assert mp.train_policy(ROBOT, prior, start=fast, **short).forward == fast.forward == (-0.2, 0.8)
+    beside = mp.compare(ROBOT, {"prior": policies[0], "fast": fast}, {"twin": fleet}).where(model="prior")
+    assert beside.value(quantity="speed") == table["speed", "prior", 0][1], "both are told what the slower one may be"
 
 
 def test_what_does_not_fit_a_robot_is_refused(prior: mp.MotorPrior):

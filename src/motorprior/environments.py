@@ -138,7 +138,7 @@ class EnvOptions:
         Raises:
             ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
         """
-        robot = as_robot(self.robot)
+        robot = self.commands.on(as_robot(self.robot))
         walk = WalkConfig(self.episode_steps, self.task, self.randomization, self.commands, self.gait)
         if self.motors is not None:
             draw, physics_dt = drawn_from(self.motors, robot)

@@ -85,3 +85,10 @@ def test_commands_beyond_the_robots_range_widen_it_and_others_leave_it():
     assert Commands((0.1, 0.3)).on(ROBOT) == Commands().on(ROBOT) == ROBOT
     assert Commands((-0.5, 0.3)).on(ROBOT).require_legs().forward == (-0.5, GAIT.forward[1])
     assert Commands((0.1, 0.9)).on(ROBOT).require_legs().forward == (GAIT.forward[0], 0.9)
+
+
+def test_turns_beyond_the_robots_are_refused_and_slower_ones_not():
+    with pytest.raises(ConfigError, match=r"yaw_rate \(-1\.5, 1\.5\).*-0\.6\.\.0\.6") as refused:
+        Commands(yaw_rate=(-1.5, 1.5)).on(ROBOT)
+    assert refused.value.argument == "commands.yaw_rate"
+    assert Commands(yaw_rate=(0.0, 0.6)).on(ROBOT) == ROBOT

@@ -41,6 +41,12 @@ def test_a_spread_changes_every_constant_of_every_motor_within_its_share_and_no_
         np.testing.assert_array_equal(getattr(drawn(PD, 1).pd, name), getattr(fixed.pd, name))
 
 
+def test_a_delay_that_was_fitted_to_nothing_is_varied_too():
+    for fitted, least, most in ((0.0, 0.0, 0.006), (0.01, 0.004, 0.016)):
+        delays = np.array([drawn(replace(PD, spread=0.3, delay=fitted), seed).pd.delay for seed in range(50)])
+        assert least <= delays.min() < least + 1e-3 and most - 1e-3 < delays.max() <= most
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [({"spread": 1.0}, "spread"), ({"spread": -0.1}, "spread"), ({"coulomb": np.nan}, "coulomb")],
@@ -74,12 +80,26 @@ def test_only_a_simulation_without_chance_is_walked_once():
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"seeds": 0}, "seeds"), ({"draws": 0}, "draws"), ({"seconds": 1.0}, "seconds"), ({"motors": 3}, "motors")],
+    [
+        ({"seeds": 0}, "seeds"),
+        ({"draws": 0}, "draws"),
+        ({"seconds": 1.0}, "seconds"),
+        ({"motors": 3}, "motors"),
+        ({"speed": 0.1}, "speed"),
+        ({"speed": np.nan}, "speed"),
+    ],
 )
 def test_impossible_studies_are_refused(tmp_path: Path, change: dict, words: str):
     with pytest.raises(ConfigError, match=words):
         replace(Study(tmp_path), **change).sized()
     assert not any(tmp_path.iterdir())
+
+
+def test_a_faster_study_trains_for_its_speed_too():
+    usual, faster = Study(Path("x")), Study(Path("x"), speed=0.7)
+    assert usual.fastest(PUPPER_V2) == 0.5 and usual.commands(PUPPER_V2).on(PUPPER_V2) == PUPPER_V2
+    told = faster.commands(PUPPER_V2).on(PUPPER_V2)
+    assert faster.fastest(PUPPER_V2) == told.require_legs().forward[1] == 0.7
 
 
 def test_a_quick_study_is_small():

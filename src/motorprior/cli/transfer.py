@@ -30,7 +30,7 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """The whole study, an hour and a half on two cores; a rerun continues where it stopped. --foreign, --seeds,
+    """The whole study, hours on two cores; a rerun continues where it stopped. --foreign, --seeds,
     --draws, --seconds, --speed, --iterations, --motors, --bench-steps, --adam-steps, --seed, --quick are for it."""
 
 

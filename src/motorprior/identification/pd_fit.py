@@ -15,6 +15,13 @@ from motorprior.logs.motor_log import MotorLog
 
 ROUNDS, ROUND = 6, 600
 """Most searches, see `baselines.least`, each from the best of the one before; most evaluations of each."""
+FIRST = 100
+"""Most evaluations of a search from each beginning."""
+_FIRST = tuple((("armature", armature), ("delay", delay)) for armature in (0.001, 0.005) for delay in (0.002, 0.008))
+"""Constants to begin with [kg·m²], [s]: of a slow rotor and of a late one the error is alike."""
+BEGINNINGS = len(_FIRST)
+_DELAY = 0.01
+"""[s]; a delay is searched in this unit, since its logarithm has no way back from 0."""
 CONVERGED, NOTHING = 0.002, 1e-5
 """A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit."""
 
@@ -42,7 +49,8 @@ def fit_to_the_end(
 ) -> PdFit:
     """One PD for all motors of a log with known loads, with the least closed-loop error on the whole of it.
 
-    Nelder-Mead over the logarithms of the ``free`` constants, restarted with a new simplex from its own best.
+    Nelder-Mead over the ``free`` constants: the delay in units of _DELAY, the logarithms of the others. A search from
+    each of some armatures and delays, then, from the best, restarts with a new simplex.
 
     Args:
         log: of a bench.
@@ -53,14 +61,16 @@ def fit_to_the_end(
     judge = closed_loop_error(log, progress)
     known = {name: value for name, value in start.items() if name not in free}
 
-    def constants(logs: np.ndarray) -> dict[str, float]:
-        return known | {name: float(value) for name, value in zip(free, np.exp(logs), strict=True)}
+    def constants(point: np.ndarray) -> dict[str, float]:
+        values = np.where(np.array(free) == "delay", _DELAY * np.abs(point), np.exp(point))
+        return known | {name: float(value) for name, value in zip(free, values, strict=True)}
 
-    def cost(logs: np.ndarray) -> float:
-        return judge(pd_motors(constants(logs), log.num_joints))
+    def cost(point: np.ndarray) -> float:
+        return judge(pd_motors(constants(point), log.num_joints))
 
-    best, evaluations = np.log([START.get(name, start.get(name, 0.0)) for name in free]), 0
-    error, converged = cost(best), False
+    searches = [least(cost, first, FIRST) for first in _beginnings(start, free)]
+    evaluations, converged = sum(found.nfev for found in searches), False
+    best, error = min(((found.x, float(found.fun)) for found in searches), key=lambda each: each[1])
     for _ in range(ROUNDS):
         found = least(cost, best, ROUND)
         evaluations += found.nfev
@@ -69,3 +79,10 @@ def fit_to_the_end(
         if converged:
             break
     return PdFit(constants(best), error, evaluations, bool(converged))
+
+
+def _beginnings(start: Mapping[str, float], free: tuple[str, ...]) -> list[np.ndarray]:
+    """Points to search from: every one of _FIRST that differs in what is free."""
+    made = {tuple((START | dict(start) | dict(values))[name] for name in free) for values in _FIRST}
+    delayed = np.array(free) == "delay"
+    return [np.where(delayed, np.array(point) / _DELAY, np.log(point)) for point in sorted(made)]

@@ -65,8 +65,17 @@ class Commands:
         return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
 
     def on(self, robot: Robot) -> Robot:
-        """The robot, told all speeds of its usual range and of these commands: faster ones may be trained for."""
-        slowest, fastest = robot.require_legs().forward
+        """The robot, told all speeds of its usual range and of these commands: faster ones may be trained for.
+
+        Raises:
+            ConfigError: a yaw rate beyond the robot's.
+        """
+        most, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
+        if self.yaw_rate is not None and not is_range(self.yaw_rate, -most, most):
+            raise ConfigError(
+                f"commands.yaw_rate {self.yaw_rate!r} is not a range within the robot's -{most:g}..{most:g} rad/s",
+                remedy="give slower turns, or more in [gait] of the robot's file", argument="commands.yaw_rate",
+            )  # fmt: skip
         low, high = self.forward or (slowest, fastest)
         return robot.told((min(slowest, low), max(fastest, high)))
 

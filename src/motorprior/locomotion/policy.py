@@ -170,7 +170,7 @@ class Policy:
         control_dt: control period [s] in training.
         robot: name of the robot.
         joint_names: the joints in the order of residuals and observed angles.
-        forward: slowest and fastest speed that it was trained for [m/s].
+        forward: slowest and fastest speed that it may be told [m/s]: its robot's, widened by those of its training.
         gait: which leg steps when, see `locomotion.gaits`.
         provenance: settings of its training; JSON values only.
     """
@@ -227,7 +227,7 @@ class Policy:
             raise ConfigError(problem, where=where, remedy=remedy)
 
     def commanded(self, robot: Robot) -> Robot:
-        """The robot, told the speeds that this policy was trained for."""
+        """The robot, told the speeds of this policy."""
         return robot.told(self.forward)
 
     def require_gait(self, gait: str, where: str | Path | None = None) -> None:

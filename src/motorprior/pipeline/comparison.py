@@ -7,7 +7,7 @@ from pathlib import Path
 
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Range
+from motorprior.locomotion.command import Commands, Range
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorSource, drawn_from
@@ -18,7 +18,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import WorldConfig
 from motorprior.transfer.study import DRAWS, evaluate
-from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, twin_simulator
+from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, together, twin_simulator
 
 _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
@@ -30,7 +30,7 @@ def compare(
     *,
     progress: Progress = SILENT,
 ) -> Results:
-    """Walk every policy on every set of motors, 24 draws of 5 s each, straight ahead; the same draws for all policies.
+    """Walk every policy on every set of motors, 24 draws of 5 s each, straight ahead as fast as all may be told.
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.
@@ -58,7 +58,10 @@ def compare(
             policy.require_robot(robot, name)
             policy.require_clock(robot.control_dt, name)
     ways: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
-    simulators = {(name, *way): _simulator(robot.told(way[0]), twins[name], way[1]) for name in twins for way in ways}
+    commands = straight_ahead(together(robot, (policy for each in seeds.values() for policy in each)))
+    simulators = {
+        (name, *way): _simulator(robot.told(way[0]), twins[name], way[1], commands) for name in twins for way in ways
+    }
     count = sum(map(len, seeds.values())) * len(twins)
     rows = []
     with progress.start(f"compare: {count} x {DRAWS} draws", DRAWS * count) as task:
@@ -73,9 +76,9 @@ def compare(
     return Results.of(rows)
 
 
-def _simulator(robot: Robot, motors: MotorSource, gait: GaitName) -> WalkSimulator:
+def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Commands) -> WalkSimulator:
     if isinstance(motors, Fleet):
-        return twin_simulator(robot, motors, gait)
+        return twin_simulator(robot, motors, gait, commands)
     draw, physics_dt = drawn_from(motors, robot)
-    walk = WalkConfig(DURATION_STEPS, commands=straight_ahead(robot), gait=gait)
+    walk = WalkConfig(DURATION_STEPS, commands=commands, gait=gait)
     return WalkSimulator(draw, WorldConfig.of(robot, physics_dt=physics_dt), walk)

@@ -31,6 +31,8 @@ LONGEST_DELAY = 1.0
 _OF_A_PD = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread")
 _OF_A_PRIOR = ("latent_spread",)
 _WIDEST, _LARGEST_SPREAD = 0.9, 10.0
+_LATE = 0.02
+"""Delay that counts as the whole of a spread [s]: that of a PD may be fitted to 0, of which no share is a delay."""
 _LARGEST_OF_A_PD = {"kp": 1e9, "kd": 1e9, "torque_limit": 1e9, "armature": 1e3}
 """[N·m/rad], [N·m·s/rad], [N·m], [kg·m²]: beyond any motor, and far from what overflows."""
 
@@ -142,7 +144,8 @@ class MotorChoice:
     coulomb: float = 0.0
     """Coulomb friction of the PD's motors [N·m], which must have armature."""
     spread: float = 0.0
-    """Every constant of the PD is drawn anew for every motor and episode, uniformly within this share of itself [-]."""
+    """Every constant of the PD is drawn anew for every motor and episode, uniformly within this share of itself; its
+    delay within this share of 20 ms [-]."""
     latent_spread: float = 1.0
     """Factor on the standard deviation of z, for the actuator prior without a posterior: 0 is its mean motor [-]."""
     name: str | None = None
@@ -256,12 +259,16 @@ class MotorChoice:
 
 
 def _spread_pd(model: IdealPd, coulomb: np.ndarray, spread: float, rng: np.random.Generator) -> Actuator:
-    """The PD with every constant times its own draw from 1 ± spread; without friction an ideal one."""
+    """The PD with every constant drawn, see `MotorChoice.spread`; without friction an ideal one."""
+    if not spread:
+        return FrictionPd(model, coulomb) if coulomb.any() else model
 
     def drawn(values: np.ndarray) -> np.ndarray:
-        return values * rng.uniform(1.0 - spread, 1.0 + spread, len(values)) if spread else values
+        return values * rng.uniform(1.0 - spread, 1.0 + spread, len(values))
 
-    pd = IdealPd(*(drawn(getattr(model, field.name)) for field in fields(model)))
+    constants = {field.name: drawn(getattr(model, field.name)) for field in fields(model) if field.name != "delay"}
+    delay = rng.uniform(np.maximum(0.0, model.delay - spread * _LATE), model.delay + spread * _LATE)
+    pd = IdealPd(**constants, delay=delay)
     return FrictionPd(pd, drawn(coulomb)) if coulomb.any() else pd
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -30,7 +30,7 @@ from motorprior.simulation.viewer import require_screen, show
 from motorprior.transfer.gait_quality import WARM_UP, gait_quality
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
-from motorprior.transfer.twin import HARD, NOISY, twin_of
+from motorprior.transfer.twin import HARD, NOISY, together, twin_of
 
 Place = Literal["own", "twin", "hard"]
 LONGEST, MOST_POLICIES = 600.0, 4
@@ -94,7 +94,10 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     require_seed(config.seed)
     if config.viewer:
         require_screen()
-    commands, steps = commands_of(config, _shared(robot, names)), max(1, round(config.seconds / robot.control_dt))
+    commands, steps = (
+        commands_of(config, together(robot, map(Policy.load, names.values()))),
+        max(1, round(config.seconds / robot.control_dt)),
+    )
     episodes: dict[str, Episode] = {}
     with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
         for name, path in names.items():
@@ -110,12 +113,6 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     if config.viewer:
         show(robot, walks, robot.control_dt)
     return Played(film, results, {name: episode.steps for name, episode in episodes.items()})
-
-
-def _shared(robot: Robot, names: Mapping[str, Path]) -> Robot:
-    """The robot, told the speeds that all policies were trained for."""
-    ranges = [Policy.load(path).forward for path in names.values()]
-    return robot.told((max(low for low, _ in ranges), min(high for _, high in ranges)))
 
 
 def commands_of(config: Play, robot: Robot) -> Commands | Timetable:

@@ -41,7 +41,7 @@ _STAGES = (
     "transfer",
     "study",
 )
-_NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify")}
+_NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify"), "study": ("transfer",)}
 """Stages whose own module another one's numbers depend on."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),

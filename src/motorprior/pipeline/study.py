@@ -58,7 +58,8 @@ def run_study(config: Study, progress: Progress = SILENT) -> Results:
         table = WalkTable.of(walk for each in tables for walk in each.walks)
         table.save(config.out / WALKS)
         _keep_traces(config, cells)
-        write_json(config.out / STUDY, {name: str(value) for name, value in asdict(config).items() if name != "out"})
+        settings = asdict(config) | {"speed": config.fastest(robot)}
+        write_json(config.out / STUDY, {name: str(value) for name, value in settings.items() if name != "out"})
         results = study_results(summarise(table))
         write_results(config.out, results)
     return results

@@ -47,7 +47,7 @@ class Study:
     seed: int = 0
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
-    """Minutes instead: 2 seeds, 6 walks, 10 iterations, 300 Adam steps, unless others are given. It decides nothing."""
+    """Minutes instead: 2 seeds, 6 walks, 10 iterations, 300 Adam steps in place of the defaults. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)

@@ -67,8 +67,12 @@ def train_policy(
         ArtifactError: a robot that cannot be read.
         SimulationFault: every episode broke down.
     """
-    told = commands or Commands()
-    robot = told.on(as_robot(robot))
+    told, robot = commands or Commands(), as_robot(robot)
+    if start is not None:
+        start.require_robot(robot, "start")
+        start.require_gait(gait, "start")
+        robot = start.commanded(robot)
+    robot = told.on(robot)
     shape = PolicyShape.of(robot, gait, units=0, symmetric=True)
     workers = min(2, os.cpu_count() or 1) if workers is None else workers
     for name, value, most in (
@@ -81,9 +85,6 @@ def train_policy(
     config = ArsConfig(seed=seed)
     walk = WalkConfig(episode_steps, randomization=randomization, commands=told, gait=gait)
     scene = Scene(robot, "mujoco", draw, physics_dt, walk)
-    if start is not None:
-        start.require_robot(robot, "start")
-        start.require_gait(gait, "start")
     search, champion = new_search(config, shape, start), Champion.none_yet(shape)
     curve: list[dict[str, Any]] = []
     executor = make_executor(scene.simulator, threads_here(workers, progress))

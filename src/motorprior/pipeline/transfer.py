@@ -15,6 +15,7 @@ from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.motor_provenance import choice_from_json
@@ -33,7 +34,7 @@ from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
 from motorprior.transfer.study import DRAWS, Walking, evaluate
-from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, twin_simulator
+from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, together, twin_simulator
 
 TRACES = "traces.safetensors"
 _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
@@ -71,15 +72,15 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     require_count("workers", config.workers, 1, MOST_WORKERS)
-    for path in files:
-        Policy.load(path)  # its header says whether it is one, before all of it is read for its digest
+    policies = [Policy.load(path) for path in files]  # says whether it is one, before all of it is read for its digest
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
     wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
-        walkers = [walker_of(path, robot, config.engine) for path in files]
+        told = straight_ahead(together(robot, policies))
+        walkers = [walker_of(path, robot, config.engine, commands=told) for path in files]
         with working(config.out, wanted):
-            _evaluate_all(config, robot, walkers, fleet, progress)
+            _evaluate_all(config, walkers, fleet, told, progress)
     return read_results(config.out)
 
 
@@ -94,15 +95,21 @@ class Walker:
     own: WalkSimulator | BackendSimulator
 
 
-def walker_of(path: Path, robot: Robot, engine: Engine | None = None, walk: WalkConfig | None = None) -> Walker:
+def walker_of(
+    path: Path,
+    robot: Robot,
+    engine: Engine | None = None,
+    walk: WalkConfig | None = None,
+    commands: Commands | None = None,
+) -> Walker:
     """Everything a policy needs; refuses what cannot run here.
 
     Args:
         path: the policy's file.
         robot: that walks.
         engine: of its own simulation; the one it was trained in if not given.
-        walk: the episode, whose gait is always the policy's; 5 s straight ahead under what its training varied if not
-            given.
+        walk: the episode, whose gait is always the policy's; 5 s under what its training varied if not given.
+        commands: of those 5 s; straight ahead as fast as the policy may be told if not given.
 
     Raises:
         ArtifactError, ConfigError: a damaged policy, one of another control period, motors that are gone, or an engine
@@ -123,7 +130,8 @@ def walker_of(path: Path, robot: Robot, engine: Engine | None = None, walk: Walk
     engine = engine or trained_in
     terrain = Terrain(roughness if engine == "pybullet" else 0.0)
     if walk is None:
-        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=straight_ahead(robot))
+        told = commands or straight_ahead(robot)
+        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=told)
     walk = replace(walk, gait=policy.gait)
     scene = Scene(robot, engine, draw, choice.physics_dt(robot), walk, terrain)
     return Walker(path.parent.name, robot, policy, choice.condition(), scene.simulator())
@@ -153,10 +161,10 @@ def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
     return cast(Engine, said["engine"]), float(said["roughness"])
 
 
-def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: Fleet, progress: Progress) -> None:
+def _evaluate_all(config: Transfer, walkers: list[Walker], fleet: Fleet, told: Commands, progress: Progress) -> None:
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
-    works = [partial(_own_and_twin, walker, fleet) for walker in walkers]
+    works = [partial(_own_and_twin, walker, fleet, told) for walker in walkers]
     found = side_by_side(works, threads_here(config.workers, progress), progress)
     for walker, places in zip(walkers, found, strict=True):
         for place, (walking, trace) in places.items():
@@ -164,13 +172,15 @@ def _evaluate_all(config: Transfer, robot: Robot, walkers: list[Walker], fleet: 
             traces.setdefault(f"{place}/{walker.condition}", trace)
         seeds[walker.condition] += 1
     write_results(config.out, results)
-    write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
+    write_tensors(config.out / TRACES, traces, {"control_dt": walkers[0].robot.control_dt, "robot": config.robot})
 
 
-def _own_and_twin(walker: Walker, fleet: Fleet, progress: Progress) -> dict[str, tuple[Walking, np.ndarray]]:
+def _own_and_twin(
+    walker: Walker, fleet: Fleet, told: Commands, progress: Progress
+) -> dict[str, tuple[Walking, np.ndarray]]:
     """`evaluate` by place."""
     robot = walker.robot
-    places = {"own": walker.own, "twin": twin_simulator(robot, fleet, walker.policy.gait)}
+    places = {"own": walker.own, "twin": twin_simulator(robot, fleet, walker.policy.gait, told)}
     with progress.start(f"transfer of {walker.name}: {len(places)} x {DRAWS} walks", len(places) * DRAWS) as task:
         return {place: evaluate(robot, walker.policy, there, task.advance) for place, there in places.items()}
 

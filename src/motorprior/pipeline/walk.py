@@ -57,7 +57,8 @@ class Walk:
     motors: MotorChoice = field(default_factory=MotorChoice)
     """The motors of every episode."""
     start: Path | None = None
-    """A policy to go on from, with other motors for example; without one it starts from the gait itself."""
+    """A policy to go on from, with other motors for example; without one it starts from the gait itself. The range
+    of its speeds is kept."""
     iterations: int = 200
     """ARS iterations."""
     episode_steps: int = 500
@@ -104,7 +105,9 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     require_count("workers", config.workers, 1, MOST_WORKERS)
     require_count("hidden_units", config.hidden_units, 0, MOST_UNITS)
     units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
-    robot = config.commands.on(load_robot(config.robot))
+    robot = load_robot(config.robot)
+    start = _start(config, robot)
+    robot = config.commands.on(robot if start is None else start.commanded(robot))
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
     draw = config.motors.drawer(robot)
     settings = asdict(config)
@@ -301,9 +304,14 @@ def _restore(config: Walk, robot: Robot, shape: PolicyShape, wanted: dict) -> tu
         except (ArtifactError, KeyError) as error:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-    start = None
-    if config.start is not None:
-        start = Policy.load(config.start)
-        start.require_robot(robot, config.start)
-        start.require_gait(config.gait, config.start)
-    return new_search(config.search, shape, start), Champion.none_yet(shape), []
+    return new_search(config.search, shape, _start(config, robot)), Champion.none_yet(shape), []
+
+
+def _start(config: Walk, robot: Robot) -> Policy | None:
+    """The policy to go on from, if there is one."""
+    if config.start is None:
+        return None
+    start = Policy.load(config.start)
+    start.require_robot(robot, config.start)
+    start.require_gait(config.gait, config.start)
+    return start

@@ -125,7 +125,10 @@ def _measures(summary: Summary, legs: list[str]) -> Section:
 
 
 def _claims(summary: Summary) -> Section:
-    caption = "Policies of the paper's recipe against policies of the ideal PD; p of each claim alone."
+    caption = (
+        "Policies of the paper's recipe, or of its loss on our data where the recipe does not walk, against those "
+        "of the ideal PD; p of each claim alone."
+    )
     table = verdict_table(summary.claims, "the paper says", caption)
     return Section("The paper's claims", "What the paper says of its learned motors.", tables=(table,))
 

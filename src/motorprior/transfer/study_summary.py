@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.transfer.places import ABROAD, TWINS
-from motorprior.transfer.statistics import Comparison, Estimate, compare_scores, estimate, holm, iqms, means, ratio
+from motorprior.transfer.statistics import Comparison, Estimate, compare_scores, estimate, holm, iqm, iqms, means, ratio
 from motorprior.transfer.study_verdicts import (
     ADAPTED,
     CONDITIONS,
@@ -99,7 +99,7 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
     regrets = {pair: each.difference for pair, each in _against(ORACLE, cells, alone).items()}
     comparisons = _against(PRIOR, cells, alone)
     corrected = holm({pair: each.p for pair, each in comparisons.items()})
-    judged = targets(Facts(estimates, comparisons, corrected))
+    judged = targets(Facts(estimates, comparisons, corrected, _peers(cells)))
     trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
     policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
     return Summary(estimates, ratios, regrets, comparisons, corrected, judged, claims(table), policies)
@@ -119,6 +119,17 @@ def _against(best: str, cells: Cells, alone: frozenset[str]) -> dict[tuple[str, 
         found[place, condition] = compare_scores(
             other.scores(place, best, "speed"), cell.scores(place, condition, "speed"), shared
         )
+    return found
+
+
+def _peers(cells: Cells) -> dict[str, float]:
+    """See `Facts.peers`: seed k of the adapted prior walks robot k, draw k of the oracle too."""
+    found = {}
+    for (place, condition), cell in cells.items():
+        if condition == ADAPTED and place != OWN and (place, ORACLE) in cells:
+            there = cells[place, ORACLE]
+            robots = [draw in cell.distinct("seed") for draw in there.distinct("draw")]
+            found[place] = float(iqm(there.scores(place, ORACLE, "speed")[:, robots])) if any(robots) else float("nan")
     return found
 
 

@@ -45,6 +45,8 @@ CLAIMS = (
 """Of the paper, about its learned motors."""
 LEAST_SPEED = 0.02
 """[m/s]; a policy that is slower where it was trained does not walk, and has no transfer ratio."""
+LEAST_UPRIGHT = 0.9
+"""Share of the time; an oracle that is upright for less is no measure."""
 ENOUGH_SPEED, ENOUGH_UPRIGHT, UPRIGHT_WHERE_HARD, TWINS_WON = 0.95, 0.98, 0.9, 2
 
 
@@ -64,6 +66,8 @@ class Facts:
     estimates: Mapping[tuple[str, str, str], Estimate]
     comparisons: Mapping[tuple[str, str], Comparison]
     corrected: Mapping[tuple[str, str], float]
+    peers: Mapping[str, float]
+    """Place -> the oracle's speed on the robots that the adapted policies walk there [m/s]."""
 
     def value(self, place: str, condition: str, measure: str) -> float:
         """Of an estimate; NaN without one."""
@@ -100,14 +104,17 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
 
 
 def _against_the_oracle(facts: Facts, place: str) -> Verdict:
-    """One of the two ways of using the prior must be both fast and safe."""
-    oracle, each_holds, found = facts.value(place, ORACLE, "speed"), [], []
+    """One of the two ways of using the prior must be both fast and safe; an oracle that falls is no measure."""
+    speeds, each_holds, found = facts.value(place, ORACLE, "speed"), [], []
     for name in (PRIOR, ADAPTED):
         upright, speed = (facts.value(place, name, measure) for measure in ("upright", "speed"))
+        oracle = facts.peers.get(place, speeds) if name == ADAPTED else speeds
         share = speed / oracle if oracle > 0.0 else float("nan")
         each_holds.append(_told(share >= ENOUGH_SPEED and upright >= ENOUGH_UPRIGHT, share, upright))
         found.append(f"{_IN_WORDS[name]} {_percent(share)} of the speed, {_percent(upright)} upright")
     told = [each for each in each_holds if each is not None]
+    if (fallen := facts.value(place, ORACLE, "upright")) < LEAST_UPRIGHT:
+        told, found = [], [f"the oracle itself falls ({_percent(fallen)} upright)"]
     said = f"{place}: the prior, sampled or adapted, walks at {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
     return Verdict(f"{said}, {100 * ENOUGH_UPRIGHT:.0f} % upright", any(told) if told else None, "; ".join(found))
 
@@ -138,8 +145,7 @@ def claims(table: WalkTable) -> tuple[Verdict, ...]:
     tried = [name for name in (PAPER, PAPER_WIDE) if len(table.at(OWN, name))]
     recipe = next((name for name in tried if _walks(table, name)), None)
     if recipe is None:
-        found = "the robot falls at once in the simulation of this recipe: nothing was learned that could be judged"
-        found = found if tried else "not measured"
+        found = f"{_own_walk(table, tried[0])}: nothing was learned that could be judged" if tried else "not measured"
         return tuple(Verdict(said, None, found) for said in CLAIMS)
     twin = next(iter(twins_in(table.distinct("place"))), None)
     return (
@@ -155,6 +161,14 @@ def claims(table: WalkTable) -> tuple[Verdict, ...]:
 def _walks(table: WalkTable, condition: str) -> bool:
     """Whether policies of a condition walk where they were trained."""
     return iqm(table.at(OWN, condition).scores(OWN, condition, "speed")) >= LEAST_SPEED
+
+
+def _own_walk(table: WalkTable, condition: str) -> str:
+    """How policies walk where they were trained."""
+    walks = table.at(OWN, condition)
+    speed, upright = (walks.scores(OWN, condition, measure) for measure in ("speed", "upright"))
+    found = f"{_number(iqm(speed), '.2f')} m/s, {_percent(float(upright.mean()))} upright"
+    return f"the robot does not walk in its own simulation ({found})"
 
 
 def _claim(said: str, table: WalkTable, recipe: str, place: str | None, measure: str, sign: int) -> Verdict:

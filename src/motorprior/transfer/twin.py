@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
+from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
@@ -46,15 +48,25 @@ def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Ac
     return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
 
 
+def together(robot: Robot, policies: Iterable[Policy]) -> Robot:
+    """The robot, told the speeds that all of these policies may be told."""
+    ranges = [policy.forward for policy in policies]
+    return robot.told((max(low for low, _ in ranges), min(high for _, high in ranges)))
+
+
 def straight_ahead(robot: Robot) -> Commands:
     """As fast as the robot is told at most: of a policy's robot, what the policy was trained for."""
     return Commands.steady(robot.require_legs().forward[1])
 
 
-def twin_simulator(robot: Robot, fleet: Fleet, gait: GaitName = "trot") -> WalkSimulator:
-    """A simulator whose every episode is another twin of this fleet, told to walk `straight_ahead`."""
+def twin_simulator(
+    robot: Robot, fleet: Fleet, gait: GaitName = "trot", commands: Commands | None = None
+) -> WalkSimulator:
+    """A simulator whose every episode is another twin of this fleet, told to walk `straight_ahead` if not other."""
     noise = Randomization(joint_noise=ENCODER_NOISE)
-    return twin_of(robot, fleet, WalkConfig(DURATION_STEPS, TaskWeights(), noise, straight_ahead(robot), gait))
+    return twin_of(
+        robot, fleet, WalkConfig(DURATION_STEPS, TaskWeights(), noise, commands or straight_ahead(robot), gait)
+    )
 
 
 def twin_of(robot: Robot, fleet: Fleet, walk: WalkConfig) -> WalkSimulator:
