@@ -125,7 +125,7 @@ def closed_loop_error(
 
 
 def least(cost: Callable[[np.ndarray], float], first: np.ndarray, evaluations: int = EVALUATIONS) -> OptimizeResult:
-    """Nelder-Mead search over (N,) logarithms from ``first``, with so many evaluations at most."""
+    """Nelder-Mead search over (N,) numbers from ``first``, with so many evaluations at most."""
     simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
     options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
     return minimize(cost, first, method="Nelder-Mead", options=options)

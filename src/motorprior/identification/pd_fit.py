@@ -13,13 +13,16 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.identification.baselines import START, closed_loop_error, least
 from motorprior.logs.motor_log import MotorLog
 
-ROUNDS, ROUND = 6, 600
+_ROUNDS, _ROUND = 6, 600
 """Most searches, see `baselines.least`, each from the best of the one before; most evaluations of each."""
-FIRST = 100
-"""Most evaluations of a search from each beginning."""
-_FIRST = tuple((("armature", armature), ("delay", delay)) for armature in (0.001, 0.005) for delay in (0.002, 0.008))
+_FIRST_ROUND = 100
+"""Most evaluations of the search from each beginning."""
+_BEGINNINGS = tuple(
+    (("armature", armature), ("delay", delay)) for armature in (0.001, 0.005) for delay in (0.002, 0.008)
+)
 """Constants to begin with [kg·m²], [s]: of a slow rotor and of a late one the error is alike."""
-BEGINNINGS = len(_FIRST)
+MOST_EVALUATIONS = len(_BEGINNINGS) * _FIRST_ROUND + _ROUNDS * _ROUND
+"""Of a fit."""
 _DELAY = 0.01
 """[s]; a delay is searched in this unit, since its logarithm has no way back from 0."""
 CONVERGED, NOTHING = 0.002, 1e-5
@@ -68,13 +71,13 @@ def fit_to_the_end(
     def cost(point: np.ndarray) -> float:
         return judge(pd_motors(constants(point), log.num_joints))
 
-    searches = [least(cost, first, FIRST) for first in _beginnings(start, free)]
+    searches = [least(cost, first, _FIRST_ROUND) for first in _beginnings(start, free)]
     evaluations, converged = sum(found.nfev for found in searches), False
     best, error = min(((found.x, float(found.fun)) for found in searches), key=lambda each: each[1])
-    for _ in range(ROUNDS):
-        found = least(cost, best, ROUND)
+    for _ in range(_ROUNDS):
+        found = least(cost, best, _ROUND)
         evaluations += found.nfev
-        converged = found.nfev < ROUND and error - found.fun < max(CONVERGED * error, NOTHING)
+        converged = found.nfev < _ROUND and error - found.fun < max(CONVERGED * error, NOTHING)
         best, error = found.x, float(found.fun)
         if converged:
             break
@@ -82,7 +85,7 @@ def fit_to_the_end(
 
 
 def _beginnings(start: Mapping[str, float], free: tuple[str, ...]) -> list[np.ndarray]:
-    """Points to search from: every one of _FIRST that differs in what is free."""
-    made = {tuple((START | dict(start) | dict(values))[name] for name in free) for values in _FIRST}
+    """Points to search from: every one of _BEGINNINGS that differs in what is free."""
+    made = {tuple((START | dict(start) | dict(values))[name] for name in free) for values in _BEGINNINGS}
     delayed = np.array(free) == "delay"
     return [np.where(delayed, np.array(point) / _DELAY, np.log(point)) for point in sorted(made)]

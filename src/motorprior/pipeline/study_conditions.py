@@ -102,7 +102,7 @@ def _prior(config: Study, preset: str) -> Path:
 def _fit_pds(config: Study, progress: Progress) -> None:
     """Fit the three PDs to the bench's log, each until it has converged; fits.json has constants, error and effort."""
     from motorprior.identification.baselines import EVERYTHING, FRICTION, GAINS  # here: they import scipy
-    from motorprior.identification.pd_fit import BEGINNINGS, FIRST, ROUND, ROUNDS, fit_to_the_end
+    from motorprior.identification.pd_fit import MOST_EVALUATIONS, fit_to_the_end
 
     robot = load_robot(config.robot)
     fleet, folder = load_robot_fleet(robot, config.fleet), config.out / "fits"
@@ -115,7 +115,7 @@ def _fit_pds(config: Study, progress: Progress) -> None:
     kinds = {"ideal_pd": GAINS, "tuned_pd": EVERYTHING, "pd_friction": FRICTION}
     with (
         working(folder, wanted),
-        progress.start("fit the PDs", len(kinds) * (BEGINNINGS * FIRST + ROUNDS * ROUND)) as task,
+        progress.start("fit the PDs", len(kinds) * MOST_EVALUATIONS) as task,
     ):
         recorded = read_bench(log.parent)[0]
         fits = {name: asdict(fit_to_the_end(recorded, start, free, task.advance)) for name, free in kinds.items()}

@@ -129,7 +129,7 @@ def _peers(cells: Cells) -> dict[str, float]:
         if condition == ADAPTED and place != OWN and (place, ORACLE) in cells:
             there = cells[place, ORACLE]
             robots = [draw in cell.distinct("seed") for draw in there.distinct("draw")]
-            found[place] = float(iqm(there.scores(place, ORACLE, "speed")[:, robots])) if any(robots) else float("nan")
+            found[place] = iqm(there.scores(place, ORACLE, "speed")[:, robots]) if any(robots) else float("nan")
     return found
 
 

@@ -105,10 +105,10 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
 
 def _against_the_oracle(facts: Facts, place: str) -> Verdict:
     """One of the two ways of using the prior must be both fast and safe; an oracle that falls is no measure."""
-    speeds, each_holds, found = facts.value(place, ORACLE, "speed"), [], []
+    best, each_holds, found = facts.value(place, ORACLE, "speed"), [], []
     for name in (PRIOR, ADAPTED):
         upright, speed = (facts.value(place, name, measure) for measure in ("upright", "speed"))
-        oracle = facts.peers.get(place, speeds) if name == ADAPTED else speeds
+        oracle = facts.peers.get(place, best) if name == ADAPTED else best
         share = speed / oracle if oracle > 0.0 else float("nan")
         each_holds.append(_told(share >= ENOUGH_SPEED and upright >= ENOUGH_UPRIGHT, share, upright))
         found.append(f"{_IN_WORDS[name]} {_percent(share)} of the speed, {_percent(upright)} upright")
@@ -160,13 +160,12 @@ def claims(table: WalkTable) -> tuple[Verdict, ...]:
 
 def _walks(table: WalkTable, condition: str) -> bool:
     """Whether policies of a condition walk where they were trained."""
-    return iqm(table.at(OWN, condition).scores(OWN, condition, "speed")) >= LEAST_SPEED
+    return iqm(table.scores(OWN, condition, "speed")) >= LEAST_SPEED
 
 
 def _own_walk(table: WalkTable, condition: str) -> str:
     """How policies walk where they were trained."""
-    walks = table.at(OWN, condition)
-    speed, upright = (walks.scores(OWN, condition, measure) for measure in ("speed", "upright"))
+    speed, upright = (table.scores(OWN, condition, measure) for measure in ("speed", "upright"))
     found = f"{_number(iqm(speed), '.2f')} m/s, {_percent(float(upright.mean()))} upright"
     return f"the robot does not walk in its own simulation ({found})"
 
