@@ -23,8 +23,6 @@ from pathlib import Path  # noqa: E402
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
-from xdist.remote import Producer  # noqa: E402
-from xdist.scheduler import LoadScopeScheduling  # noqa: E402
 
 from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
@@ -38,8 +36,8 @@ SMALL_SERVO = {
 }  # fmt: skip
 """A small geared servo, in SI units."""
 ROOT = Path(__file__).resolve().parents[1]
-REAL_TIME = ("tests/hardware", "tests/cli/test_robot.py")
-"""Virtual robots that live in real time: one worker has them all, so that they do not wait for each other."""
+LIVES_IN_REAL_TIME = {"virtual", "host", "deploying"}
+"""Fixtures of robots and hosts that do not wait for the test."""
 LONGEST_FIRST = (
     "pipeline/test_demo.py", "cli/test_adapt.py", "identification/test_trained_prior.py",
     "identification/test_train.py", "cli/test_your_robot.py", "identification/test_recovery.py",
@@ -50,27 +48,18 @@ LONGEST_FIRST = (
 """A worker that begins one of these last keeps the others waiting."""
 
 
-class ByFile(LoadScopeScheduling):
-    """A file is one worker's, for what its tests share; virtual robots are all the same worker's."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        return "real time" if nodeid.startswith(REAL_TIME) else nodeid.split("::")[0]
-
-
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
-    """Not xdist's own groups: xdist 3.8 writes them to `item._nodeid`, which pytest 9.2 does not read."""
-    return ByFile(config, log)
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Those in real time begin, then the longest."""
+    """The longest begin. Tests in real time get another chance: a machine that stands still fails them."""
     items.sort(key=_place)
+    for item in items:
+        if LIVES_IN_REAL_TIME & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.real_time)
+        if item.get_closest_marker("real_time"):
+            item.add_marker(pytest.mark.flaky(reruns=4, reruns_delay=1))
 
 
 def _place(item: pytest.Item) -> int:
     path = item.path.relative_to(ROOT / "tests").as_posix()
-    if f"tests/{path}".startswith(REAL_TIME):
-        return -1
     return LONGEST_FIRST.index(path) if path in LONGEST_FIRST else len(LONGEST_FIRST)
 
 

@@ -22,6 +22,8 @@ from motorprior.robots import load
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
+pytestmark = pytest.mark.real_time
+
 
 def policy_file(path: Path, **changes) -> Path:
     """Zero weights: a trot."""

@@ -46,13 +46,6 @@ QUIET = 0.15
 """Time for the first frames [s]."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests against a robot that lives in real time get a second and a third chance, or what they ask for: PATIENT."""
-    for item in items:
-        if "virtual" in getattr(item, "fixturenames", ()) and item.get_closest_marker("flaky") is None:
-            item.add_marker(pytest.mark.flaky(reruns=2))
-
-
 @pytest.fixture(scope="session")
 def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The policy of zero weights: it trots as it is told and stays on its feet."""

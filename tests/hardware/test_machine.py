@@ -17,6 +17,7 @@ from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.machine import BareTimers, MachineReport, explained, machine_facts, silences, with_the_machine
 from motorprior.hardware.real_time import granted, locked_memory
 
+pytestmark = pytest.mark.real_time
 PERIOD = 0.01
 
 

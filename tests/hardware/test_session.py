@@ -105,7 +105,6 @@ def at_period() -> Iterator[Callable[[int], VirtualRobot]]:
         end()
 
 
-@pytest.mark.flaky(reruns=2)
 @pytest.mark.parametrize(("period", "well"), [(20, False), (15, False), (10, True), (5, True)])
 def test_telemetry_slower_than_the_control_period_is_refused(
     at_period: Callable, host: Callable, period: int, well: bool
@@ -406,7 +405,6 @@ def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
     assert (gains_for(PUPPER_V2, policy, 22.0, 2.2).kp, gains_for(PUPPER_V2, policy, 22.0, 2.2).kd) == (22.0, 2.2)
 
 
-@pytest.mark.flaky(reruns=2)
 def test_a_soft_joint_may_take_its_time(still_body, host: Callable):
     """With 10 A/rad and 6 A·s/rad a joint needs 0.6 s, not 0.1 s: that is no fault."""
     pupper = VirtualRobot(PUPPER_V2, still_body, FirmwareConfig(homes=False, with_imu=False))
