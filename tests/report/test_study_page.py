@@ -72,7 +72,7 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
     text = page.read_text("utf-8")
     subtitle = re.search(r'<p class="subtitle">(.*?)</p>', text, re.DOTALL)
     assert subtitle and subtitle.start() < text.index("<nav")
-    assert re.match(r"\d of 6 targets do not hold: ", subtitle[1])
+    assert re.match(r"\d of 8 targets do not hold: ", subtitle[1])
     words = first_paragraph(summary)
     held = [words.index(each.said) for each in summary.targets if each.holds]
     failed = [words.index(each.said) for each in summary.targets if each.holds is False]
@@ -82,7 +82,7 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
 def test_a_study_without_twins_has_a_page_too(tmp_path: Path):
     write_study(tmp_path, table_of({("own", "prior"): [[0.1, 0.2]]}), {})
     text = build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
-    assert "2 of 2 targets cannot be told" in text and "not measured" in text
+    assert "4 of 4 targets cannot be told" in text and "not measured" in text
 
 
 def test_a_study_of_few_policies_says_so_first():
@@ -196,13 +196,13 @@ def test_the_headline_has_a_row_per_condition_and_a_cell_per_place():
     )  # fmt: skip
     rows = headline_rows(summarise(table))
     assert rows == [
-        ["ideal_pd", "0.20 [0.20,\u00a00.20], 99\u00a0%", "0.10 [0.10,\u00a00.10], 99\u00a0%\u00a0↓"],
+        ["ideal_pd", "0.20 [0.20,\u00a00.20], 99\u00a0%", "0.10↓ [0.10,\u00a00.10], 99\u00a0%"],
         ["prior", "0.50 [0.50,\u00a00.50], 99\u00a0%", "0.40 [0.40,\u00a00.40], 99\u00a0%"],
         [OWN_NAME, "0.30 [0.30,\u00a00.30], 99\u00a0%", "–"],
     ]
     lines = headline_markdown(summarise(table)).splitlines()
     assert lines[0] == "| trained on | own simulation | fleet |" and lines[1] == "| --- | --- | --- |"
-    assert lines[2] == "| ideal PD | 0.20 [0.20, 0.20], 99 % | 0.10 [0.10, 0.10], 99 % ↓ |"
+    assert lines[2] == "| ideal PD | 0.20 [0.20, 0.20], 99 % | 0.10↓ [0.10, 0.10], 99 % |"
     assert lines[4].startswith("| my own choice of motors | ") and lines[5] == ""
 
 

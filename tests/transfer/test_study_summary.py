@@ -8,7 +8,7 @@ from study_walks import CONDITIONS, PLACES, invented, table_of
 
 from motorprior.exceptions import ArtifactError
 from motorprior.transfer.study_summary import summarise
-from motorprior.transfer.study_verdicts import Verdict
+from motorprior.transfer.study_verdicts import Pairing, Verdict
 from motorprior.transfer.walk_table import OWN_ABROAD, WalkRow, WalkTable
 
 SEEDS, DRAWS = 4, 3
@@ -39,9 +39,17 @@ def verdict(verdicts: tuple[Verdict, ...], words: str) -> Verdict:
     return found
 
 
+def against(other: str) -> Pairing:
+    """The sampled prior's speed against another's, on the first twin."""
+    return Pairing("fleet", "prior", other, "speed")
+
+
 def test_everything_that_is_aimed_at_can_hold():
-    summary = summarise(study())
-    assert [each.holds for each in summary.targets] == [True] * 5
+    fallen = {
+        (place, rival): {"upright": 0.8} for place in ("fleet", "hard") for rival in ("pd_friction", "pd_randomised")
+    }
+    summary = summarise(study(measures=fallen))
+    assert [each.holds for each in summary.targets] == [True] * 7
     assert "97.6 % of the speed, 100.0 % upright" in verdict(summary.targets, "fleet").found
 
 
@@ -64,14 +72,31 @@ def test_the_slower_of_two_priors_may_be_the_one_that_holds():
 
 def test_a_rival_that_wins_anywhere_spoils_the_target():
     summary = summarise(study(at={("hard", "pd_friction"): 0.45}))
-    assert verdict(summary.targets, "with friction").holds is False
-    assert "hard −0.050 m/s" in verdict(summary.targets, "with friction").found
-    assert verdict(summary.targets, "randomised PD").holds is True
+    faster = verdict(summary.targets, "faster than a PD with friction")
+    assert faster.holds is False and "hard −0.050 m/s" in faster.found
+    assert verdict(summary.targets, "faster than a randomised PD").holds is True
 
 
 def test_a_tie_on_all_but_one_twin_does_not_hold():
     summary = summarise(study(at={(place, "pd_randomised"): 0.40 for place in ("foreign", "hard")}))
-    assert verdict(summary.targets, "randomised PD").holds is False
+    assert verdict(summary.targets, "faster than a randomised PD").holds is False
+
+
+def test_one_of_the_two_priors_may_win():
+    """The sampled one is as fast as a rival, the adapted one faster."""
+    summary = summarise(study(speeds=SPEEDS | {"pd_friction": 0.4, "prior_adapted": 0.5}))
+    found = verdict(summary.targets, "faster than a PD with friction")
+    assert found.holds is True and "sampled: fleet +0.000 m/s (p 1)" in found.found
+    assert "adapted: fleet +0.1" in found.found
+
+
+def test_to_fall_less_is_another_target_than_to_be_faster():
+    fallen = {(place, "pd_friction"): {"upright": 0.7} for place in ("fleet", "foreign")}
+    summary = summarise(study(measures=fallen, speeds=SPEEDS | {"pd_friction": 0.4, "prior_adapted": 0.4}))
+    assert verdict(summary.targets, "faster than a PD with friction").holds is False
+    upright = verdict(summary.targets, "upright for longer than a PD with friction")
+    assert upright.holds is True and "fleet +30.0 %" in upright.found
+    assert verdict(summary.targets, "upright for longer than a randomised PD").holds is False
 
 
 def test_what_was_not_run_cannot_be_told():
@@ -81,7 +106,7 @@ def test_what_was_not_run_cannot_be_told():
     assert {each.found for each in summary.claims} == {"not measured"}
     assert verdict(summary.targets, "fleet").found.startswith("sampled unknown of the speed, 100.0 % upright")
     lost = summarise(study(("own", "fleet"), few, at={("fleet", "pd_friction"): 0.6}))
-    assert verdict(lost.targets, "with friction").holds is False, "one twin can show a loss"
+    assert verdict(lost.targets, "faster than a PD with friction").holds is False, "one twin can show a loss"
 
 
 def test_the_fewest_policies_count():
@@ -147,14 +172,16 @@ def test_ratio_and_regret_are_of_the_speeds():
     assert summary.ratios["fleet", "prior"].value == pytest.approx(0.4 / 0.8, abs=0.01)
     assert np.isnan(summary.ratios["fleet", "paper"].value), "it does not walk where it was trained"
     assert summary.regrets["fleet", "pd_friction"].value == pytest.approx(0.21)
-    assert ("fleet", "oracle") not in summary.regrets and ("fleet", "prior") not in summary.comparisons
-    compared = summary.comparisons["fleet", "pd_friction"]
+    assert ("fleet", "oracle") not in summary.regrets
+    assert not [each for each in summary.comparisons if each.one == each.other]
+    compared = summary.comparisons[against("pd_friction")]
     assert compared.difference.value == pytest.approx(0.2) and compared.improvement == 1.0
 
 
 def test_p_values_are_corrected_for_all_comparisons():
     summary = summarise(study())
-    assert len(summary.comparisons) == 3 * (len(SPEEDS) - 1)
+    of_the_prior, of_the_adapted, measures, twins = len(SPEEDS) - 1, 2, 2, 3
+    assert len(summary.comparisons) == twins * measures * (of_the_prior + of_the_adapted)
     smallest = min(summary.comparisons, key=lambda pair: summary.comparisons[pair].p)
     assert summary.corrected[smallest] == pytest.approx(len(summary.comparisons) * summary.comparisons[smallest].p)
 
@@ -215,15 +242,16 @@ def test_the_adapted_prior_walks_on_draws_of_its_own():
     better = [[speed + 0.01 for speed in luck]] * 3
     speeds = {("fleet", "prior"): better, ("fleet", "prior_adapted"): [luck] * 3, ("fleet", "pd_friction"): [luck] * 3}
     found = summarise(table_of(speeds)).comparisons
-    assert found["fleet", "pd_friction"].improvement == 1.0 and found["fleet", "pd_friction"].p < 0.01
-    assert found["fleet", "prior_adapted"].improvement < 0.7 and found["fleet", "prior_adapted"].p > 0.5
+    paired, apart = found[against("pd_friction")], found[against("prior_adapted")]
+    assert paired.improvement == 1.0 and paired.p < 0.01
+    assert apart.improvement < 0.7 and apart.p > 0.5
 
 
 def test_draws_of_other_numbers_are_not_paired():
     table = study(("own", "fleet"), {"prior": 0.4, "oracle": 0.41})
     more = table_of({("fleet", "pd_friction"): [[0.2] * 5] * 2, ("own", "pd_friction"): [[0.2]] * 2}, upright=1.0)
     summary = summarise(WalkTable.of([*table.walks, *more.walks]))
-    assert summary.comparisons["fleet", "pd_friction"].difference.value == pytest.approx(0.2, abs=0.01)
+    assert summary.comparisons[against("pd_friction")].difference.value == pytest.approx(0.2, abs=0.01)
 
 
 def test_an_invented_study_has_an_estimate_for_every_measure():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from motorprior.pipeline.stage import description, fleet_files, is_finished, wor
 from motorprior.pipeline.study_conditions import Condition, adapt_robots, conditions, fleet_of, learn
 from motorprior.pipeline.study_report import STUDY, TRACES, WALKS
 from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.time_left import TimeLeft
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, policy_of, run_walk
 from motorprior.pipeline.walk_seeds import SEEDS_APART
@@ -49,12 +50,14 @@ def run_study(config: Study, progress: Progress = SILENT) -> Results:
     config = config.sized()
     robot, twins = load_robot(config.robot), _twins_here(progress)
     with taken(config.out):
-        learn(config, progress)
-        adapt_robots(config, range(config.seeds), progress)
+        threads = threads_here(config.workers, progress)
+        learn(config, threads, progress)
+        adapt_robots(config, threads, progress)
         cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
         with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
-            works = [partial(_cell, config, robot, twins, condition, seed, task) for condition, seed in cells]
-            tables = side_by_side(works, threads_here(config.workers, progress), progress)
+            done = _Done(task, TimeLeft(len(cells), threads))
+            works = [partial(_cell, config, robot, twins, condition, seed, done) for condition, seed in cells]
+            tables = side_by_side(works, threads, progress)
         table = WalkTable.of(walk for each in tables for walk in each.walks)
         table.save(config.out / WALKS)
         _keep_traces(config, cells)
@@ -75,11 +78,25 @@ def _twins_here(progress: Progress) -> tuple[str, ...]:
     return tuple(TWINS)
 
 
+@dataclass(frozen=True)
+class _Done:
+    """What counts the policies that are done, and says how long the others take."""
+
+    task: Task
+    left: TimeLeft
+
+
 def _cell(
-    config: Study, robot: Robot, twins: tuple[str, ...], condition: Condition, seed: int, task: Task, progress: Progress
+    config: Study,
+    robot: Robot,
+    twins: tuple[str, ...],
+    condition: Condition,
+    seed: int,
+    done: _Done,
+    progress: Progress,
 ) -> WalkTable:
     """Train the policy of a condition and a seed, and watch it everywhere."""
-    name = condition.folder(seed)
+    name, begun = condition.folder(seed), done.left.begun()
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
         randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed), workers=1,
@@ -90,7 +107,7 @@ def _cell(
     else:
         run_walk(walk, progress, name)
     table = _watched(config, robot, twins, condition, seed, progress)
-    task.advance(1, name)
+    done.task.advance(1, f"{name}, {done.left.ended(begun)}".rstrip(", "))
     return table
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, nominal_pd
-from motorprior.pipeline.progress import Progress
+from motorprior.pipeline.progress import Progress, Task
+from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.pipeline.study_settings import Study
 from motorprior.robots.load import load_robot
@@ -79,8 +81,8 @@ def fleet_of(config: Study, population: str) -> str | None:
     return config.foreign if population == ABROAD else config.fleet
 
 
-def learn(config: Study, progress: Progress) -> None:
-    """Record the benches, identify the priors, fit the PDs."""
+def learn(config: Study, threads: int, progress: Progress) -> None:
+    """Record the benches; identify the priors and fit the PDs, side by side, the longest first."""
     for preset in ("rollout", "paper"):
         run_bench(
             Bench(
@@ -89,10 +91,13 @@ def learn(config: Study, progress: Progress) -> None:
             ),
             progress,
         )  # fmt: skip
-    for preset in _PRESETS:
-        bench = config.out / "bench" / ("paper" if preset == "paper" else "rollout")
-        run_identify(Identify(bench, _prior(config, preset).parent, preset, config.seed, config.adam_steps), progress)
-    _fit_pds(config, progress)
+    works = [*(partial(_identify, config, preset) for preset in _PRESETS), partial(_fit_pds, config)]
+    side_by_side(works, threads, progress)
+
+
+def _identify(config: Study, preset: str, progress: Progress) -> None:
+    bench = config.out / "bench" / ("paper" if preset == "paper" else "rollout")
+    run_identify(Identify(bench, _prior(config, preset).parent, preset, config.seed, config.adam_steps), progress)
 
 
 def _prior(config: Study, preset: str) -> Path:
@@ -168,16 +173,19 @@ def _posterior(config: Study, population: str, seed: int) -> Path:
     return config.out / "robots" / f"{population}_{seed}"
 
 
-def adapt_robots(config: Study, seeds: range, progress: Progress) -> None:
-    """Record LOG_SECONDS of the motors of robot ``seed`` of each population, and adapt the prior to them."""
-    robot = load_robot(config.robot)
-    preset = bench_preset("adapt").for_robot(robot)
+def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
+    """Record LOG_SECONDS of the motors of the robot of every seed and population, and adapt the prior to them."""
+    robots = [(population, seed) for seed in range(config.seeds) for population in (HOME, ABROAD)]
+    with progress.start(f"adapt the prior to {len(robots)} robots", len(robots)) as task:
+        side_by_side([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)
+
+
+def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:
+    robot, folder = load_robot(config.robot), _posterior(config, population, seed)
+    fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
+    log = folder.parent / f"{folder.name}.parquet"
+    folder.parent.mkdir(parents=True, exist_ok=True)
     steps = round(LOG_SECONDS / preset.period)
-    for population in (HOME, ABROAD):
-        fleet = load_robot_fleet(robot, fleet_of(config, population))
-        for seed in seeds:
-            folder = _posterior(config, population, seed)
-            log = folder.parent / f"{folder.name}.parquet"
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            write_log(log, record(motors_of_robot(robot, fleet, seed), preset, steps, seed, fleet))
-            run_adapt(Adapt(_prior(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
+    write_log(log, record(motors_of_robot(robot, fleet, seed), preset, steps, seed, fleet))
+    run_adapt(Adapt(_prior(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
+    task.advance(1, folder.name)

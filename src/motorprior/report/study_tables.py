@@ -9,14 +9,14 @@ from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import MEASURES, SURE, Verdict
+from motorprior.transfer.study_verdicts import MEASURES, PRIOR, SURE, Pairing, Verdict
 from motorprior.transfer.walk_table import OWN
 
 PLACES = {
     OWN: "own simulation", "foreign": "foreign motors", "hard": "hard", "pybullet": "PyBullet",
 }  # fmt: skip
 """Titles of places; any other place has its own name."""
-SLOWER, FASTER = "↓", "↑"
+LESS, MORE = "↓", "↑"
 _NO_BREAK = "\u00a0"
 _PATH = {
     "distance": "distance before a fall", "heading_deg_per_m": "heading error", "lateral_share": "sideways per metre",
@@ -35,7 +35,7 @@ def headline_caption() -> str:
     """What the cells of `headline_rows` are."""
     return (
         "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, and share of the time upright. "
-        f"{SLOWER} slower, {FASTER} faster than the sampled prior there with p < {SURE:g}, corrected."
+        f"{LESS} less, {MORE} more than that of the sampled prior there with p < {SURE:g}, corrected."
     )
 
 
@@ -81,7 +81,7 @@ def twin_table(summary: Summary, twin: str) -> Table:
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
         "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
         "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, after Holm over all "
-        "twins and conditions."
+        "twins, conditions, and both measures that are compared."
     )
     return Table(columns, rows, caption)
 
@@ -125,22 +125,24 @@ def _headline(summary: Summary, place: str, condition: str) -> str:
     if speed is None:
         return "–"
     upright = summary.estimates.get((place, condition, "upright"))
-    share = "" if upright is None else f", {percent(upright.value)}"
-    return f"{_with_interval(speed)}{share}{_sign(summary, place, condition)}"
+    share = "" if upright is None else f", {percent(upright.value)}{_sign(summary, place, condition, 'upright')}"
+    return f"{_with_interval(speed, _sign(summary, place, condition, 'speed'))}{share}"
 
 
-def _sign(summary: Summary, place: str, condition: str) -> str:
-    """Whether it is beyond doubt slower or faster than the prior."""
-    compared = summary.comparisons.get((place, condition))
-    if compared is None or summary.corrected[place, condition] >= SURE:
+def _sign(summary: Summary, place: str, condition: str, measure: str) -> str:
+    """Whether it is beyond doubt less or more than the prior's."""
+    pairing = Pairing(place, PRIOR, condition, measure)
+    compared = summary.comparisons.get(pairing)
+    if compared is None or summary.corrected[pairing] >= SURE:
         return ""
-    return f"{_NO_BREAK}{SLOWER if compared.difference.value > 0.0 else FASTER}"
+    return LESS if compared.difference.value > 0.0 else MORE
 
 
 def _twin_cells(summary: Summary, twin: str, condition: str) -> list[Cell]:
     pair = (twin, condition)
     ratio, regret = summary.ratios.get(pair), summary.regrets.get(pair)
-    compared, upright = summary.comparisons.get(pair), summary.estimates.get((*pair, "upright"))
+    pairing = Pairing(twin, PRIOR, condition, "speed")
+    compared, upright = summary.comparisons.get(pairing), summary.estimates.get((*pair, "upright"))
     return [
         _with_interval(summary.estimates[*pair, "speed"]),
         None if upright is None else percent(upright.value),
@@ -148,14 +150,14 @@ def _twin_cells(summary: Summary, twin: str, condition: str) -> list[Cell]:
         None if regret is None else _with_interval(regret),
         None if compared is None else _with_interval(compared.difference),
         None if compared is None or not math.isfinite(compared.improvement) else percent(compared.improvement),
-        None if compared is None else _p(summary.corrected[pair]),
+        None if compared is None else _p(summary.corrected[pairing]),
     ]
 
 
-def _with_interval(found: Estimate) -> str:
-    """0.41 [0.38, 0.44]; the bracket may go to the next line, but not break."""
+def _with_interval(found: Estimate, sign: str = "") -> str:
+    """0.41 [0.38, 0.44], a sign behind the first; the bracket may go to the next line, but not break."""
     value, low, high = (f"{each:.2f}".replace("-0.00", "0.00").replace("-", MINUS) for each in _ends(found))
-    return f"{value} [{low},{_NO_BREAK}{high}]"
+    return f"{value}{sign} [{low},{_NO_BREAK}{high}]"
 
 
 def _ends(found: Estimate) -> tuple[float, float, float]:

@@ -42,7 +42,7 @@ class Comparison:
     """One condition against another at the same place.
 
     Attributes:
-        difference: of the interquartile means, one less the other.
+        difference: of the statistic, one less the other.
         improvement: see `improvement`.
         p: two-sided, of no difference, by the bootstrap of the difference; 1 where that cannot be told.
     """

@@ -6,14 +6,15 @@ import numpy as np
 
 from motorprior.results import Result, Results
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import MEASURES
+from motorprior.transfer.study_verdicts import MEASURES, Pairing
 
 
 def study_results(summary: Summary) -> Results:
     """Rows whose names as figures are PLACE/CONDITION/MEASURE, with /low and /high ends of the 95 % interval.
 
     Besides MEASURES there are ratio, to the speed where a policy was trained, and regret, to the oracle's speed [m/s];
-    p_against_prior, corrected, and prior_improves, the probability that the prior walks faster.
+    MEASURE_p_against_ONE, corrected, and MEASURE_improved_by_ONE, the probability that ONE has more of it; ONE is the
+    prior or, beside its rivals, the adapted prior.
     """
     ratios = {(*pair, "ratio"): each for pair, each in summary.ratios.items()}
     regrets = {(*pair, "regret"): each for pair, each in summary.regrets.items()}
@@ -22,8 +23,8 @@ def study_results(summary: Summary) -> Results:
         name, unit = f"{place}/{condition}/{measure}", units.get(measure, units["foot_lift_mm"])  # of one leg
         ends = {None: found.value, "low": found.low, "high": found.high}
         rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
-    for (place, condition), p in summary.corrected.items():
-        improves = summary.comparisons[place, condition].improvement
-        rows.append(Result(f"{place}/{condition}/p_against_prior", "1", p))
-        rows.append(Result(f"{place}/{condition}/prior_improves", "1", improves))
+    for (place, one, other, measure), compared in summary.comparisons.items():
+        p = summary.corrected[Pairing(place, one, other, measure)]
+        rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
+        rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", compared.improvement))
     return Results.of(rows)

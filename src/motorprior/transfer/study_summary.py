@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +12,16 @@ from motorprior.transfer.places import ABROAD, TWINS
 from motorprior.transfer.statistics import Comparison, Estimate, compare_scores, estimate, holm, iqm, iqms, means, ratio
 from motorprior.transfer.study_verdicts import (
     ADAPTED,
+    COMPARED,
     CONDITIONS,
     LEAST_SPEED,
     MEANS,
     ORACLE,
     PRIOR,
+    RIVALS,
     UNTRAINED,
     Facts,
+    Pairing,
     Verdict,
     claims,
     in_order,
@@ -40,7 +43,7 @@ class Summary:
         estimates: (place, condition, measure) -> interquartile mean, of a share its mean, with interval.
         ratios: (twin, condition) -> speed there over the speed where it was trained; NaN where it does not walk there.
         regrets: (twin, condition) -> speed that the oracle walks faster [m/s]; the oracle has none.
-        comparisons: (twin, condition) -> the prior's speed against that condition's.
+        comparisons: of the measures COMPARED; of the prior with every condition, of the adapted prior with its RIVALS.
         corrected: likewise, p by Holm over all comparisons.
         targets: of the study.
         claims: of the paper.
@@ -50,8 +53,8 @@ class Summary:
     estimates: Mapping[tuple[str, str, str], Estimate]
     ratios: Mapping[tuple[str, str], Estimate]
     regrets: Mapping[tuple[str, str], Estimate]
-    comparisons: Mapping[tuple[str, str], Comparison]
-    corrected: Mapping[tuple[str, str], float]
+    comparisons: Mapping[Pairing, Comparison]
+    corrected: Mapping[Pairing, float]
     targets: tuple[Verdict, ...]
     claims: tuple[Verdict, ...]
     policies: int
@@ -96,9 +99,13 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
         if np.isfinite(scores).any()
     }
     ratios = {pair: _ratio(pair, cells[pair], home) for pair, home in homes.items() if pair in cells}
-    regrets = {pair: each.difference for pair, each in _against(ORACLE, cells, alone).items()}
-    comparisons = _against(PRIOR, cells, alone)
-    corrected = holm({pair: each.p for pair, each in comparisons.items()})
+    regrets = {
+        (pairing.place, pairing.other): _compare(pairing, cells, alone).difference
+        for pairing in _pairings(ORACLE, cells, ("speed",))
+    }
+    pairings = [*_pairings(PRIOR, cells), *(each for each in _pairings(ADAPTED, cells) if each.other in RIVALS)]
+    comparisons = {pairing: _compare(pairing, cells, alone) for pairing in pairings}
+    corrected = holm({pairing: each.p for pairing, each in comparisons.items()})
     judged = targets(Facts(estimates, comparisons, corrected, _peers(cells)))
     trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
     policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
@@ -108,18 +115,23 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
 Cells = Mapping[tuple[str, str], WalkTable]
 
 
-def _against(best: str, cells: Cells, alone: frozenset[str]) -> dict[tuple[str, str], Comparison]:
-    """Speed of one condition against every other's on every twin where both walked."""
-    found = {}
-    for (place, condition), cell in cells.items():
-        if place == OWN or condition == best or (place, best) not in cells:
-            continue
-        other = cells[place, best]
-        shared = not alone & {best, condition} and other.distinct("draw") == cell.distinct("draw")
-        found[place, condition] = compare_scores(
-            other.scores(place, best, "speed"), cell.scores(place, condition, "speed"), shared
-        )
-    return found
+def _pairings(one: str, cells: Cells, measures: Iterable[str] = COMPARED) -> list[Pairing]:
+    """Of one condition with every other on every twin where both walked."""
+    return [
+        Pairing(place, one, other, measure)
+        for measure in measures
+        for (place, other), cell in cells.items()
+        if place != OWN and other != one and (place, one) in cells
+        if measure in cell.measures() and measure in cells[place, one].measures()
+    ]
+
+
+def _compare(pairing: Pairing, cells: Cells, alone: frozenset[str]) -> Comparison:
+    place, one, other, measure = pairing
+    mine, theirs = cells[place, one], cells[place, other]
+    shared = not alone & {one, other} and mine.distinct("draw") == theirs.distinct("draw")
+    scores = (mine.scores(place, one, measure), theirs.scores(place, other, measure))
+    return compare_scores(*scores, shared, means if measure in MEANS else iqms)
 
 
 def _peers(cells: Cells) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,8 @@ CONDITIONS = (
 HARD = "hard"
 RIVALS = CONDITIONS[3:5]
 """Conditions that the prior must beat."""
+COMPARED = {"speed": ("faster", "slower"), "upright": ("upright for longer", "upright for shorter")}
+"""Measures that conditions are compared by -> what more and less of it is."""
 SURE = 0.05
 """P value below which a difference is no accident."""
 _IN_WORDS = {
@@ -59,13 +62,22 @@ class Verdict:
     found: str
 
 
+class Pairing(NamedTuple):
+    """Attributes: a place; two conditions that walked there, of which the second is taken from the first; a measure."""
+
+    place: str
+    one: str
+    other: str
+    measure: str
+
+
 @dataclass(frozen=True)
 class Facts:
     """What the targets are judged by; see `study_summary.Summary`."""
 
     estimates: Mapping[tuple[str, str, str], Estimate]
-    comparisons: Mapping[tuple[str, str], Comparison]
-    corrected: Mapping[tuple[str, str], float]
+    comparisons: Mapping[Pairing, Comparison]
+    corrected: Mapping[Pairing, float]
     peers: Mapping[str, float]
     """Place -> the oracle's speed on the robots that the adapted policies walk there [m/s]."""
 
@@ -95,7 +107,7 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
     """Whether the prior transfers: against the oracle on every twin, against its rivals, and on the hard one."""
     twins = facts.twins()
     verdicts = [_against_the_oracle(facts, place) for place in twins if place != HARD]
-    verdicts += [_against_a_rival(facts, rival, twins) for rival in RIVALS]
+    verdicts += [_against_a_rival(facts, rival, measure, twins) for measure in COMPARED for rival in RIVALS]
     if HARD in twins:
         upright = facts.value(HARD, ROBUST_PRIOR, "upright")
         said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
@@ -119,19 +131,37 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
     return Verdict(f"{said}, {100 * ENOUGH_UPRIGHT:.0f} % upright", any(told) if told else None, "; ".join(found))
 
 
-def _against_a_rival(facts: Facts, rival: str, twins: list[str]) -> Verdict:
-    """Faster on enough twins and slower on none, both beyond doubt; a single twin may show a loss, never a win."""
-    met = {place: facts.comparisons[place, rival] for place in twins if (place, rival) in facts.comparisons}
-    sure = [place for place in met if facts.corrected[place, rival] < SURE]
-    better = [place for place in sure if met[place].difference.value > 0.0]
-    worse = [place for place in sure if met[place].difference.value < 0.0]
-    said = f"the prior is faster than {_IN_WORDS[rival]} on {TWINS_WON} twins (p < {SURE:g}, corrected), slower on none"
-    found = ", ".join(
-        f"{place} {_number(each.difference.value, '+.3f')} m/s (p {facts.corrected[place, rival]:.2g})"
-        for place, each in met.items()
+def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
+    """One of the two ways of using the prior must be better on enough twins and worse on none, both beyond doubt."""
+    more, less = COMPARED[measure]
+    ways = {name: [Pairing(place, name, rival, measure) for place in twins] for name in (PRIOR, ADAPTED)}
+    met = {name: [pairing for pairing in ways[name] if pairing in facts.comparisons] for name in ways}
+    told = [_wins(facts, pairings) for pairings in met.values()]
+    said = f"the prior, sampled or adapted, is {more} than {_IN_WORDS[rival]} on {TWINS_WON} twins (p < {SURE:g}, "
+    found = "; ".join(
+        f"{_IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items() if pairings
     )
-    can_be_told = bool(worse) or len(met) >= TWINS_WON
-    return Verdict(said, (len(better) >= TWINS_WON and not worse) if can_be_told else None, found or "not measured")
+    known = [each for each in told if each is not None]
+    return Verdict(f"{said}corrected), {less} on none", any(known) if known else None, found or "not measured")
+
+
+def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
+    """Whether the first of each pair is better on enough twins and worse on none.
+
+    A single twin may show a loss, never a win.
+    """
+    sure = [facts.comparisons[each].difference.value for each in pairings if facts.corrected[each] < SURE]
+    better, worse = sum(value > 0.0 for value in sure), sum(value < 0.0 for value in sure)
+    return (better >= TWINS_WON and not worse) if worse or len(pairings) >= TWINS_WON else None
+
+
+def _differences(facts: Facts, pairings: list[Pairing]) -> str:
+    shown = []
+    for each in pairings:
+        value, p = facts.comparisons[each].difference.value, facts.corrected[each]
+        amount = f"{_number(value, '+.3f')} m/s" if each.measure == "speed" else f"{_number(100.0 * value, '+.1f')} %"
+        shown.append(f"{each.place} {amount} (p {p:.2g})")
+    return ", ".join(shown)
 
 
 def claims(table: WalkTable) -> tuple[Verdict, ...]:
