@@ -24,6 +24,7 @@ from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
+from motorprior.hardware.machine import STOOD_STILL
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_facts import FACTS
@@ -75,7 +76,8 @@ STATUS_BEFORE = 6
 def is_meant(found: RobotFault, fault: str) -> bool:
     """Whether the host reported the injected fault, of the joint that has it, and not a stall of this machine."""
     joint = fault.partition(":")[2]
-    return found.kind in FAULTS[fault] and (found.kind in _WHOLE or joint in str(found))
+    named = found.kind in _WHOLE or joint in str(found)
+    return found.kind in FAULTS[fault] and named and STOOD_STILL not in str(found)
 
 
 class NotMeasuredError(Exception):

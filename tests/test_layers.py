@@ -19,6 +19,7 @@ WORDS = {
     "signals",
     "artifacts",
     "results",
+    "scratch",
     "schema",
     "bounds",
     "delay_line",

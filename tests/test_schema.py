@@ -63,6 +63,7 @@ def test_what_is_declared_is_accepted():
         ("share", float("nan"), "share = nan"),
         ("share", True, "share = True"),
         ("share", 10**400, "share = 1000"),
+        ("share", [10**5000], "share = list"),
         ("gain", 0.0, "gain = 0 is not a finite number above 0 N·m/rad"),
         ("gain", float("inf"), "gain = inf"),
         ("count", 6, "count = 6 is not an integer from 1 to 5"),

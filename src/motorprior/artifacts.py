@@ -48,7 +48,7 @@ def atomic_path(final: Path) -> Iterator[Path]:
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         remove_half_written(final.parent, final.name)
-        ending = f"-{_this_host()}-{os.getpid()}{_HALF_WRITTEN}"
+        ending = f"-{this_host()}-{os.getpid()}{_HALF_WRITTEN}"
         handle, name = tempfile.mkstemp(prefix=f".{_shortened(final.name)}.", suffix=ending, dir=final.parent)
         os.close(handle)
         temporary = Path(name)
@@ -83,7 +83,7 @@ def remove_half_written(folder: Path, name: str | None = None) -> None:
         found = _TEMPORARY.fullmatch(path.name)
         if found is None or (name is not None and found["name"] != _shortened(name)):
             continue
-        if _is_gone(int(found["pid"])) if found["host"] == _this_host() else name is None:
+        if is_gone(int(found["pid"])) if found["host"] == this_host() else name is None:
             path.unlink(missing_ok=True)
 
 
@@ -99,12 +99,12 @@ def _shortened(name: str) -> str:
     return os.fsencode(name)[:_LONGEST_NAME].decode(errors="ignore")
 
 
-def _this_host() -> str:
+def this_host() -> str:
     """Short, since file names are bounded."""
     return f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
-def _is_gone(pid: int) -> bool:
+def is_gone(pid: int) -> bool:
     """Whether no process has that number; not known, so False, on systems other than POSIX."""
     if os.name != "posix":
         return False
@@ -244,7 +244,7 @@ def _require_tensors(path: Path) -> None:
     with open(path, "rb") as file:
         start = file.read(9)
     length = int.from_bytes(start[:8], "little")
-    if size > 8 and (start[8:] != b"{" or length > MAX_HEADER):
+    if start[8:] != b"{" or length > MAX_HEADER:
         kind = "a text, such as a table" if start.isascii() and b"\0" not in start else "other data"
         remedy = "give a .safetensors file that motorprior wrote: `identify` makes a prior of a log, `walk` a policy"
         raise ArtifactError(f"not a complete safetensors file, but {kind}", where=path, remedy=remedy)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, spelled
 
 LARGEST = 1e300
 LARGEST_SEED = 2**31 - 1
@@ -79,7 +79,7 @@ def generator_of(seed: int | np.random.Generator) -> np.random.Generator:
 
 def _refuse(name: str, value: Any, kind: str, least: str, most: str | None) -> None:
     bounds = f"a {kind} of at least {least}" if most is None else f"a {kind} from {least} to {most}"
-    raise ConfigError(f"{name} {value!r} is not {bounds}", remedy=f"give {bounds}", argument=name)
+    raise ConfigError(f"{name} {spelled(value)} is not {bounds}", remedy=f"give {bounds}", argument=name)
 
 
 def require_finite(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -32,6 +32,14 @@ def shown(value: Any, most: int = 40) -> str:
     return cut(repr(value[:most] if isinstance(value, str | bytes) else value), most) if known else type(value).__name__
 
 
+def spelled(value: Any, most: int = 40) -> str:
+    """A value of a small file in a message: as Python writes it, containers and all, or what `shown` says of it."""
+    try:
+        return cut(repr(value), most)
+    except (ValueError, RecursionError):  # a whole number of thousands of digits
+        return shown(value, most)
+
+
 class MotorPriorError(Exception):
     """Bad input or an impossible request: says what, where, and what to do about it.
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from motorprior.artifacts import first_not_finite, read_tensors, require_keys
 from motorprior.bounds import LARGEST, is_number
-from motorprior.exceptions import ArtifactError, cut
+from motorprior.exceptions import ArtifactError, cut, spelled
 
 _SHOWN = 40
 """Characters of a bad value in a message."""
@@ -115,7 +115,7 @@ def require(key: str, value: Any, field: Field, where: str | Path | None, remedy
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else repr(value)[:_SHOWN]
+    return f"{value:.6g}" if isinstance(value, float) else spelled(value, _SHOWN)
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,10 @@ class Header:
         Raises:
             ArtifactError: as `read_tensors` and `check`; of a folder that holds such a file, its path.
         """
-        if (path / self.file).is_file():
-            raise ArtifactError("a folder, not a file", where=path, remedy=f"give {path / self.file}")
+        if path.is_dir():
+            inside = (path / self.file).is_file()
+            remedy = f"give {path / self.file}" if inside else f"give the {self.file} that `{self.command}` wrote"
+            raise ArtifactError("a folder, not a file", where=path, remedy=remedy)
         return read_tensors(path, self.check)
 
     def check(self, header: Mapping[str, Any], where: str | Path | None) -> None:

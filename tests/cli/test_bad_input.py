@@ -427,7 +427,10 @@ def test_two_logs_of_one_name_are_not_written_over_each_other(refused: Command, 
         ("identify {bench}/nowhere", ("{bench}/nowhere: no such file",)),
         ("adapt {prior} {table}", ("{table}: ", "not a motor log (.parquet)", "`motorprior logs import`")),
         ("validate {table}", ("{table}: not a complete safetensors file, but a text, such as a table", "`identify`")),
-        ("validate {bench}", ("{bench}: a folder, not a file",)),
+        ("validate {bench}", ("{bench}: a folder, not a file -> give the prior.safetensors that `identify` wrote",)),
+        ("validate {short}", ("{short}: not a complete safetensors file, but a text",)),
+        ("identify {walk}", ("{walk}: a folder without log.parquet", "`motorprior bench`")),
+        ("identify {prior}", ("this is what was made of logs: give the logs themselves",)),
         ("transfer {table}", ("{table}: not a complete safetensors file, but a text", "`walk`")),
         (
             "validate {walk}/policy.safetensors",
@@ -448,7 +451,8 @@ def test_a_file_of_another_kind_is_named_with_what_would_work(
 ):  # fmt: skip
     copy = Path(shutil.copy(bench / "log.parquet", tmp_path / "copy.parquet"))
     paths = {"table": pupper_logs / "env_real_tiny_log.csv", "bench": bench, "prior": prior, "copy": copy}
-    paths |= {"walk": walk, "folder": prior.parent}
+    paths |= {"walk": walk, "folder": prior.parent, "short": tmp_path / "short.csv"}
+    paths["short"].write_text("a,b")
     said = tuple(word.format(**paths) for word in words)
     refused(*line.format(**paths).split(), "--out", tmp_path / "out", words=said)
 

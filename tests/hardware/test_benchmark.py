@@ -25,6 +25,7 @@ from hardware_reactions import (
     reaction,
 )
 from motorprior.exceptions import RobotFault
+from motorprior.hardware.machine import STOOD_STILL
 from motorprior.hardware.virtual.injected import KINDS
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -124,6 +125,11 @@ def test_a_fault_of_another_joint_is_not_the_one_that_was_meant():
     stuck = [RobotFault("stuck", f"{joint} moved less than 0.02 rad") for joint in ("FR_knee", "RL_hip")]
     assert [is_meant(fault, "frozen:FR_knee") for fault in stuck] == [True, False]
     assert is_meant(RobotFault("fall", "roll +0.81 rad"), "dead:FR_knee") and not is_meant(SLOW, "dead:FR_knee")
+
+
+def test_silence_that_was_this_machine_s_is_not_the_robot_s():
+    silent = [RobotFault("stale telemetry", f"the last measurement is 0.2 s old; {who}") for who in ("", STOOD_STILL)]
+    assert [is_meant(fault, "mute") for fault in silent] == [True, False]
 
 
 @pytest.mark.parametrize(

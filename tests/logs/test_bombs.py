@@ -15,9 +15,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from motorprior.exceptions import ArtifactError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import METADATA_KEY, write_log
 from motorprior.logs.puppersim import csv_columns
+from motorprior.robots import model_trial
+from motorprior.robots.load import load_robot
 
 GIGABYTE, LONGEST = 1_000_000_000, 1000
 READ = """
@@ -108,11 +111,11 @@ def refused() -> Callable[..., str]:
     if not Path("/proc/self/status").is_file():
         pytest.skip("the peak of memory is read from Linux's /proc")
 
-    def run(path: Path, *columns: Path) -> str:
+    def run(path: Path, *columns: Path, names: Path | None = None) -> str:
         words = [sys.executable, "-c", READ, str(path), *map(str, columns)]
         done = subprocess.run(words, check=True, capture_output=True, timeout=60)
         said, _, peak = done.stdout.decode().strip().rpartition("\n")
-        assert said.startswith(str(path)) and " -> " in said
+        assert said.startswith(str(names or path)) and " -> " in said
         assert "\n" not in said and len(said.encode()) <= LONGEST
         assert int(peak) < GIGABYTE
         return said
@@ -201,6 +204,42 @@ def test_json_of_empty_tables(refused: Callable[..., str], tmp_path: Path):
 def test_toml(refused: Callable[..., str], tmp_path: Path, text: str):
     (tmp_path / "x.toml").write_text(text)
     assert "more than" in refused(tmp_path / "x.toml")
+
+
+MODELS = {
+    "a texture": '<asset><texture name="t" type="2d" builtin="flat" width="20000" height="20000"/></asset>',
+    "a field of heights": '<asset><hfield name="h" nrow="20000" ncol="20000" size="1 1 1 1"/></asset>',
+    "numbers of the user": '<size nuser_body="400000000"/>',
+    "an arena": '<size memory="100G"/>',
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_robot_s_model(refused: Callable[..., str], tmp_path: Path, name: str):
+    """As small as it is, it is compiled to gigabytes."""
+    body = '<body><geom size="1"/><joint name="a" range="-1 1"/></body>'
+    (tmp_path / "x.xml").write_text(f"<mujoco>{MODELS[name]}<worldbody>{body}</worldbody></mujoco>")
+    assert "MuJoCo" in refused(robot_of(tmp_path), names=tmp_path / "x.xml")
+
+
+@pytest.mark.parametrize(
+    "model",
+    ['<include file="pipe"/>', '<worldbody><replicate count="9000000"><geom size="1"/></replicate></worldbody>'],
+)
+def test_a_robot_s_model_that_takes_for_ever(tmp_path: Path, model: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(model_trial, "SECONDS", 3)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "x.xml").write_text(f"<mujoco>{model}</mujoco>")
+    with pytest.raises(ArtifactError, match=r"x\.xml: MuJoCo did not read it within 3 s"):
+        load_robot(robot_of(tmp_path))
+
+
+def robot_of(folder: Path) -> Path:
+    """A robot's file for the model x.xml beside it."""
+    text = 'name = "x"\nmotor = "m"\nmodel = "x.xml"\nbase = "fixed"\n'
+    text += "nominal_pose = 0.0\nkp = 1.0\nkd = 0.1\ntorque_limit = 1.0\n"
+    (folder / "x.toml").write_text(text)
+    return folder / "x.toml"
 
 
 F64 = {"dtype": "F64", "shape": [250_000_000], "data_offsets": [0, 2_000_000_000]}

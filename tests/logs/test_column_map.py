@@ -153,6 +153,10 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
         ("a = {}", "a = {kp = 3}", "joint 'b' lacks kp"),
         ("a = {}\nb = {}", "a = {kd = 3}\nb = {kd = 1}", "kd without kp"),
         ("a = {}", "a = {kp = 0}", "kp = 0"),
+        ("a = {}", "a = {kp = 0x" + 5000 * "f" + "}", "kp = a whole number of 20000 bits"),
+        ("a = {}", f"{201 * 'a'} = {{}}", "is not a text of at most 200 letters"),
+        ("goal_{joint}", 30 * "goal_{joint}", "is not a text of at most 200 letters"),
+        ("a = {}", "\n".join(f"j{k} = {{}}" for k in range(1000)), "1001 joints, more than 1000"),
     ],
 )
 def test_a_map_that_is_not_understood_is_refused(tmp_path: Path, old: str, new: str, said: str):

@@ -157,3 +157,16 @@ def test_a_bag_whose_summary_names_no_chunks_is_read_from_its_beginning(
 
     monkeypatch.setattr(summaries.SeekingReader, "get_summary", without)
     np.testing.assert_array_equal(read_log(path).joint_pos, indexed.joint_pos)
+
+
+def test_a_chunk_where_the_summary_should_be_is_refused(tmp_path: Path):
+    """The library would unpack it, without a bound."""
+    pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    path = write_packed(tmp_path / "a.mcap", "zstd", bytes(5_000_000))
+    data = bytearray(path.read_bytes())
+    footer = len(data) - 8 - 29  # magic, and the record: kind, length, where the summary begins, two more numbers
+    assert data[footer] == 2
+    data[footer + 9 : footer + 17] = data.index(b"\x06", 8).to_bytes(8, "little")
+    path.write_bytes(data)
+    with pytest.raises(LogError, match="its summary holds a chunk of messages"):
+        read_log(path)

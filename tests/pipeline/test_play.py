@@ -1,5 +1,6 @@
 """`play`: what a policy is told, what it is measured by, and a film of it, with or without OpenGL."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.play import Play, _held, _notes, commands_of, run_play
 from motorprior.pipeline.progress import Lines
@@ -39,6 +41,15 @@ def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(
     assert frames_of(first.film) == (20, (480, 2 * 288))
     assert set(first.steps) == {"gait_0", "gait_0 (2)"}
     assert (tmp_path / "a" / "figures.json").is_file()
+
+
+def test_a_folder_has_one_film_at_a_time(gait_walk: Path, tmp_path: Path):
+    """Another thread's folder is refused as another command's is."""
+    out = tmp_path / "out"
+    with taken(out), ThreadPoolExecutor(1) as other:
+        film = other.submit(run_play, Play((gait_walk,), out, seconds=1.0, film="drawn"))
+        with pytest.raises(ArtifactError, match="another command writes there"):
+            film.result()
 
 
 def test_policies_are_told_what_all_of_them_were_trained_for(gait_walk: Path, tmp_path: Path, no_encoder: None):

@@ -29,6 +29,8 @@ _PATIENCE = 2.0
 _PAUSED = ("slow host", "watchdog", "stale telemetry")
 """Kinds of faults that a silence of the host can be the reason of."""
 _BEFORE = 1.0
+STOOD_STILL = "this machine stood still"
+"""In the message of a fault that came of a silence of the whole machine."""
 _OURS = "record into memory (a folder in /dev/shm), and let nothing slow run in the control loop"
 
 
@@ -145,7 +147,7 @@ def explained(fault: RobotFault, report: MachineReport | None, timing: Timing, p
     silent, machine = float(np.diff(pauses).sum()), with_the_machine(pauses, report.overdue)
     if silent == 0.0:
         return fault
-    who = "this machine stood still" if machine >= 0.5 * silent else "this program was slow, the machine was not"
+    who = STOOD_STILL if machine >= 0.5 * silent else "this program was slow, the machine was not"
     return RobotFault(
         fault.kind,
         f"{fault.problem}; {who}: in the second before, commands were overdue for {1e3 * silent:.0f} ms, and for "

@@ -35,7 +35,7 @@ import numpy as np
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.motor_log import ENCODERS, GAIN_UNITS, PHYSICAL_GAINS
 from motorprior.outside_files import read_toml
-from motorprior.schema import TABLE, TEXT, Schema, integer, number, one_of
+from motorprior.schema import TABLE, TEXT, Field, Schema, integer, number, one_of, require
 
 TURN = 2.0 * math.pi
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -48,9 +48,14 @@ SERIES = (
 """Channels that have a column for every joint."""
 JOINT = "{joint}"
 _REMEDY = "see docs/your-motors.md"
+_MOST_JOINTS, _LONGEST_NAME = 1000, 200
+"""Every channel has a column per joint, whose name holds the joint's."""
+_NAME = Field(
+    f"a text of at most {_LONGEST_NAME} letters", lambda value: TEXT.accepts(value) and len(value) <= _LONGEST_NAME
+)
 _MAP = Schema(
     {
-        **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), TEXT),
+        **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
         "encoder": one_of(*ENCODERS),
         **dict.fromkeys(("units", "joints"), TABLE),
     },
@@ -68,7 +73,7 @@ _UNITS = Schema(
 )  # fmt: skip
 _JOINT = Schema(
     {
-        "name": TEXT,
+        "name": _NAME,
         "sign": integer(-1, 1),
         "zero": number(-TURN, TURN, unit="rad"),
         "kp": number(1e-6, 1e6),
@@ -170,8 +175,11 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
 def _joints(table: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
     if not table:
         raise ArtifactError("no table [joints.…]", where=where, remedy=_REMEDY)
+    if len(table) > _MOST_JOINTS:
+        raise ArtifactError(f"{len(table)} joints, more than {_MOST_JOINTS}", where=where, remedy=_REMEDY)
     found = []
     for column, joint in table.items():
+        require("a table [joints.NAME]: NAME", column, _NAME, where, _REMEDY)
         _JOINT.check(joint, f"{where}[joints.{column}]")
         if joint.get("sign", 1) == 0:
             raise ArtifactError("sign = 0 is not 1 or -1", where=f"{where}[joints.{column}]", remedy=_REMEDY)

@@ -25,8 +25,9 @@ _OPEN = "a quote is opened in row {} and not closed"
 _AGAIN = "copy the file again from its source"
 _BLOCK, _LONGEST_LINE = 4_000_000, 1_000_000
 _MOST_COLUMNS = 10_000
-_MOST_UNPACKED, _MOST_TIMES = 100_000_000, 200
-"""A gzip file may unpack to so many bytes, or to so many times its own; motor logs pack to a tenth."""
+_MOST_UNPACKED, _MOST_TIMES, _MOST_EVER = 100_000_000, 200, 500_000_000
+"""A gzip file may unpack to so many bytes, or to so many times its own, but to no more than the last; motor logs pack
+to a tenth."""
 _DELIMITERS = ",;\t"
 _QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?((\d+[.]?\d*|[.]\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
@@ -115,8 +116,8 @@ def _head(file: IO[bytes], path: Path) -> CsvHead:
 
 def _blocks(file: IO[bytes], path: Path, may_be_cut: bool) -> Iterator[bytes]:
     """Whole lines."""
-    most = max(_MOST_UNPACKED, _MOST_TIMES * path.stat().st_size)
-    done = 0
+    size, done = path.stat().st_size, 0
+    most = min(max(_MOST_UNPACKED, _MOST_TIMES * size), _MOST_EVER) if path.suffix == ".gz" else size
     while block := _block(file, path):
         done += len(block)
         if done > most:

@@ -15,7 +15,8 @@ from motorprior.exceptions import LogError
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
 from motorprior.logs.growing_array import GrowingArray
 from motorprior.logs.motor_log import MotorLog, checked
-from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, MAX_NUMBERS, table_columns
+from motorprior.logs.parquet_pages import COPY_AGAIN, MAX_NUMBERS
+from motorprior.logs.table_columns import CORRECT, table_columns
 from motorprior.logs.tensor_file import tensor_columns
 from motorprior.robots.robot import Robot
 

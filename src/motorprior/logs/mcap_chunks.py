@@ -22,6 +22,27 @@ _RECORD_HEAD = 9
 _AGAIN = "copy the file again from its source, or record in smaller chunks"
 
 
+def mcap_summary(file: IO[bytes], path: Path) -> Any:
+    """Channels, schemas and chunks of an MCAP file; None where its recorder wrote none.
+
+    Raises:
+        LogError: a chunk where the summary should be: the library would unpack it.
+        Exception: whatever a damaged file ends in.
+    """
+    from mcap.reader import FOOTER_SIZE, MAGIC_SIZE, make_reader  # pyright: ignore[reportMissingImports]
+    from mcap.records import Chunk  # pyright: ignore[reportMissingImports]
+
+    file.seek(-(FOOTER_SIZE + MAGIC_SIZE), 2)
+    footer = next(_as_they_are(file))
+    begin = getattr(footer, "summary_start", 0)
+    if begin:
+        file.seek(begin)
+    if isinstance(footer, Chunk) or (begin and any(isinstance(record, Chunk) for record in _as_they_are(file))):
+        raise LogError("its summary holds a chunk of messages", where=path, remedy=_AGAIN)
+    file.seek(0)
+    return make_reader(file).get_summary()
+
+
 def mcap_messages(file: IO[bytes], indexes: Iterable[Any], wanted: set[int], path: Path) -> Iterator[Any]:
     """Messages of some channels, in the order of the file.
 
@@ -79,11 +100,10 @@ def _records(file: IO[bytes], indexes: list[Any], wanted: set[int], path: Path) 
     """Chunks that have messages of the wanted channels; everything, where the summary knows of no chunk."""
     from mcap.data_stream import ReadDataStream  # pyright: ignore[reportMissingImports]
     from mcap.records import Chunk  # pyright: ignore[reportMissingImports]
-    from mcap.stream_reader import StreamReader  # pyright: ignore[reportMissingImports]
 
     if not indexes:
         file.seek(0)
-        yield from StreamReader(file, emit_chunks=True, record_size_limit=_MOST_CHUNK).records
+        yield from _as_they_are(file, skip_magic=False)
     end = 0
     for index in indexes:
         if index.chunk_start_offset < end:
@@ -94,6 +114,13 @@ def _records(file: IO[bytes], indexes: list[Any], wanted: set[int], path: Path) 
         _require_size(index.chunk_length, path)
         file.seek(index.chunk_start_offset + _RECORD_HEAD)
         yield Chunk.read(ReadDataStream(BytesIO(file.read(index.chunk_length - _RECORD_HEAD))))
+
+
+def _as_they_are(file: IO[bytes], skip_magic: bool = True) -> Iterator[Any]:
+    """Records from here on; chunks are not unpacked."""
+    from mcap.stream_reader import StreamReader  # pyright: ignore[reportMissingImports]
+
+    return StreamReader(file, skip_magic, emit_chunks=True, record_size_limit=_MOST_CHUNK).records
 
 
 def _require_size(size: int, path: Path) -> None:

@@ -18,7 +18,7 @@ from motorprior.artifacts import atomic_path, parse_json, require_keys
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
-from motorprior.logs.table_columns import MAX_NUMBERS, require_parquet
+from motorprior.logs.parquet_pages import MAX_NUMBERS, require_parquet, require_small_pages
 from motorprior.outside_files import require_file
 
 SCHEMA_VERSION = 3
@@ -125,6 +125,8 @@ def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
     require_file(path, LogError)
     if path.suffix != ".parquet":
         remedy = "make one of it with `motorprior logs import`, and give the .parquet file that this writes"
+        if path.suffix == ".safetensors":
+            remedy = "this is what was made of logs: give the logs themselves"
         raise LogError(
             f"a file {path.suffix or 'without an ending'}, not a motor log (.parquet)", where=path, remedy=remedy
         )
@@ -138,6 +140,7 @@ def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
             if (count := parquet.metadata.num_rows * len(parquet.schema_arrow.names)) > MAX_NUMBERS:
                 problem = f"{count} numbers, more than the {MAX_NUMBERS} of a motor log"
                 raise LogError(problem, where=path, remedy="split the recording")
+            require_small_pages(path, set(parquet.schema_arrow.names))
             return parquet.read(), header, wanted
     except (pa.ArrowException, OSError) as error:
         raise LogError(

@@ -16,7 +16,8 @@ from motorprior.exceptions import LogError, shown
 from motorprior.logs.pickled_arrays import Constructor, PickledArray, PickledDtype
 from motorprior.logs.pickled_tensors import PickledStorage, PickledTensor
 
-MAX_OPERATIONS = 5_000_000
+MAX_OPERATIONS = 1_500_000
+"""A few seconds' work."""
 MAX_CONTAINERS = 1_000_000
 """Lists, dictionaries and tuples: each takes a byte of a file, and up to a hundred of memory."""
 _CONTAINERS = frozenset({"EMPTY_LIST", "EMPTY_DICT", "LIST", "DICT", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3"})

@@ -19,7 +19,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.mapped_table import if_it_has
-from motorprior.logs.mcap_chunks import mcap_messages
+from motorprior.logs.mcap_chunks import mcap_messages, mcap_summary
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.table_columns import unreadable
 from motorprior.robots.robot import Robot
@@ -115,7 +115,7 @@ def _read(path: Path) -> dict[str, _Topic]:
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     """Topic, time of recording [ns] and content of every JointState, in order of time."""
     try:
-        from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
+        import mcap.reader  # noqa: F401  # pyright: ignore[reportMissingImports]
         from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise LogError(
@@ -123,7 +123,7 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
             remedy='pip install "motorprior[ros]"',
         ) from error  # fmt: skip
     with open(path, "rb") as file:
-        summary = make_reader(file).get_summary()
+        summary = mcap_summary(file, path)
         if summary is None:
             raise LogError(
                 "the bag has no summary: its recorder was not closed",

@@ -22,7 +22,8 @@ from motorprior.logs.log_reader import FOLDER, LogReader
 from motorprior.logs.mapped_table import if_it_has, read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_text
-from motorprior.logs.table_columns import COPY_AGAIN, present, unreadable
+from motorprior.logs.parquet_pages import COPY_AGAIN
+from motorprior.logs.table_columns import present, unreadable
 from motorprior.robots.robot import Robot
 
 CONTROL, STATE, JOINTS = "control.csv", "state_motor.csv", "joint_list.txt"

@@ -15,14 +15,17 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError, shown
+from motorprior.logs.parquet_pages import COPY_AGAIN
 from motorprior.logs.pickled_tensors import PickledTensor, require_inside
 from motorprior.logs.restricted_unpickler import load_tensors
-from motorprior.logs.table_columns import COPY_AGAIN, CORRECT, MAX_NUMBERS, element_of, unreadable
+from motorprior.logs.table_columns import CORRECT, element_of, unreadable
 from motorprior.outside_files import require_file
 
 MAX_FILE = 50_000_000
 """Bytes; of such a file the list of contents alone may take a gigabyte."""
 MAX_PICKLE = 1_000_000
+MAX_NUMBERS = 30_000_000
+"""Of the tensors that are asked for; several may share the bytes of the file."""
 _ZIP_ERRORS = (
     zipfile.BadZipFile, OSError, EOFError, KeyError, NotImplementedError, RuntimeError, ValueError, struct.error,
 )  # fmt: skip

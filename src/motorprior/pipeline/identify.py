@@ -272,6 +272,11 @@ def _training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path],
         folder = next(path for path in paths if path.is_dir())
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
     path = paths[0]
+    if not any((path / name).is_file() for name in (LOG, FACTS)):
+        raise LogError(
+            f"a folder without {LOG}", where=path,
+            remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
+        )  # fmt: skip
     log, facts = read_bench(path)
     origin = _Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
     return log, [path / LOG, path / FACTS], origin

@@ -14,6 +14,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.timetable import Timetable
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.schedule_file import read_schedule
@@ -88,6 +89,11 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
         ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command that a
             policy was not trained for; no OpenGL where a rendered film is asked for; no screen where a window is.
     """
+    with taken(config.out):
+        return _play(config, progress)
+
+
+def _play(config: Play, progress: Progress) -> Played:
     robot = load_robot(config.robot)
     names = _names(config.policies)
     require_number("seconds", config.seconds, robot.control_dt, LONGEST)

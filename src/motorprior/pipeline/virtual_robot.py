@@ -12,7 +12,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -27,6 +26,7 @@ from motorprior.hardware.settings import require_robot_extra
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Lines, Progress
 from motorprior.robots.load import load_robot
+from motorprior.scratch import scratch_folder
 
 if TYPE_CHECKING:
     from motorprior.hardware.virtual.virtual_robot import VirtualRobot
@@ -196,8 +196,8 @@ def living(robot_name: str, config: Virtual) -> Iterator[str]:
     Raises:
         RobotFault: it did not start.
     """
-    with tempfile.TemporaryDirectory(prefix="virtual-robot-") as folder:
-        link = Path(folder) / "port"
+    with scratch_folder() as folder:
+        link = folder / "port"
         command = [sys.executable, "-m", __name__, robot_name, json.dumps(asdict(config)), str(link)]
         process = subprocess.Popen(command, start_new_session=True)
         try:

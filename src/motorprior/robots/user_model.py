@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.model_trial import try_model
 from motorprior.robots.robot import Leg
 
 TRIED, UNLIKE = 0.1, 0.08
@@ -41,11 +42,8 @@ class UserModel:
         self._mujoco, self._path = mujoco, path
         if not path.is_file():
             raise ArtifactError("no such model file", where=path, remedy="correct the key model")
-        try:
-            self._model = mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:
-            said = " ".join(str(error).split())[:300]
-            raise ArtifactError(f"MuJoCo cannot read it ({said})", where=path, remedy="correct the model") from error
+        try_model(path)
+        self._model = mujoco.MjModel.from_xml_path(str(path))
         if self._model.nu and not removes_actuators:
             first = self._model.actuator(0).name
             raise ArtifactError(

@@ -17,9 +17,7 @@ gives the same bytes again, so every reset makes one.
 # An extra.
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +32,7 @@ from motorprior.actuator.torque_law import (
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
+from motorprior.scratch import scratch_folder
 from motorprior.simulation.randomization import Conditions, nominal_conditions
 from motorprior.simulation.terrain import Terrain, heights
 from motorprior.simulation.world import WorldConfig
@@ -190,8 +189,8 @@ class BulletWorld:
         """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
         height = self._robot.hung_height if self.config.hung else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
-        with tempfile.TemporaryDirectory(prefix="motorprior-") as folder:
-            path = Path(folder) / "robot.urdf"
+        with scratch_folder() as folder:
+            path = folder / "robot.urdf"
             path.write_text(text, encoding="utf-8")
             return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
 

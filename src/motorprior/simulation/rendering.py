@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from motorprior.artifacts import write_tensors
 from motorprior.exceptions import ConfigError
+from motorprior.scratch import scratch_folder
 
 WIDTH, HEIGHT = 480, 288
 """Of a walk's picture [pixel]; multiples of 16, as video encoders want them."""
@@ -35,13 +35,13 @@ def rendered(robot: str, walks: Sequence[np.ndarray]) -> Iterator[Iterator[np.nd
     Raises:
         ConfigError: no OpenGL, with what the last process said; or a process that ended too early.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        request = Path(folder) / "walks.safetensors"
+    with scratch_folder() as folder:
+        request = folder / "walks.safetensors"
         header = {"robot": robot, "width": WIDTH, "height": HEIGHT}
         write_tensors(request, {str(number): walk for number, walk in enumerate(walks)}, header)
         shape, said = (len(walks) * HEIGHT, WIDTH, 3), ""
         for way in _ways():
-            with (Path(folder) / "stderr").open("w+b") as errors, _process(request, way, errors) as process:
+            with (folder / "stderr").open("w+b") as errors, _process(request, way, errors) as process:
                 assert process.stdout is not None
                 first = process.stdout.read(int(np.prod(shape)))
                 if len(first) == np.prod(shape):
