@@ -54,7 +54,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if LIVES_IN_REAL_TIME & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.real_time)
-        if item.get_closest_marker("real_time"):
+        if item.get_closest_marker("real_time") and not item.get_closest_marker("flaky"):
             item.add_marker(pytest.mark.flaky(reruns=4, reruns_delay=1))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import this_host
-from motorprior.scratch import scratch_folder
+from motorprior.scratch import _sweep, scratch_folder
 
 
 @pytest.fixture(autouse=True)
@@ -35,13 +35,15 @@ def test_what_a_killed_process_left_is_removed_and_what_others_use_stays(tempora
         assert process.stdout is not None
         left = Path(process.stdout.readline().strip())
         (left / "x").write_text("x")
+        _sweep.cache_clear()
         with scratch_folder():
             assert left.is_dir(), "it lives"
         os.kill(process.pid, signal.SIGKILL)
-    abroad = temporary / f"motorprior-{'0' * 8}-{process.pid}-a"
+    abroad = temporary / f"motorprior-{'0' * 16}-{process.pid}-a"
     mine = temporary / "motorprior-notes"
     abroad.mkdir()
     mine.mkdir()
     assert left.is_dir() and this_host() in left.name
+    _sweep.cache_clear()
     with scratch_folder():
         assert not left.exists() and abroad.is_dir() and mine.is_dir()

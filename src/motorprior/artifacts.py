@@ -246,6 +246,7 @@ def _require_tensors(path: Path) -> None:
     length = int.from_bytes(start[:8], "little")
     if start[8:] != b"{" or length > MAX_HEADER:
         kind = "a text, such as a table" if start.isascii() and b"\0" not in start else "other data"
+        kind = kind if size else "nothing"
         remedy = "give a .safetensors file that motorprior wrote: `identify` makes a prior of a log, `walk` a policy"
         raise ArtifactError(f"not a complete safetensors file, but {kind}", where=path, remedy=remedy)
     if size > MAX_TENSORS:

@@ -1,7 +1,7 @@
 """The watchdog is there when the host is not, and the host hears when the watchdog is not.
 
 The one test with a clock in it stands here: the 100 ms after the death of the host are what the watchdog is for. What
-else this machine does can only add to them, so one death of several is enough.
+else this machine does can only add to them, so three deaths of six are enough.
 """
 
 import os
@@ -21,7 +21,7 @@ from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 from motorprior.logs.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-ATTEMPTS, WALKED = 6, 30
+ATTEMPTS, ENOUGH, WALKED = 6, 3, 30
 SECONDS_ASLEEP = 17
 """A watchdog that sleeps is found out within a second where memory comes in pages of 4 kB, and at the latest after so
 many [s]."""
@@ -59,6 +59,7 @@ def kill_while_walking(pupper: VirtualRobot, walking: subprocess.Popen, log: Pat
     return killed
 
 
+@pytest.mark.flaky(reruns=1)
 def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     virtual: Callable, deploying: Callable, trot: Path, tmp_path: Path, when: Callable
 ):
@@ -73,6 +74,6 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
         time.sleep(0.15)
         assert pupper.events[-1][1] == IDLE, "nothing moves it again"
         assert read_robot_run(log, PUPPER_V2, (Mode.WALK,)).num_rows >= WALKED, "the recording survives"
-        if took[-1] < 0.1:
+        if sum(each < 0.1 for each in took) == ENOUGH:
             return
-    pytest.fail(f"not idle within 0.1 s of any death: {took}")
+    pytest.fail(f"idle within 0.1 s of fewer than {ENOUGH} deaths: {took}")

@@ -227,7 +227,7 @@ def test_a_robot_s_model(refused: Callable[..., str], tmp_path: Path, name: str)
     ['<include file="pipe"/>', '<worldbody><replicate count="9000000"><geom size="1"/></replicate></worldbody>'],
 )
 def test_a_robot_s_model_that_takes_for_ever(tmp_path: Path, model: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(model_trial, "SECONDS", 3)
+    monkeypatch.setattr(model_trial, "WAIT", 3)
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "x.xml").write_text(f"<mujoco>{model}</mujoco>")
     with pytest.raises(ArtifactError, match=r"x\.xml: MuJoCo did not read it within 3 s"):

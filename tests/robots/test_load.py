@@ -251,6 +251,23 @@ def test_a_model_that_does_not_fit_is_refused_with_joint_file_and_remedy(tmp_pat
     assert refused.value.remedy
 
 
+def test_nothing_of_the_current_folder_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A robot's folder may come from anywhere."""
+    (tmp_path / "resource.py").write_text("open('ran', 'w')")
+    path = written(tmp_path, ARM_TOML, "arm", ARM)
+    monkeypatch.chdir(tmp_path)
+    assert load_robot(path).name == "arm" and not (tmp_path / "ran").exists()
+
+
+def test_a_part_of_the_model_that_changed_meanwhile_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = written(tmp_path, ARM_TOML, "arm", '<mujoco><include file="part.xml"/></mujoco>')
+    (tmp_path / "part.xml").write_text(ARM)
+    assert load_robot(path).num_joints == 2
+    (tmp_path / "part.xml").write_text("<mujoco><nonsense/></mujoco>")
+    with pytest.raises(ArtifactError, match="arm.xml: MuJoCo cannot read it"):
+        load_robot(path)
+
+
 def test_the_models_own_actuators_are_removed_where_the_user_says_so(tmp_path: Path):
     toml = ARM_TOML.replace('base = "fixed"', 'base = "fixed"\nactuators = "remove"')
     arm = load_robot(written(tmp_path, toml, "arm", ARM.replace("</mujoco>", ACTUATOR)))

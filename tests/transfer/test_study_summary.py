@@ -95,7 +95,7 @@ def test_to_fall_less_is_another_target_than_to_be_faster():
     summary = summarise(study(measures=fallen, speeds=SPEEDS | {"pd_friction": 0.4, "prior_adapted": 0.4}))
     assert verdict(summary.targets, "faster than a PD with friction").holds is False
     upright = verdict(summary.targets, "upright for longer than a PD with friction")
-    assert upright.holds is True and "fleet +30.0 %" in upright.found
+    assert upright.holds is True and "fleet +30.0 points" in upright.found
     assert verdict(summary.targets, "upright for longer than a randomised PD").holds is False
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import math
 import re
 import zlib
 from collections.abc import Iterator
@@ -117,7 +118,7 @@ def _head(file: IO[bytes], path: Path) -> CsvHead:
 def _blocks(file: IO[bytes], path: Path, may_be_cut: bool) -> Iterator[bytes]:
     """Whole lines."""
     size, done = path.stat().st_size, 0
-    most = min(max(_MOST_UNPACKED, _MOST_TIMES * size), _MOST_EVER) if path.suffix == ".gz" else size
+    most = min(max(_MOST_UNPACKED, _MOST_TIMES * size), _MOST_EVER) if path.suffix == ".gz" else math.inf
     while block := _block(file, path):
         done += len(block)
         if done > most:

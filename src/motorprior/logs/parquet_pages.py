@@ -7,7 +7,7 @@ Format: parquet.thrift (Apache Parquet) and the compact protocol's specification
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -16,19 +16,24 @@ from motorprior.exceptions import LogError
 from motorprior.outside_files import require_file
 
 COPY_AGAIN = "copy or record it again"
-MAX_FOOTER = 2_000_000
+MAX_FOOTER = 5_000_000
 """Bytes at the end of a Parquet file that say what is in it."""
 MAX_NUMBERS = 60_000_000
 """Of a log: half a gigabyte."""
 _MOST_PAGES = 200_000
 _PAGE_HEAD = 8192
 """Most bytes of the head of a page of numbers."""
-_BYTES_PER_NUMBER, _ROOM = 16, 65_536
-"""A page may unpack to so many bytes per number of its column, and so many more."""
-_DEEPEST = 16
-_TRUE, _FALSE, _BYTE = range(1, 4)
-_DOUBLE, _TEXT, _LIST, _SET, _, _STRUCT = range(7, 13)
-_INTEGERS = (4, 5, 6)
+_BYTES_PER_NUMBER, _ROOM, _LARGEST_PAGE = 16, 65_536, 256_000_000
+"""A page may unpack to so many bytes per number of its column and so many more, but to no more than the last."""
+_BEYOND = 100
+"""Bytes that the last page may be longer than its column says: old writers forgot its head."""
+_DEEPEST, _LARGEST_FIELD = 16, 2**15 - 1
+_TRUE, _FALSE, _BYTE, _SHORT, _INTEGER, _LONG, _DOUBLE, _TEXT, _LIST, _SET, _, _STRUCT = range(1, 13)
+_BITS = {_SHORT: 16, _INTEGER: 32, _LONG: 64}
+_COUNTED = {0: 5, 3: 8}
+"""Kind of a page of numbers -> field of its head that counts them (DataPageHeader, DataPageHeaderV2)."""
+Fields = Mapping[int, tuple[int, Any]]
+"""Number of a field -> its kind and its value."""
 
 
 def require_parquet(path: Path) -> int:
@@ -68,14 +73,12 @@ def require_small_pages(path: Path, wanted: Collection[str]) -> None:
             if (count := sum(column.numbers for column in columns)) > MAX_NUMBERS:
                 problem = f"{count} numbers in {', '.join(sorted(wanted))}, more than {MAX_NUMBERS}"
                 raise LogError(problem, where=path, remedy="split the recording")
-            for number, (column, unpacked) in enumerate(_pages(file, columns)):
-                if unpacked > _BYTES_PER_NUMBER * column.numbers + _ROOM:
-                    problem = f"column {column.name[:80]!r}: a page of {unpacked} bytes for {column.numbers} numbers"
-                    raise LogError(problem, where=path, remedy=COPY_AGAIN)
+            for number, page in enumerate(_pages(file, columns)):
+                _require_small(page, path)
                 if number == _MOST_PAGES:
                     remedy = "write it with larger groups of rows"
                     raise LogError(f"more than {_MOST_PAGES} pages", where=path, remedy=remedy)
-        except (IndexError, KeyError, TypeError, ValueError, AttributeError) as error:
+        except (IndexError, KeyError, TypeError, ValueError) as error:
             problem = "cannot be read (the description of a column is damaged)"
             raise LogError(problem, where=path, remedy=COPY_AGAIN) from error
 
@@ -90,34 +93,80 @@ class _Column:
     end: int
 
 
-def _columns(footer: dict[int, Any]) -> Iterator[_Column]:
-    """FileMetaData.row_groups[].columns[].meta_data."""
-    for group in footer[4]:
-        for chunk in group[1]:
-            about = chunk[3]
-            begin, dictionary = about[9], about.get(11, 0)
+@dataclass(frozen=True)
+class _Page:
+    """A page of a column: bytes that it says it unpacks to."""
+
+    column: _Column
+    unpacked: int
+
+
+def _require_small(page: _Page, path: Path) -> None:
+    column = page.column
+    if page.unpacked > min(_BYTES_PER_NUMBER * column.numbers + _ROOM, _LARGEST_PAGE):
+        problem = f"column {column.name[:80]!r}: a page of {page.unpacked} bytes for {column.numbers} numbers"
+        raise LogError(problem, where=path, remedy=COPY_AGAIN)
+
+
+def _columns(footer: Fields) -> Iterator[_Column]:
+    """FileMetaData.row_groups[].columns[].meta_data, in the order of the leaves of FileMetaData.schema."""
+    leaves = _leaves(_get(footer, 2, _LIST))
+    for group in _get(footer, 4, _LIST):
+        for name, chunk in zip(leaves, _get(group, 1, _LIST), strict=True):
+            about = _get(chunk, 3, _STRUCT)
+            numbers, size, begin = (_get(about, field, _LONG) for field in (5, 7, 9))
+            dictionary = _get(about, 11, _LONG) if 11 in about else 0
             if 0 < dictionary < begin:
                 begin = dictionary
-            if min(about[5], about[7], begin) < 0:
+            if min(numbers, size, begin) < 0:
                 raise ValueError("a negative size")
-            yield _Column(about[3][0].decode(), about[5], begin, begin + about[7])
+            yield _Column(name, numbers, begin, begin + size)
 
 
-def _pages(file: IO[bytes], columns: Iterable[_Column]) -> Iterator[tuple[_Column, int]]:
-    """Bytes that each page of the columns says it unpacks to (PageHeader.uncompressed_page_size)."""
+def _leaves(schema: list[Fields]) -> list[str]:
+    """Of every column of numbers the name of the column, of lists or structures, that it belongs to."""
+    found: list[str] = []
+    open_nodes: list[int] = []
+    top = ""
+    for index, element in enumerate(schema):
+        children = _get(element, 5, _INTEGER) if 5 in element else 0
+        if len(open_nodes) == 1:
+            top = _get(element, 4, _TEXT).decode()
+        if index and children == 0:
+            found.append(top)
+        if index:
+            open_nodes[-1] -= 1
+        open_nodes.append(children)
+        while len(open_nodes) > 1 and open_nodes[-1] == 0:
+            open_nodes.pop()
+    return found
+
+
+def _get(fields: Fields, number: int, kind: int) -> Any:
+    """A field's value; one of another kind is none, for the library skips it."""
+    found, value = fields[number]
+    if found != kind:
+        raise ValueError(f"field {number} is of kind {found}")
+    return value
+
+
+def _pages(file: IO[bytes], columns: Iterable[_Column]) -> Iterator[_Page]:
+    """PageHeader.uncompressed_page_size of every page; together they have no more numbers than their column."""
     for column in columns:
         if column.numbers == 0:  # its pages are not read, and may be nowhere
             continue
-        at = column.begin
+        at, numbers = column.begin, 0
         while at < column.end:
             file.seek(at)
             reader = _Reader(file.read(_PAGE_HEAD))
             head = reader.structure()
-            unpacked, packed = head[2], head[3]
-            if unpacked < 0 or packed < 0:
-                raise ValueError("a negative size")
-            yield column, unpacked
+            kind, unpacked, packed = (_get(head, field, _INTEGER) for field in (1, 2, 3))
+            if kind in _COUNTED:
+                numbers += _get(_get(head, _COUNTED[kind], _STRUCT), 1, _INTEGER)
             at += reader.at + packed
+            if unpacked < 0 or packed < 0 or numbers > column.numbers or at > column.end + _BEYOND:
+                raise ValueError("more than the column says")
+            yield _Page(column, unpacked)
 
 
 class _Reader:
@@ -130,33 +179,35 @@ class _Reader:
     def __init__(self, data: bytes):
         self._data, self.at = data, 0
 
-    def structure(self, depth: int = 0) -> dict[int, Any]:
-        """Number of every field -> its value.
+    def structure(self, depth: int = 0) -> Fields:
+        """Its fields, each once.
 
         Raises:
             IndexError, ValueError: the bytes end early, or are no structure.
         """
-        if depth > _DEEPEST:
-            raise ValueError("too deep")
-        found: dict[int, Any] = {}
+        found: dict[int, tuple[int, Any]] = {}
         number = 0
         while head := self._byte():
             step, kind = head >> 4, head & 15
-            number = number + step if step else self._signed()
-            found[number] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind, depth)
+            number = number + step if step else self._signed(_SHORT)
+            if number in found or not 0 < number <= _LARGEST_FIELD:
+                raise ValueError(f"field {number}")
+            found[number] = kind, kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind, depth + 1)
         return found
 
     def _value(self, kind: int, depth: int) -> Any:
-        if kind in _INTEGERS:
-            return self._signed()
+        if depth > _DEEPEST:
+            raise ValueError("too deep")
+        if kind in _BITS:
+            return self._signed(kind)
         if kind in (_TRUE, _FALSE, _BYTE):  # in a list, a truth value takes a byte
             return self._byte()
         if kind == _TEXT:
             return self._bytes(self._unsigned())
         if kind in (_LIST, _SET):
-            return self._list(depth)
+            return self._list(depth + 1)
         if kind == _STRUCT:
-            return self.structure(depth + 1)
+            return self.structure(depth)
         if kind == _DOUBLE:
             return self._bytes(8)
         raise ValueError(f"a value of kind {kind}")
@@ -191,6 +242,8 @@ class _Reader:
             if shift > 63:
                 raise ValueError("a number of more than 64 bits")
 
-    def _signed(self) -> int:
+    def _signed(self, kind: int) -> int:
         value = self._unsigned()
+        if value >> _BITS[kind]:
+            raise ValueError(f"a number of more than {_BITS[kind]} bits")
         return (value >> 1) ^ -(value & 1)

@@ -90,10 +90,15 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
             policy was not trained for; no OpenGL where a rendered film is asked for; no screen where a window is.
     """
     with taken(config.out):
-        return _play(config, progress)
+        played, walks = _play(config, progress)
+    if config.viewer:
+        robot = load_robot(config.robot)
+        show(robot, walks, robot.control_dt)
+    return played
 
 
-def _play(config: Play, progress: Progress) -> Played:
+def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
+    """What `run_play` returns, and the walks."""
     robot = load_robot(config.robot)
     names = _names(config.policies)
     require_number("seconds", config.seconds, robot.control_dt, LONGEST)
@@ -116,9 +121,7 @@ def _play(config: Play, progress: Progress) -> Played:
     titles = [f"{name}, {_PLACES[config.place]}" for name in names]
     notes = [_notes(robot, episode, walk, told) for episode, walk in zip(episodes.values(), walks, strict=True)]
     film = write_film(config.out, Scenes(config.robot, walks, titles, notes), config.film, progress)
-    if config.viewer:
-        show(robot, walks, robot.control_dt)
-    return Played(film, results, {name: episode.steps for name, episode in episodes.items()})
+    return Played(film, results, {name: episode.steps for name, episode in episodes.items()}), walks
 
 
 def commands_of(config: Play, robot: Robot) -> Commands | Timetable:

@@ -47,7 +47,17 @@ _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
     *(
         f"pipeline/{name}.py"
-        for name in ("progress", "side_by_side", "stage", "folder_lock", "demo", "demo_settings", "report", "speed")
+        for name in (
+            "progress",
+            "time_left",
+            "side_by_side",
+            "stage",
+            "folder_lock",
+            "demo",
+            "demo_settings",
+            "report",
+            "speed",
+        )
     ),
     *("pipeline/train_policy.py", "pipeline/comparison.py"),
     *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),

@@ -198,7 +198,7 @@ def living(robot_name: str, config: Virtual) -> Iterator[str]:
     """
     with scratch_folder() as folder:
         link = folder / "port"
-        command = [sys.executable, "-m", __name__, robot_name, json.dumps(asdict(config)), str(link)]
+        command = [sys.executable, "-P", "-m", __name__, robot_name, json.dumps(asdict(config)), str(link)]
         process = subprocess.Popen(command, start_new_session=True)
         try:
             _wait_for(link, process)

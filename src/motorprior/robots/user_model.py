@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model_trial import try_model
+from motorprior.robots.model_trial import cannot_read, try_model
 from motorprior.robots.robot import Leg
 
 TRIED, UNLIKE = 0.1, 0.08
@@ -43,7 +43,10 @@ class UserModel:
         if not path.is_file():
             raise ArtifactError("no such model file", where=path, remedy="correct the key model")
         try_model(path)
-        self._model = mujoco.MjModel.from_xml_path(str(path))
+        try:
+            self._model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:  # a file that it includes has changed since
+            raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
             first = self._model.actuator(0).name
             raise ArtifactError(

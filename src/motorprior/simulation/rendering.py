@@ -63,7 +63,7 @@ def _ways() -> list[str | None]:
 @contextmanager
 def _process(request: Path, way: str | None, errors: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
     """The drawing process, which ends with the context."""
-    command = [sys.executable, "-m", "motorprior.simulation.render_process", str(request)]
+    command = [sys.executable, "-P", "-m", "motorprior.simulation.render_process", str(request)]
     environment = os.environ | ({} if way is None else {"MUJOCO_GL": way})
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, env=environment) as process:
         try:

@@ -159,7 +159,9 @@ def _differences(facts: Facts, pairings: list[Pairing]) -> str:
     shown = []
     for each in pairings:
         value, p = facts.comparisons[each].difference.value, facts.corrected[each]
-        amount = f"{_number(value, '+.3f')} m/s" if each.measure == "speed" else f"{_number(100.0 * value, '+.1f')} %"
+        amount = (
+            f"{_number(value, '+.3f')} m/s" if each.measure == "speed" else f"{_number(100.0 * value, '+.1f')} points"
+        )
         shown.append(f"{each.place} {amount} (p {p:.2g})")
     return ", ".join(shown)
 
