@@ -264,7 +264,7 @@ def test_a_part_of_the_model_that_changed_meanwhile_is_an_error(tmp_path: Path, 
     (tmp_path / "part.xml").write_text(ARM)
     assert load_robot(path).num_joints == 2
     (tmp_path / "part.xml").write_text("<mujoco><nonsense/></mujoco>")
-    with pytest.raises(ArtifactError, match="arm.xml: MuJoCo cannot read it"):
+    with pytest.raises(ArtifactError, match=r"arm\.xml: MuJoCo cannot read it"):
         load_robot(path)
 
 

@@ -73,7 +73,8 @@ def test_the_slower_of_two_priors_may_be_the_one_that_holds():
 def test_a_rival_that_wins_anywhere_spoils_the_target():
     summary = summarise(study(at={("hard", "pd_friction"): 0.45}))
     faster = verdict(summary.targets, "faster than a PD with friction")
-    assert faster.holds is False and "hard −0.050 m/s" in faster.found
+    assert faster.holds is False and "fleet +0.200 m/s (p 0.0" in faster.found
+    assert "hard −0.050 m/s (p 0.0" in faster.found
     assert verdict(summary.targets, "faster than a randomised PD").holds is True
 
 
@@ -86,8 +87,8 @@ def test_one_of_the_two_priors_may_win():
     """The sampled one is as fast as a rival, the adapted one faster."""
     summary = summarise(study(speeds=SPEEDS | {"pd_friction": 0.4, "prior_adapted": 0.5}))
     found = verdict(summary.targets, "faster than a PD with friction")
-    assert found.holds is True and "sampled: fleet +0.000 m/s (p 1)" in found.found
-    assert "adapted: fleet +0.1" in found.found
+    assert found.holds is True
+    assert found.found.startswith("sampled: +0.000 m/s, not sure; adapted: fleet +0.100 m/s (p 0.0")
 
 
 def test_to_fall_less_is_another_target_than_to_be_faster():

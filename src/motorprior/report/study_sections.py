@@ -74,7 +74,7 @@ def _beside_the_gait(summary: Summary) -> list[str]:
 
 
 def _targets(summary: Summary) -> Section:
-    caption = "Set before the study. P values are corrected by Holm's procedure over all twins and conditions."
+    caption = "Set before the study. P values are corrected by Holm's procedure over all that is compared."
     table = verdict_table(summary.targets, "target", caption)
     return Section("Targets", "What was aimed at, and what was found.", tables=(table,))
 

@@ -156,14 +156,19 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
 
 
 def _differences(facts: Facts, pairings: list[Pairing]) -> str:
-    shown = []
-    for each in pairings:
-        value, p = facts.comparisons[each].difference.value, facts.corrected[each]
-        amount = (
-            f"{_number(value, '+.3f')} m/s" if each.measure == "speed" else f"{_number(100.0 * value, '+.1f')} points"
-        )
-        shown.append(f"{each.place} {amount} (p {p:.2g})")
+    """Those beyond doubt one by one, and the range of the others."""
+    sure = [each for each in pairings if facts.corrected[each] < SURE]
+    shown = [f"{each.place} {_amount(facts, each)} (p {facts.corrected[each]:.2g})" for each in sure]
+    others = sorted(set(pairings) - set(sure), key=lambda each: facts.comparisons[each].difference.value)
+    if others:
+        ends = dict.fromkeys(_amount(facts, each) for each in (others[0], others[-1]))
+        shown.append(f"{'elsewhere ' if sure else ''}{' to '.join(ends)}, not sure")
     return ", ".join(shown)
+
+
+def _amount(facts: Facts, pairing: Pairing) -> str:
+    value = facts.comparisons[pairing].difference.value
+    return f"{_number(value, '+.3f')} m/s" if pairing.measure == "speed" else f"{_number(100 * value, '+.1f')} points"
 
 
 def claims(table: WalkTable) -> tuple[Verdict, ...]:
