@@ -31,7 +31,7 @@ test: .venv/.installed
 	@$(PYTEST) -m "not slow and not real_time" $(ARGS); first=$$?; \
 	case $$first in 0|1|5) ;; *) exit $$first ;; esac; \
 	echo "Tests against robots that live in real time, alone:"; \
-	$(BIN)/pytest -m "not slow and real_time" $(ARGS); second=$$?; \
+	$(BIN)/pytest -rs -m "not slow and real_time" $(ARGS); second=$$?; \
 	case $$first$$second$(if $(ARGS),+) in 00|00+|05+|50+) ;; *) exit 1 ;; esac  # 5: ARGS ask for none of these
 
 test-all: .venv/.installed

@@ -35,6 +35,7 @@ SMALL_SERVO = {
     "backlash": 0.015, "gear_damping": 0.03,
 }  # fmt: skip
 """A small geared servo, in SI units."""
+pytest_plugins = ["pytester", "standstill"]
 ROOT = Path(__file__).resolve().parents[1]
 LIVES_IN_REAL_TIME = {"virtual", "host", "deploying"}
 """Fixtures of robots and hosts that do not wait for the test."""
