@@ -8,6 +8,7 @@ host's ends it. For each length of stall (``--stalls``, in ms) and each kind of 
     KIND/MS                share of the trials in which the robot stays upright: it never leans over 0.7 rad, which the
                            host calls a fall, neither before it is sent idle nor, walking on, for three more seconds
     KIND/longest_ms        the longest stall up to which it does in every trial
+    KIND/speed             mean speed in the second before the stall [m/s], of a robot that is told ``--forward``
 The kinds:
     on                     the host walks on
     watched                the same with the host's other bounds in force; a walk that ends in a fault does not count
@@ -44,7 +45,7 @@ from simulated_port import SimulatedPort, on_its_clock
 
 STALLS = (20, 50, 80, 100, 120, 150, 200, 300, 500)
 KINDS = ("on", "watched", "down", "often", "again", "blind")
-ROBOTS, DRAWS = 8, 3
+ROBOTS, DRAWS, FORWARD = 8, 3, 0.4
 BEGIN, SPREAD, AFTER = 5.0, 1.0, 3.0
 """The stall comes so long after the start [s], plus up to ``SPREAD``; by then the robot walks, and it walks on for
 ``AFTER``."""
@@ -59,17 +60,22 @@ class StallingPort(SimulatedPort):
 
     Attributes:
         tilt: the largest of roll and pitch from the stall until the robot is idle [rad].
+        speed: mean in the second before the stall [m/s].
     """
 
     def __init__(self, robot: Robot, number: int, draw: int, stall: float, kind: str):
         super().__init__(robot, number, draw)
         self._stall, self._kind, self._deaf_until = stall, kind, 0.0
         self._next = self.first = BEGIN + SPREAD * np.random.default_rng([number, draw, 0x57A11]).random()
-        self.tilt = 0.0
+        self.tilt, self.speed, self._was_at = 0.0, 0.0, np.zeros(2)
 
     def send(self, command: Command) -> float:
         """See `SimulatedPort.send`; where a stall is due, it comes before the command leaves."""
+        if self.now < self.first - 1.0:
+            self._was_at = self.body.live.position()[:2]
         if command.pos is not None and self.now >= self._next:
+            if self.speed == 0.0:
+                self.speed = math.dist(self.body.live.position()[:2], self._was_at)
             if self._kind == "blind":
                 self._deaf_until = self.now + self._stall
             else:
@@ -85,19 +91,19 @@ class StallingPort(SimulatedPort):
         return [] if self.now < self._deaf_until else heard
 
 
-def stays_upright(policy: Policy, number: int, draw: int, stall: float, kind: str) -> bool:
-    """One trial with virtual robot ``number``; ``stall`` in s."""
+def trial(policy: Policy, number: int, draw: int, stall: float, kind: str, forward: float) -> tuple[bool, float]:
+    """Whether virtual robot ``number`` stays upright, and its speed before the ``stall`` [s]."""
     robot = load_robot(policy.robot)
     port = StallingPort(robot, number, draw, stall, kind)
     limits = bounds(robot.require_wire().safety, stall, kind)
     with on_its_clock(port), RobotLink(robot, port, limits) as link:
         try:
             seconds = port.first + (LONG_AFTER if kind == "again" else AFTER) - RAMP
-            walk(link, policy, gains_for(robot, policy), StopRequest(), seconds=seconds)
+            walk(link, policy, gains_for(robot, policy), StopRequest(), command=(forward, 0.0), seconds=seconds)
         except RobotFault as fault:
             if fault.kind != "slow host":
-                return False
-    return port.tilt < limits.max_tilt
+                return False, port.speed
+    return port.tilt < limits.max_tilt, port.speed
 
 
 def bounds(limits: SafetyLimits, stall: float, kind: str) -> SafetyLimits:
@@ -108,20 +114,21 @@ def bounds(limits: SafetyLimits, stall: float, kind: str) -> SafetyLimits:
     return limits if kind == "watched" else replace(limits, stuck_time=never, tracking_time=never)
 
 
-def shares(policies: list[Policy], kind: str, stalls: Sequence[int], draws: int) -> dict[str, float]:
+def shares(policies: list[Policy], kind: str, stalls: Sequence[int], draws: int, forward: float) -> dict[str, float]:
     """The figures of one kind of trial; stalls in ms, in order."""
-    found, longest = {}, 0
+    found, speeds, longest = {}, [], 0
     for stall in stalls:
         trials = [
-            stays_upright(policy, number, draw, 1e-3 * stall, kind)
+            trial(policy, number, draw, 1e-3 * stall, kind, forward)
             for policy in policies
             for number in range(ROBOTS)
             for draw in range(draws)
         ]
-        found[f"{kind}/{stall}"] = float(np.mean(trials))
+        found[f"{kind}/{stall}"] = float(np.mean([upright for upright, _ in trials]))
+        speeds += [speed for _, speed in trials]
         if all(share == 1.0 for share in found.values()):
             longest = stall
-    return found | {f"{kind}/longest_ms": float(longest)}
+    return found | {f"{kind}/longest_ms": float(longest), f"{kind}/speed": float(np.mean(speeds))}
 
 
 def main() -> None:
@@ -131,6 +138,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="kinds of trial")
     parser.add_argument("--stalls", type=int, nargs="*", default=STALLS, help="their lengths, in order [ms]")
     parser.add_argument("--draws", type=int, default=DRAWS, help="trials per policy, robot and length")
+    parser.add_argument("--forward", type=float, default=FORWARD, help="speed that the robots are told [m/s]")
     parser.add_argument("--json", type=Path, required=True, help="file for the figures")
     arguments = parser.parse_args()
     found: dict[str, float] = {}
@@ -138,7 +146,7 @@ def main() -> None:
         paths = arguments.policy or [trot_policy(load_robot(DEFAULT_ROBOT), Path(folder))]
         policies = [Policy.load(path) for path in paths]
         for kind in arguments.kinds:
-            found |= shares(policies, kind, arguments.stalls, arguments.draws)
+            found |= shares(policies, kind, arguments.stalls, arguments.draws, arguments.forward)
             arguments.json.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
     for key, value in found.items():
         print(f"{key:20} {value:8.3f}")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware_stalls import BEGIN, SPREAD, StallingPort, bounds, main, stays_upright
+from hardware_stalls import BEGIN, SPREAD, StallingPort, bounds, main, trial
 from motorprior.artifacts import read_json
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
@@ -34,7 +34,8 @@ def paused(trot: Path) -> Callable[..., tuple[Timing, RobotFault | None]]:
         port = StallingPort(PUPPER_V2, 0, 0, pause, kind)
         with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
             try:
-                walk(link, policy, gains_for(PUPPER_V2, policy), StopRequest(), seconds=5.0, timing=timing)
+                gains = gains_for(PUPPER_V2, policy)
+                walk(link, policy, gains, StopRequest(), command=(0.3, 0.0), seconds=5.0, timing=timing)
             except RobotFault as fault:
                 return timing, fault
         return timing, None
@@ -74,9 +75,11 @@ def test_the_watchdog_waits_for_the_longest_pause_and_little_more():
 
 def test_the_benchmark_tells_a_robot_that_falls(trot: Path, monkeypatch: pytest.MonkeyPatch):
     policy = Policy.load(trot)
-    assert stays_upright(policy, 0, 0, 0.1, "on") and stays_upright(policy, 0, 0, 0.1, "down")
+    for kind in ("on", "down"):
+        upright, speed = trial(policy, 0, 0, 0.1, kind, 0.3)
+        assert upright and 0.15 < speed < 0.45, "a robot that stands proves nothing"
     monkeypatch.setattr("hardware_stalls.bounds", lambda *given: replace(bounds(*given), max_tilt=0.02))
-    assert not stays_upright(policy, 0, 0, 0.1, "on"), "every walk leans so far"
+    assert not trial(policy, 0, 0, 0.1, "on", 0.3)[0], "every walk leans so far"
 
 
 class _Waiting:
@@ -126,20 +129,9 @@ def test_a_fault_in_telemetry_that_waited_is_seen():
 @pytest.mark.slow
 def test_the_benchmark_tells_of_every_length(trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     out = tmp_path / "stalls.json"
-    words = [
-        "--policy",
-        str(trot),
-        "--kinds",
-        "on",
-        "blind",
-        "--stalls",
-        "20",
-        "100",
-        "--draws",
-        "1",
-        "--json",
-        str(out),
-    ]
-    monkeypatch.setattr(sys, "argv", ["hardware_stalls", *words])
+    words = f"hardware_stalls --policy {trot} --kinds on blind --stalls 20 100 --draws 1 --json {out}"
+    monkeypatch.setattr(sys, "argv", words.split())
     main()
-    assert read_json(out)["on/longest_ms"] == 100.0 and {"blind/20", "blind/100"} <= set(read_json(out))
+    found = read_json(out)
+    assert found["on/longest_ms"] == 20.0 and found["on/100"] < 0.8 and found["blind/longest_ms"] == 100.0
+    assert 0.3 < found["on/speed"] < 0.5

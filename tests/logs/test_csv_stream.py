@@ -66,6 +66,7 @@ def test_blocks_make_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     [
         ("1.5", "1_5", r"row 0, q_0 is '1_5', not a number"),
         ("0.001", "٣", r"row 1, q_0 is '٣', not a number"),
+        ("0.001", "\xa00.001", r"row 1, q_0 is '\\xa00.001', not a number"),
         ("4.0", "0x1p3", r"row 1, q_1 is '0x1p3', not a number"),
         ("4.0", "", r"row 1, q_1 is '', not a number"),
         ("4.0", "NULL", r"row 1, q_1 is 'NULL', not a number"),

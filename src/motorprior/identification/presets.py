@@ -73,7 +73,8 @@ class Preset:
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
 #     joint is hardly seen in an eighth of a second. Without the residual network, whose training would take as much
-#     longer.
+#     longer. What follows a segment's first step of the command is often all that shows a limit of torque, so the
+#     warm-up is a tenth of a second; windows inside a segment begin settled whatever it is (`window_runs`).
 # first_look: long_runs without trying the terms of a servo's firmware, which takes minutes.
 # Baselines.
 # one_motor: rollout without latents, the best single set of constants.
@@ -94,11 +95,13 @@ _PACE = Preset(
     "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
     warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", tries_terms=False, standardise=True,
 )  # fmt: skip
+_LONG_RUNS = replace(_ROLLOUT, window=500, warm_up=50, num_neurons=0)
+_PACE_LONG_RUNS = replace(_PACE, window=_LONG_RUNS.window, warm_up=_LONG_RUNS.warm_up)
 PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
-    "long_runs": replace(_ROLLOUT, window=500, num_neurons=0),
-    "first_look": replace(_ROLLOUT, window=500, num_neurons=0, tries_terms=False),
+    "long_runs": _LONG_RUNS,
+    "first_look": replace(_LONG_RUNS, tries_terms=False),
     "one_motor": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
         learning_rate=1e-2,
@@ -108,9 +111,9 @@ PRESETS = {
         warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", standardise=True,
     ),
     "pace": _PACE,
-    "pace_long_runs": replace(_PACE, window=500),
-    "coulomb_viscous": replace(_PACE, window=500, lacks=("load_friction", "stribeck_torque")),
-    "stribeck": replace(_PACE, window=500, lacks=("load_friction",)),
+    "pace_long_runs": _PACE_LONG_RUNS,
+    "coulomb_viscous": replace(_PACE_LONG_RUNS, lacks=("load_friction", "stribeck_torque")),
+    "stribeck": replace(_PACE_LONG_RUNS, lacks=("load_friction",)),
     "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
     "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
     "actuator_net": Preset(

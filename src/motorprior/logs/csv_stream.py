@@ -209,7 +209,7 @@ def _problem(cells: list[str], head: CsvHead, columns: list[tuple[int, str]], de
     if len(cells) != len(head.names):
         return f" has {len(cells)} cells, expected {len(head.names)}", decimal
     for index, name in columns:
-        cell, signs = cells[index].strip(), decimal or (".," if head.delimiter != "," else ".")
+        cell, signs = cells[index].strip(" \t"), decimal or (".," if head.delimiter != "," else ".")
         if not any(_is_number(cell, sign) for sign in signs):
             return f", {name} is {shown(cell)}, not a number", decimal
         decimal = decimal or next((sign for sign in signs if sign in cell), "")
