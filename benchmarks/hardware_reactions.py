@@ -140,8 +140,9 @@ def signal_to_idle(
         out = Path(tempfile.mkdtemp(dir=folder)) / "run"
         with virtual_robot(folder) as (port, end):
             command = ["-m", "motorprior.hardware", "deploy", str(policy), "--port", port, "--out", str(out), "--yes"]
+            command += ["--forward", str(SPEED)]
             with open(folder / WORDS, "a") as words:
-                host = subprocess.Popen([sys.executable, *command], stderr=words)
+                host = subprocess.Popen([sys.executable, *command], stdin=subprocess.DEVNULL, stderr=words)
             try:
                 if wait_until_it_walks(host, out / "run.csv"):
                     before = time.monotonic()

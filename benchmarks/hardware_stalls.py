@@ -6,9 +6,11 @@ While a host stands still the robot's motors hold the last target. Each trial is
 (`simulated_port.py`) that meets one stall, at a time that a seed draws, so at any phase of the gait; no bound of the
 host's ends it. For each length of stall (``--stalls``, in ms) and each kind of trial:
     KIND/MS                share of the trials in which the robot stays upright: it never leans over 0.7 rad, which the
-                           host calls a fall, neither before it is sent idle nor, walking on, for three more seconds
+                           host calls a fall, neither before it is sent idle nor, walking on, for three more seconds;
+                           of robots that walked before, with a third of the speed that they are told or more
     KIND/longest_ms        the longest stall up to which it does in every trial
-    KIND/speed             mean speed in the second before the stall [m/s], of a robot that is told ``--forward``
+    KIND/speed             mean speed of these in the second before the stall [m/s]; they are told ``--forward``
+    KIND/walking           share of the trials in which the robot walked before
 The kinds:
     on                     the host walks on
     watched                the same with the host's other bounds in force; a walk that ends in a fault does not count
@@ -51,8 +53,8 @@ BEGIN, SPREAD, AFTER = 5.0, 1.0, 3.0
 ``AFTER``."""
 GAP, LONG_AFTER = {"often": 0.1, "again": 1.5}, 9.0
 """From the end of a stall to the next [s], by kind, 0.1 s are ten control steps; and ``AFTER`` for "again"."""
-RAMP = 3.5
-"""From the start to the first step of a walk, at most [s]."""
+LEAST_SPEED = 1 / 3
+"""Of the speed that it is told, that a robot walks with."""
 
 
 class StallingPort(SimulatedPort):
@@ -91,15 +93,29 @@ class StallingPort(SimulatedPort):
         return [] if self.now < self._deaf_until else heard
 
 
+class StopAt(StopRequest):
+    """Set at a time of the robot's clock [s]."""
+
+    def __init__(self, port: SimulatedPort, end: float):
+        super().__init__()
+        self._port, self._end = port, end
+
+    def __call__(self) -> bool:
+        """See `StopRequest`."""
+        if self._port.now >= self._end:
+            self.reason = "time"
+        return super().__call__()
+
+
 def trial(policy: Policy, number: int, draw: int, stall: float, kind: str, forward: float) -> tuple[bool, float]:
-    """Whether virtual robot ``number`` stays upright, and its speed before the ``stall`` [s]."""
+    """Whether virtual robot ``number`` stays upright, and its speed before the ``stall`` [s]: 0 if it ended before."""
     robot = load_robot(policy.robot)
     port = StallingPort(robot, number, draw, stall, kind)
     limits = bounds(robot.require_wire().safety, stall, kind)
     with on_its_clock(port), RobotLink(robot, port, limits) as link:
         try:
-            seconds = port.first + (LONG_AFTER if kind == "again" else AFTER) - RAMP
-            walk(link, policy, gains_for(robot, policy), StopRequest(), command=(forward, 0.0), seconds=seconds)
+            stop = StopAt(port, port.first + (LONG_AFTER if kind == "again" else AFTER))
+            walk(link, policy, gains_for(robot, policy), stop, command=(forward, 0.0))
         except RobotFault as fault:
             if fault.kind != "slow host":
                 return False, port.speed
@@ -116,7 +132,7 @@ def bounds(limits: SafetyLimits, stall: float, kind: str) -> SafetyLimits:
 
 def shares(policies: list[Policy], kind: str, stalls: Sequence[int], draws: int, forward: float) -> dict[str, float]:
     """The figures of one kind of trial; stalls in ms, in order."""
-    found, speeds, longest = {}, [], 0
+    found, speeds, longest, count = {}, [], 0, 0
     for stall in stalls:
         trials = [
             trial(policy, number, draw, 1e-3 * stall, kind, forward)
@@ -124,11 +140,14 @@ def shares(policies: list[Policy], kind: str, stalls: Sequence[int], draws: int,
             for number in range(ROBOTS)
             for draw in range(draws)
         ]
-        found[f"{kind}/{stall}"] = float(np.mean([upright for upright, _ in trials]))
-        speeds += [speed for _, speed in trials]
+        walked = [(upright, speed) for upright, speed in trials if speed >= LEAST_SPEED * forward]
+        found[f"{kind}/{stall}"] = float(np.mean([upright for upright, _ in walked] or [False]))
+        speeds += [speed for _, speed in walked]
+        count += len(trials)
         if all(share == 1.0 for share in found.values()):
             longest = stall
-    return found | {f"{kind}/longest_ms": float(longest), f"{kind}/speed": float(np.mean(speeds))}
+    found |= {f"{kind}/longest_ms": float(longest), f"{kind}/speed": float(np.mean(speeds or [0.0]))}
+    return found | {f"{kind}/walking": len(speeds) / count}
 
 
 def main() -> None:

@@ -128,6 +128,7 @@ def _deploying(port: str, policy: Path, out: Path, *options: str) -> subprocess.
     """`deploy` in a process of its own that has what the robot's computer has."""
     return subprocess.Popen(
         [*BARE, "deploy", str(policy), "--port", port, "--out", str(out), "--yes", *options],
+        stdin=subprocess.DEVNULL,  # nobody steers: it walks
         stderr=subprocess.PIPE,
         text=True,
     )

@@ -15,9 +15,8 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware import machine, real_time
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.machine import BareTimers, MachineReport, explained, machine_facts, silences, with_the_machine
-from motorprior.hardware.real_time import granted, locked_memory
+from motorprior.hardware.real_time import granted, locked_memory, real_time_priority
 
-pytestmark = pytest.mark.real_time
 PERIOD = 0.01
 
 
@@ -85,6 +84,7 @@ def test_the_facts_of_a_run_hold_the_timer_and_the_silences():
     assert (facts["timer_wakes"], facts["timer_late_ms/max"]) == (1000.0, pytest.approx(80.0))
 
 
+@pytest.mark.real_time
 def test_a_timer_that_could_not_run_was_overdue_for_as_long():
     """To it, being stopped is what a core that stands still is."""
     timers = BareTimers()
@@ -102,6 +102,32 @@ def test_a_timer_that_could_not_run_was_overdue_for_as_long():
     assert report.worst >= 0.9 * (begun - stopped)
 
 
+@pytest.mark.real_time
+@pytest.mark.skipif(not granted()["real_time_priority"], reason="this user may not have real-time priority")
+def test_a_program_that_computes_for_too_long_keeps_no_timer_from_waking():
+    """In real time, too: what it takes is its own, not the machine's."""
+    core = {sorted(os.sched_getaffinity(0))[0]}
+    everywhere = os.sched_getaffinity(0)
+    timers = BareTimers()
+    time.sleep(0.5)
+    spins = []
+    with real_time_priority():
+        os.sched_setaffinity(0, core)
+        try:
+            for _ in range(6):
+                begun = time.monotonic()
+                while time.monotonic() < begun + 0.1:
+                    pass
+                spins.append([begun, time.monotonic()])
+                time.sleep(0.05)
+        finally:
+            os.sched_setaffinity(0, everywhere)
+    report = timers.stop()
+    assert report is not None
+    assert with_the_machine(np.array(spins), report.overdue) < 0.25 * float(np.diff(spins).sum())
+
+
+@pytest.mark.real_time
 def test_timers_that_are_gone_leave_no_report_and_no_error(monkeypatch: pytest.MonkeyPatch):
     timers = BareTimers()
     for process in timers._processes:
@@ -111,6 +137,7 @@ def test_timers_that_are_gone_leave_no_report_and_no_error(monkeypatch: pytest.M
     assert BareTimers().stop() is None
 
 
+@pytest.mark.real_time
 def test_timers_end_with_the_host():
     """However it ends: their input does."""
     code = "from motorprior.hardware.machine import BareTimers; t = BareTimers(); "

@@ -22,7 +22,7 @@ def test_with_three_percent_lost_and_three_damaged_it_walks_on(trot: Path, life:
     """A gain or current limit that is repeated while it walks, and damaged, ended such walks within a minute or two."""
     walk = noisy_walk(trot, 0.03, 180.0, life)
     assert walk.fault is None
-    assert walk.seconds == pytest.approx(180.0, abs=0.1) and walk.path > 6.0
+    assert walk.seconds == pytest.approx(180.0, abs=0.1) and walk.path > 30.0
 
 
 def test_a_walk_in_simulated_time_repeats_to_the_last_bit(trot: Path):

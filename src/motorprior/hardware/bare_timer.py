@@ -3,7 +3,7 @@
     python -I -S bare_timer.py PERIOD PRIORITY CORE
 
 CORE is the number of the core it stays on, or -1 for any. It uses the standard library only, and real-time priority
-where it may, as the control loop does. It ends when its standard input does, also by the death of the host, and then
+where it may, above the control loop's. It ends when its standard input does, also by the death of the host, and then
 writes a JSON map: "wakes"; "p50", "p99" and "max" of how late they were [s]; "late": the last `_KEPT` that were later
 than `_LATE`, as pairs of when each was due [s, monotonic clock] and how late it came [s].
 """

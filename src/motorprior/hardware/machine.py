@@ -21,7 +21,7 @@ import numpy as np
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
-from motorprior.hardware.real_time import PRIORITY
+from motorprior.hardware.real_time import TIMER_PRIORITY
 
 _PERIOD, _MOST = 0.004, 4
 _PATIENCE = 2.0
@@ -82,7 +82,7 @@ def _cores() -> list[int]:
 
 def _started(core: int) -> subprocess.Popen[bytes] | None:
     script = str(Path(__file__).with_name("bare_timer.py"))
-    command = [sys.executable, "-I", "-S", script, str(_PERIOD), str(PRIORITY), str(core)]
+    command = [sys.executable, "-I", "-S", script, str(_PERIOD), str(TIMER_PRIORITY), str(core)]
     try:
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
     except OSError:

@@ -9,8 +9,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PRIORITY = 10
-"""Of SCHED_FIFO, number 1; the watchdog's is higher."""
+PRIORITY, TIMER_PRIORITY = 10, 15
+"""Of SCHED_FIFO, number 1: the control loop's, and that of the timers beside it, which a loop that computes for too
+long must not keep from waking. The watchdog's is higher than both."""
 _SCHED_FIFO = 1
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 """Flags of mlockall(2): the pages that are there, those to come, each not before it is touched."""

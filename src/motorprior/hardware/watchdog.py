@@ -11,6 +11,7 @@ Beats: any bytes; "q" ends it, and it sends nothing. Reports: "r" ready, "t" tri
 """
 
 import contextlib
+import ctypes
 import os
 import select
 import signal
@@ -19,6 +20,8 @@ import termios
 import time
 
 _PRIORITY = 20
+_NOW = 1
+"""Flag of mlockall(2): the pages that are there; it allocates next to nothing later, and no limit can stop that."""
 _BURST = 40
 """Idle frames at once: more bytes than the longest command, of which the dead host may have sent a part."""
 _REPEAT = 0.02
@@ -34,6 +37,8 @@ def main(arguments: list[str]) -> None:
         signal.signal(ignored, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # needs a right, and a system that has it
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    with contextlib.suppress(OSError, AttributeError):  # the host's lock does not outlive the start of this program
+        ctypes.CDLL(None).mlockall(_NOW)
     os.set_blocking(port, False)
     os.write(report, b"r")
     if guard(beats, timeout):
