@@ -79,6 +79,18 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
     refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 
 
+def test_joints_that_did_not_move_are_named_before_anything_is_judged(folder: Path, tmp_path: Path, motorprior):
+    prior, log = folder / "prior" / "prior.safetensors", tmp_path / "still.parquet"
+    moving = read_parquet(folder / "few" / "log.parquet").rows(slice(0, 1000))
+    write_log(log, moving)
+    assert "did not move" not in motorprior("validate-log", prior, log, "--out", tmp_path / "out").err
+    angle = moving.joint_pos.copy()
+    angle[500:, 1] = angle[500, 1]
+    write_log(log, replace(moving, joint_pos=angle))
+    told = " ".join(motorprior("validate-log", prior, log, "--out", tmp_path / "out").err.split())
+    assert "note: motor_001 did not move in what is judged" in told
+
+
 def test_prior_and_log_may_be_of_any_robot_that_both_name(folder: Path, tmp_path: Path, motorprior, refused):
     prior, log, out = tmp_path / "pendulum.safetensors", tmp_path / "pendulum.parquet", ("--out", tmp_path / "out")
     replace(MotorPrior.load(folder / "prior" / "prior.safetensors"), robot="pendulum").save(prior)

@@ -52,7 +52,7 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         with gzip.open(path, "rt") as whole, gzip.open(tmp_path / path.parent.name / path.name, "wt") as cut:
             cut.writelines(islice(whole, ROWS))
     shutil.copy(shared_data / "go2" / "traj_0.pt", tmp_path / "go2")
-    for path in sorted((shared_data / "xl330").glob("*_10h28m?[024].json.gz")):
+    for path in sorted((shared_data / "xl330").glob("*_10h2[89]m[0123]*.json.gz")):
         shutil.copy(path, tmp_path / "xl330")
     shutil.copytree(shared_data / "so101" / "original", tmp_path / "so101" / "original")
     shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", tmp_path / "so101")

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.commands import run_deploy, run_record
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
@@ -68,6 +69,23 @@ def test_a_program_that_was_slow_while_the_machine_was_not_is_told_so(
     facts = read_json(tmp_path / "run.json")
     assert caught.value.kind == facts["outcome"] == "slow host" and facts["message"] == str(caught.value)
     assert facts["machine"]["silent_ms/max"] > 400.0 and facts["machine"]["silent_ms"] < 2000.0
+
+
+def test_a_policy_may_be_said_to_survive_shorter_pauses_only(
+    patient: Robot, virtual: Callable, trot: Path, tmp_path: Path
+):
+    settings = DeploySettings(out=tmp_path, seconds=0.8, longest_pause=0.05, yes=True)
+    with suppress(RobotFault):  # on a machine that pauses for longer
+        run_deploy(patient, trot, virtual().port, settings, lambda _: None)
+    limits = read_json(tmp_path / "run.json")["safety"]
+    assert (limits["tick_delay"], limits["watchdog"]) == (0.05, pytest.approx(0.08))
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.01, 0.101, float("nan")])
+def test_no_longer_pause_than_the_robot_survives_is_ridden_out(trot: Path, tmp_path: Path, pause: float):
+    settings = DeploySettings(out=tmp_path, longest_pause=pause, yes=True)
+    with pytest.raises(ConfigError, match=r"longest_pause .* -> give at least 0\.02 and at most 0\.1"):
+        run_deploy(PUPPER_V2, trot, "no port is opened", settings, lambda _: None)
 
 
 def test_a_run_that_ended_in_time_says_so_and_counts_its_clips(

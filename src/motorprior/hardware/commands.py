@@ -28,6 +28,10 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
+_SHORTEST_PAUSE = 0.02
+"""Two control steps [s]: machines that are well are late by less."""
+_WATCHDOG_LATER = 0.03
+"""Than the longest pause [s]: a control period, and 20 ms for a host that wakes up to send."""
 _RECOGNISED = 0.3
 """Time in which telemetry must prove that the device is a robot [s]."""
 
@@ -67,6 +71,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
     command = walks_alone(gait) if settings.forward is None else settings.forward, settings.yaw_rate
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, robot.require_wire().safety)
+    limits = _with_pause(robot.require_wire().safety, settings.longest_pause)
     if settings.dry_run:
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             steps = deploy.rehearse(link, policy, stop, settings.seconds or 5.0, say, command)
@@ -75,7 +80,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
     require_terminal(settings.yes)
     out = settings.out or _dated("deploy")
     facts, timing = RunFacts(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, out / LOG))
+    link = RobotLink(robot, SerialLink(robot, port), limits, Recorder(robot, out / LOG))
     with link, stop_on_signals() as stop, facts.kept(link, timing, policy.control_dt):
 
         def confirm() -> None:
@@ -180,6 +185,14 @@ def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
     _require("kp", gains.kp, 0.0, limits.highest_kp)
     _require("kd", gains.kd, 0.0, limits.highest_kd)
     _require("max_current", gains.max_current, 0.0, limits.max_current)
+
+
+def _with_pause(limits: SafetyLimits, longest: float | None) -> SafetyLimits:
+    """With a shorter pause [s] to ride out, and a watchdog that waits little longer than that."""
+    if longest is None:
+        return limits
+    _require("longest_pause", longest, _SHORTEST_PAUSE, limits.tick_delay, or_equal=True)
+    return replace(limits, tick_delay=longest, watchdog=min(limits.watchdog, longest + _WATCHDOG_LATER))
 
 
 def _dated(command: str) -> Path:

@@ -89,6 +89,12 @@ def excited_joints(log: MotorLog) -> np.ndarray:
     return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
 
 
+def joints_at_rest(log: MotorLog) -> tuple[str, ...]:
+    """Names of the joints whose angle has a standard deviation of no more than 1 mrad."""
+    at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
+    return tuple(log.joint_names[column] for column in at_rest)
+
+
 def excitation(log: MotorLog) -> list[Finding]:
     """Joints that were not commanded to move, joints that were and did not, and those that move far more."""
     command, motion = np.std(log.position_target, axis=0), np.std(log.joint_pos, axis=0)

@@ -15,6 +15,7 @@ from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.joining import joined
+from motorprior.logs.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
@@ -81,6 +82,11 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     known, judged = _known_and_judged(config, log)
     inputs = [config.prior, config.log, *config.fitted_on, *(robot.files if robot else ())]
     wanted = description("validate-log", asdict(config), inputs)
+    if resting := joints_at_rest(judged):
+        progress.note(
+            f"note: {', '.join(resting)} did not move in what is judged: the errors only say what holds there, judge "
+            "another log"
+        )
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             write_results(config.out, _measure(config, prior, known, judged, progress))

@@ -38,11 +38,12 @@ class SafetyLimits:
         temperature: of any motor [°C], where it is sent; assumption, the motors' windings take about 100.
         battery: lowest voltage [V], where it is sent; assumption, 3.3 V for each of six cells.
         warning_time: temperature or battery beyond their bounds for so long [s].
-        tick_delay: longest delay of one control step [s], while the motors hold the last target: the longest pause at
-            which every walk of four policies on eight twins stayed upright (`benchmarks/hardware_stalls.py`).
+        tick_delay: longest delay of one control step [s], while the motors hold the last target: every walk of a policy
+            of 150 iterations stayed upright through so long a pause, and through twice that; policies that were trained
+            less may survive less (`benchmarks/hardware_stalls.py`).
         late_ticks: so many late steps (by more than half a period) of the last hundred are a host that cannot keep up.
-        stalled_time: so much lateness [s] of the last hundred steps together is another one; walks with a pause of
-            20 ms at every tenth step all stayed upright on the same twins, with 50 ms 6 of 96 fell.
+        stalled_time: so much lateness [s] of the last hundred steps together is another one; all walks of that policy
+            with a pause of 20 ms at every tenth step stayed upright, with 50 ms 3 of 24 fell.
         watchdog: the watchdog process sends idle when the host is silent for so long [s]: a control period, the longest
             delay, and 20 ms for a host that wakes up to send.
     """
