@@ -24,7 +24,7 @@ from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
-from motorprior.hardware.machine import STOOD_STILL
+from motorprior.hardware.machine import STOOD_STILL, BareTimers, explained
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_facts import FACTS
@@ -69,12 +69,14 @@ SAID = ("surge", "deaf", "unplugged")
 measured."""
 LATE = 0.11
 """Duration of a step that is too late for the host, but not for the watchdog [s]."""
+LONGEST_START = 120.0
+"""Of a host, until it has walked for a while [s]."""
 STATUS_BEFORE = 6
 """Number of status lines, two a second, before a fault of the host."""
 
 
 def is_meant(found: RobotFault, fault: str) -> bool:
-    """Whether the host reported the injected fault, of the joint that has it, and not a stall of this machine."""
+    """Whether the host reported the injected fault, of the joint that has it, and not a silence of this machine."""
     joint = fault.partition(":")[2]
     named = found.kind in _WHOLE or joint in str(found)
     return found.kind in FAULTS[fault] and named and STOOD_STILL not in str(found)
@@ -133,7 +135,7 @@ def signal_to_idle(
 ) -> float:
     """Milliseconds from a signal to a walking host until the robot is idle, which takes less than ``patience`` [s].
 
-    A host that another fault ended, on its way down too, is not counted, but named in ``others``.
+    A host that another fault ended is not counted, but named in ``others``.
     """
     others = [] if others is None else others
     for _ in range(MOST_FAULTS):
@@ -167,7 +169,10 @@ def outcome(out: Path) -> str | None:
 
 def wait_until_it_walks(host: subprocess.Popen, log: Path) -> bool:
     """False if the host ended before: this machine was too busy, and it sat down."""
+    give_up = time.monotonic() + LONGEST_START
     while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
+        if time.monotonic() > give_up:
+            return False
         time.sleep(0.01)
     return host.poll() is None
 
@@ -195,11 +200,15 @@ def reaction(folder: Path, policy: Policy, fault: str, others: list[str] | None 
     others = [] if others is None else others
     for _ in range(MOST_FAULTS):
         with virtual_robot(folder, "--robot.currents", "--robot.fault", f"{fault}@{FAULT_AT:g}") as (port, end):
+            timing, timers = Timing(), BareTimers()
             try:
-                deploy(port, policy, 2.0 * FAULT_AT)
+                deploy(port, policy, 2.0 * FAULT_AT, timing=timing)
                 raise NotMeasuredError(f"walked on in spite of {fault}")
             except RobotFault as error:
-                said, found = time.monotonic(), error
+                said = time.monotonic()
+                found = explained(error, timers.stop(), timing, policy.control_dt)
+            finally:
+                timers.stop()
             time.sleep(0.1)
             life = end()
         print(f"  {fault}: {found}", file=sys.stderr)

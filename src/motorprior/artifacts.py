@@ -25,8 +25,8 @@ from motorprior.outside_files import read_text, require_file
 
 _DTYPES = frozenset(["F64", "F32", "F16", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8", "BOOL"])
 """Of the arrays in an artefact; the format has others, some of which numpy lacks."""
-MAX_JSON = 40_000_000
-"""Bytes of a file; in memory it takes up to 25 times as much."""
+MAX_JSON = 15_000_000
+"""Bytes of a file; in memory it takes up to 35 times as much."""
 MAX_HEADER = 10_000_000
 """Bytes of the header of a file of tensors."""
 MAX_TENSORS = 400_000_000

@@ -459,7 +459,7 @@ def test_a_file_of_another_kind_is_named_with_what_would_work(
 
 def test_the_log_of_a_bench_is_its_folder(motorprior: Command, tmp_path: Path, bench: Path):
     for given, out in ((bench, "folder"), (bench / "log.parquet", "log")):
-        assert motorprior("identify", given, "--steps", 1, "--out", tmp_path / out).code == 0
+        assert motorprior("identify", given, "--preset", "paper_wide", "--steps", 1, "--out", tmp_path / out).code == 0
     priors = [MotorPrior.load(tmp_path / out / "prior.safetensors") for out in ("folder", "log")]
     assert priors[0].sha256() == priors[1].sha256() and priors[1].robot != "bench"
 

@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,6 +19,21 @@ from motorprior.pipeline.stage import MARKER, UNFINISHED, seconds_of
 Command = Callable[..., Any]
 STEPS = 1200
 """Checkpoints at 500 and 1000."""
+KILLED = """
+import os, signal
+from motorprior.cli.main import main
+from motorprior.pipeline import identify
+
+save = identify._Checkpoint.save
+
+def save_and_die(*args):
+    save(*args)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+identify._Checkpoint.save = save_and_die
+main()
+"""
+"""A command line that ends at its first checkpoint, as by kill -9."""
 
 
 def words(bench: Path, out: Path, seed: int = 0) -> list[str]:
@@ -62,13 +76,8 @@ def test_a_killed_process_is_continued_from_its_checkpoint(
     motorprior: Command, bench: Path, whole: Path, tmp_path: Path
 ):
     out = tmp_path / "prior"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "motorprior.cli.main", *words(bench, out)], stderr=subprocess.DEVNULL
-    )
-    while not (out / CHECKPOINT).exists() and process.poll() is None:
-        time.sleep(0.01)
-    process.kill()
-    assert process.wait() == -signal.SIGKILL, "it finished before it could be killed"
+    done = subprocess.run([sys.executable, "-c", KILLED, *words(bench, out)], stderr=subprocess.DEVNULL, check=False)
+    assert done.returncode == -signal.SIGKILL and (out / CHECKPOINT).exists()
     assert read_json(out / UNFINISHED)["seconds"] > 0.0
     assert motorprior(*words(bench, out)).code == 0
     assert_finished_like(out, whole)

@@ -4,7 +4,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,16 +90,15 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
 @pytest.fixture
 def host() -> Iterator[Callable[..., RobotLink]]:
     """A host's side of a port; idle when the test ends."""
-    made = []
+    with ExitStack() as stack:
 
-    def connect(port: str, **settings) -> RobotLink:
-        made.append(RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, port), **{"limits": PATIENT, **settings}))
-        made[-1].receive(time.monotonic() + QUIET)
-        return made[-1]
+        def connect(port: str, **settings) -> RobotLink:
+            made = RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, port), **{"limits": PATIENT, **settings})
+            stack.callback(made.close)
+            made.receive(time.monotonic() + QUIET)
+            return made
 
-    yield connect
-    for robot in made:
-        robot.close()
+        yield connect
 
 
 def _stand_up(robot: RobotLink, stop: Callable[[], bool] = lambda: False) -> ControlLoop:
@@ -164,7 +163,8 @@ def deploying() -> Iterator[Callable[..., subprocess.Popen]]:
     yield start
     for process in started:
         process.kill()
-        process.communicate()
+        with suppress(subprocess.TimeoutExpired):  # its watchdog holds its stderr, too
+            process.communicate(timeout=30.0)
 
 
 @pytest.fixture

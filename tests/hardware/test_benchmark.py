@@ -6,8 +6,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import hardware_reactions
@@ -25,7 +27,7 @@ from hardware_reactions import (
     reaction,
 )
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.machine import STOOD_STILL
+from motorprior.hardware.machine import MachineReport
 from motorprior.hardware.virtual.injected import KINDS
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -61,11 +63,16 @@ class Walks:
         now = time.monotonic()
         yield "port", lambda: {"started": now - FAULT_AT, "modes": [(now + 0.07, "idle"), (now + 9.0, "idle")]}
 
-    def deploy(self, port: str, policy: Policy, seconds: float, log: Path | None = None, status: Any = None) -> None:
+    def deploy(
+        self, port: str, policy: Policy, seconds: float, log: Any = None, timing: Any = None, status: Any = None
+    ):
         if status is not None:
             for _ in range(hardware_reactions.STATUS_BEFORE):
                 status(None)
         time.sleep(0.04)
+        if timing is not None:  # its last command left 40 ms ago
+            timing.ended, timing.fault = time.monotonic(), getattr(self.left[0], "kind", "")
+            timing.sent.extend([timing.ended - 0.05, timing.ended - 0.04])
         raise self.left.pop(0)
 
 
@@ -127,9 +134,21 @@ def test_a_fault_of_another_joint_is_not_the_one_that_was_meant():
     assert is_meant(RobotFault("fall", "roll +0.81 rad"), "dead:FR_knee") and not is_meant(SLOW, "dead:FR_knee")
 
 
-def test_silence_that_was_this_machine_s_is_not_the_robot_s():
-    silent = [RobotFault("stale telemetry", f"the last measurement is 0.2 s old; {who}") for who in ("", STOOD_STILL)]
-    assert [is_meant(fault, "mute") for fault in silent] == [True, False]
+def test_silence_that_was_this_machine_s_is_not_the_robot_s(
+    tmp_path: Path, walks: Callable[..., Walks], monkeypatch: pytest.MonkeyPatch
+):
+    told = walks(*[RobotFault("stale telemetry", "the last measurement is 0.2 s old")] * 3)
+    always, never = (MachineReport(1000, 0.0, 0.0, 1.0, (np.array(late).reshape(-1, 2),)) for late in ([0.0, 1e12], []))
+    reports = iter((always, never))
+
+    def timers() -> SimpleNamespace:
+        report = next(reports)
+        return SimpleNamespace(stop=lambda: report)
+
+    monkeypatch.setattr(hardware_reactions, "BareTimers", timers)
+    others: list[str] = []
+    reaction(tmp_path, Policy.load(trot_policy(PUPPER_V2, tmp_path)), "mute", others)
+    assert others == ["stale telemetry"] and len(told.left) == 1, "the second walk is the measurement"
 
 
 @pytest.mark.parametrize(

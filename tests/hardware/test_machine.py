@@ -20,10 +20,10 @@ from motorprior.hardware.real_time import granted, locked_memory, real_time_prio
 PERIOD = 0.01
 
 
-def a_run(*gaps: float, ended_after: float = 0.01) -> Timing:
+def a_run(*gaps: float, ended_after: float = 0.01, fault: str = "slow host") -> Timing:
     """Commands with so much time between them [s], from 100 s on."""
     sent = 100.0 + np.cumsum([0.0, *gaps])
-    return Timing(sent=array("d", sent.tolist()), ended=float(sent[-1] + ended_after))
+    return Timing(sent=array("d", sent.tolist()), ended=float(sent[-1] + ended_after), fault=fault)
 
 
 def a_report(*overdue: tuple[float, float]) -> MachineReport:
@@ -64,12 +64,13 @@ def test_a_silence_in_which_the_timer_was_in_time_is_the_program_s():
 @pytest.mark.parametrize(
     ("fault", "report", "run"),
     [
-        (RobotFault("stale telemetry", "0.11 s old"), a_report(), a_run(0.01, 0.01)),
-        (RobotFault("fall", "roll +0.8 rad"), a_report((100.0, 100.1)), a_run(0.01, 0.08)),
+        (RobotFault("stale telemetry", "0.11 s old"), a_report(), a_run(0.01, 0.01, fault="stale telemetry")),
+        (RobotFault("fall", "roll +0.8 rad"), a_report((100.0, 100.1)), a_run(0.01, 0.08, fault="fall")),
+        (slow_host(), a_report((100.0, 100.1)), a_run(0.01, 0.08, fault="")),
         (slow_host(), None, a_run(0.01, 0.08)),
         (slow_host(), a_report((100.0, 100.1)), Timing()),
     ],
-    ids=["a silent robot", "another fault", "no timer", "no motion"],
+    ids=["a silent robot", "another fault", "on the way down", "no timer", "no motion"],
 )
 def test_nothing_is_said_where_no_silence_of_the_host_explains_it(
     fault: RobotFault, report: MachineReport | None, run: Timing

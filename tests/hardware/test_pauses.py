@@ -1,9 +1,11 @@
 """A host that stands still for a moment while its robot walks, in simulated time: ridden out up to the bound."""
 
 import itertools
+import math
 import sys
 import time
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,14 +15,16 @@ import pytest
 from hardware_stalls import BEGIN, SPREAD, StallingPort, bounds, main, trial
 from motorprior.artifacts import read_json
 from motorprior.exceptions import RobotFault
+from motorprior.hardware.commands import run_deploy
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import StopRequest
+from motorprior.hardware.settings import DeploySettings
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from simulated_port import on_its_clock
+from simulated_port import SimulatedPort, on_its_clock
 
 LIMITS = PUPPER_V2.require_wire().safety
 
@@ -49,6 +53,37 @@ def test_a_pause_within_the_bound_is_ridden_out(paused: Callable):
     assert fault is None
     assert max(timing.late) > LIMITS.tick_delay - 0.02 and timing.skipped >= 8
     assert max(timing.age[step] for step in range(len(timing.age)) if timing.late[step] < 0.005) < 0.02
+
+
+class _AllStoodStill(SimulatedPort):
+    """The whole machine stands still while the host waits, once, until 2 ms before a frame; what came is lost."""
+
+    paused = 0.0
+
+    def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
+        if self.paused or self.now < BEGIN:
+            return super().wait(until)
+        before, self.now = self.now, 0.01 * math.ceil(100.0 * self.now) + 0.078
+        self.paused = self.now - before
+        super().wait(self.now)
+        return []
+
+
+def test_a_host_that_wakes_up_waits_for_no_more_than_a_fresh_frame(trot: Path):
+    policy, timing, port = Policy.load(trot), Timing(), _AllStoodStill(PUPPER_V2, 0)
+    with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
+        gains = gains_for(PUPPER_V2, policy)
+        walk(link, policy, gains, StopRequest(), command=(0.3, 0.0), seconds=5.0, timing=timing)
+    assert 0.078 <= port.paused <= 0.088 and max(timing.late) < port.paused + 0.004
+
+
+@pytest.mark.parametrize(("pause", "ended"), [(0.04, None), (0.06, "slow host")])
+def test_a_shorter_pause_may_be_asked_for(trot: Path, tmp_path: Path, pause: float, ended: str | None):
+    port = StallingPort(PUPPER_V2, 0, 0, pause, "on")
+    settings = DeploySettings(out=tmp_path, seconds=5.0, forward=0.3, longest_pause=0.05, yes=True)
+    with on_its_clock(port), pytest.raises(RobotFault) if ended else nullcontext() as caught:
+        run_deploy(PUPPER_V2, trot, "a port", settings, lambda _: None)
+    assert port.first < port.now and (caught is None or caught.value.kind == ended)
 
 
 def test_a_pause_beyond_the_bound_ends_the_walk(paused: Callable):
@@ -120,7 +155,8 @@ def test_a_device_that_sends_without_end_is_not_listened_to_without_end():
 
 def test_a_fault_in_telemetry_that_waited_is_seen():
     """The last frame of it is well again."""
-    link = RobotLink(PUPPER_V2, _Waiting([frames(12, range(3, 8))]))  # pyright: ignore[reportArgumentType]
+    limits = replace(LIMITS, telemetry_age=math.inf)
+    link = RobotLink(PUPPER_V2, _Waiting([frames(12, range(3, 8))]), limits)  # pyright: ignore[reportArgumentType]
     link.receive(time.monotonic() - 1.0)
     with pytest.raises(RobotFault, match=r"draws -?9\.5 A"):
         link.check()

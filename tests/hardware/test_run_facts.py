@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +10,10 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.commands import run_deploy, run_record
+from motorprior.hardware.commands import never_pushed, run_deploy, run_record
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
@@ -71,14 +71,10 @@ def test_a_program_that_was_slow_while_the_machine_was_not_is_told_so(
     assert facts["machine"]["silent_ms/max"] > 400.0 and facts["machine"]["silent_ms"] < 2000.0
 
 
-def test_a_policy_may_be_said_to_survive_shorter_pauses_only(
-    patient: Robot, virtual: Callable, trot: Path, tmp_path: Path
-):
-    settings = DeploySettings(out=tmp_path, seconds=0.8, longest_pause=0.05, yes=True)
-    with suppress(RobotFault):  # on a machine that pauses for longer
-        run_deploy(patient, trot, virtual().port, settings, lambda _: None)
-    limits = read_json(tmp_path / "run.json")["safety"]
-    assert (limits["tick_delay"], limits["watchdog"]) == (0.05, pytest.approx(0.08))
+def test_a_policy_that_nothing_pushed_in_training_is_told_of(trot: Path):
+    policy = Policy.load(trot)
+    told = [never_pushed(replace(policy, provenance={"randomization": {"push": push}})) for push in (0.0, 0.3)]
+    assert told == [True, False] and not never_pushed(policy), "nothing is known of the last"
 
 
 @pytest.mark.parametrize("pause", [0.0, 0.01, 0.101, float("nan")])

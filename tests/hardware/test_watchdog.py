@@ -31,11 +31,13 @@ def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_nex
     link = SerialLink(PUPPER_V2, virtual().port)
     guardian = Guardian(link.fileno(), 0.08)
     os.kill(guardian.pid, signal.SIGSTOP)
-    with pytest.raises(RobotFault, match="dead or asleep"):
-        for _ in range(SECONDS_ASLEEP * 100):
-            guardian.beat()
-    guardian.release()
-    link.close()
+    try:
+        with pytest.raises(RobotFault, match="dead or asleep"):
+            for _ in range(SECONDS_ASLEEP * 100):
+                guardian.beat()
+    finally:
+        guardian.release()
+        link.close()
     with pytest.raises(ProcessLookupError):
         os.kill(guardian.pid, 0)
 
@@ -69,11 +71,13 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
         pupper, log = virtual(), tmp_path / str(number) / "run.csv"
         killed = kill_while_walking(pupper, deploying(pupper.port, trot, log.parent), log)
         if killed is None:
+            pupper.stop()
             continue
         took.append(when(pupper, IDLE, killed) - killed)
         time.sleep(0.15)
         assert pupper.events[-1][1] == IDLE, "nothing moves it again"
         assert read_robot_run(log, PUPPER_V2, (Mode.WALK,)).num_rows >= WALKED, "the recording survives"
+        pupper.stop()
         if sum(each < 0.1 for each in took) == ENOUGH:
             return
     pytest.fail(f"idle within 0.1 s of fewer than {ENOUGH} deaths: {took}")

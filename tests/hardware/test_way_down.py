@@ -71,7 +71,7 @@ def test_the_way_up_is_slow_whatever_the_motion_says(
     pupper = virtual()
     robot, row = host(pupper.port), []
     robot.limits = replace(robot.limits, slow_speed=1.5)
-    start = robot.stream.latest.telemetry.pos
+    start = robot.check().telemetry.pos
     monkeypatch.setattr(
         "motorprior.hardware.session._to_nominal", lambda *_: played(np.tile(spec.NOMINAL_POSE, (10, 1)))
     )

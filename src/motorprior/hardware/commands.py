@@ -28,10 +28,12 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
+_NEVER_PUSHED = (
+    "note: this policy was trained without pushes, and a pause of this computer may throw it over; longest_pause says "
+    "how long a pause may be, see 'A machine that stands still' in docs/hardware.md"
+)
 _SHORTEST_PAUSE = 0.02
 """Two control steps [s]: machines that are well are late by less."""
-_WATCHDOG_LATER = 0.03
-"""Than the longest pause [s]: a control period, and 20 ms for a host that wakes up to send."""
 _RECOGNISED = 0.3
 """Time in which telemetry must prove that the device is a robot [s]."""
 
@@ -78,6 +80,8 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
         say(f"dry run: {steps} control steps, nothing was sent")
         return Results()
     require_terminal(settings.yes)
+    if settings.longest_pause is None and never_pushed(policy):
+        say(_NEVER_PUSHED)
     out = settings.out or _dated("deploy")
     facts, timing = RunFacts(out), Timing()
     link = RobotLink(robot, SerialLink(robot, port), limits, Recorder(robot, out / LOG))
@@ -96,6 +100,12 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
         facts.outcome = run.stopped_by
     say(f"stopped by {run.stopped_by}; {out / LOG}")
     return clock_results([timing], policy.control_dt)
+
+
+def never_pushed(policy: Policy) -> bool:
+    """Whether a policy says that nothing pushed its robots in training."""
+    randomization = policy.provenance.get("randomization")
+    return isinstance(randomization, dict) and randomization.get("push") == 0.0
 
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> Path:
@@ -188,11 +198,11 @@ def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
 
 
 def _with_pause(limits: SafetyLimits, longest: float | None) -> SafetyLimits:
-    """With a shorter pause [s] to ride out, and a watchdog that waits little longer than that."""
+    """With a shorter pause [s] to ride out; after a longer one a host that the watchdog waits for still sits down."""
     if longest is None:
         return limits
     _require("longest_pause", longest, _SHORTEST_PAUSE, limits.tick_delay, or_equal=True)
-    return replace(limits, tick_delay=longest, watchdog=min(limits.watchdog, longest + _WATCHDOG_LATER))
+    return replace(limits, tick_delay=longest)
 
 
 def _dated(command: str) -> Path:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from motorprior.exceptions import RobotFault
 from motorprior.hardware.health import Pace
 from motorprior.hardware.motions import Motion
 from motorprior.hardware.robot_link import RobotLink
@@ -36,6 +37,7 @@ class Timing:
         skipped: steps that were left out because the one before took too long.
         broken_off: how late the step was that a fault ended instead of a command; None if there was none.
         ended: when the motion ended, on the clock of ``sent``; None while it goes on.
+        fault: kind of the fault that ended it; empty if none did.
     """
 
     sent: array = field(default_factory=lambda: array("d"))
@@ -45,6 +47,7 @@ class Timing:
     skipped: int = 0
     broken_off: float | None = None
     ended: float | None = None
+    fault: str = ""
 
     def add(self, sent: float, late: float, measurement: Measurement) -> None:
         """Count one more step."""
@@ -129,6 +132,9 @@ class ControlLoop:
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         try:
             return self._play(motion, mode, after_step)
+        except RobotFault as fault:
+            self.timing.fault = fault.kind
+            raise
         finally:
             self.timing.ended = time.monotonic()
 

@@ -24,7 +24,7 @@ from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.real_time import TIMER_PRIORITY
 
 _PERIOD, _MOST = 0.004, 4
-_PATIENCE = 2.0
+_PATIENCE = 10.0
 """Longest wait for the report of a timer that was told to end [s]."""
 _PAUSED = ("slow host", "watchdog", "stale telemetry")
 """Kinds of faults that a silence of the host can be the reason of."""
@@ -140,8 +140,11 @@ def machine_facts(report: MachineReport, timing: Timing, period: float) -> dict[
 
 
 def explained(fault: RobotFault, report: MachineReport | None, timing: Timing, period: float) -> RobotFault:
-    """The fault; where a silence of the host came before it, with whether the machine or the program was the reason."""
-    if report is None or fault.kind not in _PAUSED or timing.ended is None:
+    """The fault; where a silence of the host came before it, with whether the machine or the program was the reason.
+
+    Of a fault that did not end the timed motion, but came on the way up or down, nothing is known.
+    """
+    if report is None or fault.kind not in _PAUSED or timing.ended is None or timing.fault != fault.kind:
         return fault
     pauses = np.clip(silences(timing, period), timing.ended - _BEFORE, timing.ended)
     silent, machine = float(np.diff(pauses).sum()), with_the_machine(pauses, report.overdue)

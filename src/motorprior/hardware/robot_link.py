@@ -36,6 +36,8 @@ one that arrives stays until the robot is armed again."""
 _KEPT_TEXT = 50
 _CATCH_UP = 0.02
 """[s] in which telemetry comes that waited somewhere else than in this process."""
+_GLANCE = 0.001
+"""After a pause a fresh frame is waited for in pieces of so long [s]."""
 _MOST_LATE_READS = 100
 """A device that sends without end must not be listened to without end."""
 _MOST_UNCHECKED = 1000
@@ -135,9 +137,12 @@ class RobotLink:
         Raises:
             RobotFault: see `receive`.
         """
-        now, latest = time.monotonic(), self.stream.latest
-        if latest is None or now - latest.sampled > self.robot.control_dt:
-            self.receive(now + _CATCH_UP)
+        give_up = time.monotonic() + _CATCH_UP
+        while (now := time.monotonic()) < give_up:
+            latest = self.stream.latest
+            if latest is not None and now - latest.sampled <= self.robot.control_dt:
+                break
+            self.receive(now + _GLANCE)
         if (latest := self.stream.latest) is not None:
             self._tracking.begin_again(1e-3 * latest.telemetry.ts)
 

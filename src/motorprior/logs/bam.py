@@ -29,7 +29,7 @@ from motorprior.logs.number_table import read_text
 
 ENDINGS = (".json", ".json.gz")
 GRAVITY = 9.81
-MAX_BYTES = 30_000_000
+MAX_BYTES = 15_000_000
 _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
 _SERIES = ("timestamp", "goal_position", "position", "speed")
 _MOST = {"mass": 100.0, "length": 10.0, "arm_mass": 100.0, "kp": 1e6}

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import MAX_JSON, parse_json, write_text
+from motorprior.artifacts import parse_json, write_text
 from motorprior.exceptions import ArtifactError
 from motorprior.outside_files import read_text
 
-METRICS = "metrics.jsonl"
+METRICS, MAX_BYTES = "metrics.jsonl", 40_000_000
 _NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright")
 
 
@@ -84,7 +84,7 @@ def read_metrics(folder: Path) -> dict[str, np.ndarray]:
     """
     path = folder / METRICS
     try:
-        rows = [parse_json(line) for line in read_text(path, MAX_JSON).splitlines()]
+        rows = [parse_json(line) for line in read_text(path, MAX_BYTES).splitlines()]
         return {name: np.array([row[name] for row in rows]) for name in _NUMBERS}
     except (ValueError, KeyError, TypeError) as error:
         raise ArtifactError(f"not the metrics of a training ({error})", where=path, remedy="train again") from error

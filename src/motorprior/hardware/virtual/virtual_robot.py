@@ -182,6 +182,6 @@ def in_thread(robot: VirtualRobot) -> Callable[[], None]:
 
     def end() -> None:
         robot.stop()
-        thread.join(timeout=5.0)
+        thread.join(timeout=60.0)
 
     return end
