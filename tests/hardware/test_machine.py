@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from array import array
 from pathlib import Path
@@ -101,6 +102,20 @@ def test_a_timer_that_could_not_run_was_overdue_for_as_long():
     assert report is not None and report.wakes > 10 and report.p50 <= report.p99 <= report.worst
     assert with_the_machine(np.array([[stopped, begun]]), report.overdue) > 0.9 * (begun - stopped)
     assert report.worst >= 0.9 * (begun - stopped)
+
+
+@pytest.mark.real_time
+def test_a_timer_that_is_told_to_end_while_it_cannot_run_was_overdue_until_then():
+    """A test that a standstill spoils ends before the standstill does."""
+    timers = BareTimers()
+    time.sleep(0.5)
+    stopped_one = timers._processes[0].pid
+    os.kill(stopped_one, signal.SIGSTOP)
+    later = threading.Timer(0.2, os.kill, (stopped_one, signal.SIGCONT))
+    later.start()
+    report = timers.stop()
+    later.join()
+    assert report is not None and report.worst > 0.15
 
 
 @pytest.mark.real_time
