@@ -70,7 +70,7 @@ measured."""
 LATE = 0.11
 """Duration of a step that is too late for the host, but not for the watchdog [s]."""
 LONGEST_START = 120.0
-"""Of a host, until it has walked for a while [s]."""
+"""Longest wait for a host to have walked for a while [s]."""
 STATUS_BEFORE = 6
 """Number of status lines, two a second, before a fault of the host."""
 
@@ -146,13 +146,14 @@ def signal_to_idle(
             with open(folder / WORDS, "a") as words:
                 host = subprocess.Popen([sys.executable, *command], stdin=subprocess.DEVNULL, stderr=words)
             try:
-                if wait_until_it_walks(host, out / "run.csv"):
+                walks = wait_until_it_walks(host, out / "run.csv")
+                if walks:
                     before = time.monotonic()
                     os.kill(host.pid, number)
                     time.sleep(patience)
                     if outcome(out) == (number.name if number in SIGNALS else None):
                         return 1e3 * (first_idle(end(), before) - before)
-                others.append(outcome(out) or "none yet")
+                others.append((outcome(out) or "none yet") if walks else "did not walk")
             finally:
                 host.kill()
                 host.wait()
@@ -168,7 +169,7 @@ def outcome(out: Path) -> str | None:
 
 
 def wait_until_it_walks(host: subprocess.Popen, log: Path) -> bool:
-    """False if the host ended before: this machine was too busy, and it sat down."""
+    """False if the host ended before, or did not walk within `LONGEST_START`: this machine was too busy."""
     give_up = time.monotonic() + LONGEST_START
     while host.poll() is None and not (log.is_file() and log.stat().st_size > 200_000):  # 4 s under way
         if time.monotonic() > give_up:

@@ -4,7 +4,7 @@
 
 While a host stands still the robot's motors hold the last target. Each trial is one walk of one of eight virtual robots
 (`simulated_port.py`) that meets one stall, at a time that a seed draws, so at any phase of the gait; no bound of the
-host's ends it. For each length of stall (``--stalls``, in ms) and each kind of trial:
+host's ends it, but in the kinds that say so. For each length of stall (``--stalls``, in ms) and each kind of trial:
     KIND/MS                share of the trials in which the robot stays upright: it never leans over 0.7 rad, which the
                            host calls a fall, neither before it is sent idle nor, walking on, for three more seconds;
                            of robots that walked before, with a third of the speed that they are told or more

@@ -92,6 +92,27 @@ def test_of_five_attempts_one_may_fail_while_the_machine_is_well(session, worst:
     assert (found["rerun"], found.get("skipped", 0), code) == (4, int(excused), int(not excused))
 
 
+BREAKS_LATER = """
+import pytest
+
+@pytest.fixture
+def robot():
+    yield
+    assert False, "it did not idle"
+
+@pytest.mark.real_time
+def test_robot(robot):
+    assert False, "stale telemetry"
+"""
+
+
+@pytest.mark.parametrize(("worst", "excused"), [(STALLED, True), (QUIET, False)], ids=["stalling", "quiet"])
+def test_a_teardown_after_a_failure_is_judged_as_the_failure(session, worst: float, excused: bool):
+    found, _, code = session(worst, tests=BREAKS_LATER)
+    outcomes = {"skipped": 2} if excused else {"failed": 1, "errors": 1}
+    assert {name: found.get(name, 0) for name in outcomes} == outcomes and code == int(not excused)
+
+
 def test_a_session_in_which_next_to_nothing_was_judged_has_failed(session, monkeypatch: pytest.MonkeyPatch):
     tests = TESTS.split("@pytest.mark.real_time\n@pytest.mark.flaky(1)")[0]
     assert session(STALLED, tests=tests)[2] == 0

@@ -172,7 +172,7 @@ def remember(simulator, shared, task):
     folder, doomed_id = shared
     node = there.get_runtime_context().get_node_id()
     (Path(folder) / f"{task}-{os.getpid()}-{node}").touch()
-    time.sleep(600.0 if node == doomed_id else 0.1)
+    time.sleep(60.0 if node == doomed_id else 0.5)
     return task * task
 
 
@@ -192,10 +192,11 @@ def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
         assert searched(executor) == serial  # both nodes at work
 
         doomed_id = doomed.node_id
-        killer = threading.Thread(target=kill_when_busy, args=(doomed, tmp_path, doomed_id))
+        killer = threading.Thread(target=kill_when_busy, args=(doomed, tmp_path, doomed_id), daemon=True)
         killer.start()
         assert executor.map(remember, (str(tmp_path), doomed_id), range(10)) == [task * task for task in range(10)]
-        killer.join()
+        killer.join(60.0)
+        assert not killer.is_alive(), "no task came to the node that is to die"
         marks = [mark.name.split("-") for mark in tmp_path.iterdir()]
         lost = {task for task, _, node in marks if node == doomed_id}
         elsewhere = {task for task, _, node in marks if node != doomed_id}

@@ -70,9 +70,9 @@ class Walks:
             for _ in range(hardware_reactions.STATUS_BEFORE):
                 status(None)
         time.sleep(0.04)
-        if timing is not None:  # its last command left 40 ms ago
+        if timing is not None:  # its last command left 0.2 s ago
             timing.ended, timing.fault = time.monotonic(), getattr(self.left[0], "kind", "")
-            timing.sent.extend([timing.ended - 0.05, timing.ended - 0.04])
+            timing.sent.extend([timing.ended - 0.21, timing.ended - 0.2])
         raise self.left.pop(0)
 
 

@@ -67,11 +67,12 @@ def test_a_silence_in_which_the_timer_was_in_time_is_the_program_s():
     [
         (RobotFault("stale telemetry", "0.11 s old"), a_report(), a_run(0.01, 0.01, fault="stale telemetry")),
         (RobotFault("fall", "roll +0.8 rad"), a_report((100.0, 100.1)), a_run(0.01, 0.08, fault="fall")),
+        (RobotFault("stale telemetry", "0.11 s old"), a_report((100.0, 100.1)), a_run(0.016, fault="stale telemetry")),
         (slow_host(), a_report((100.0, 100.1)), a_run(0.01, 0.08, fault="")),
         (slow_host(), None, a_run(0.01, 0.08)),
         (slow_host(), a_report((100.0, 100.1)), Timing()),
     ],
-    ids=["a silent robot", "another fault", "on the way down", "no timer", "no motion"],
+    ids=["a silent robot", "another fault", "a short silence", "on the way down", "no timer", "no motion"],
 )
 def test_nothing_is_said_where_no_silence_of_the_host_explains_it(
     fault: RobotFault, report: MachineReport | None, run: Timing

@@ -86,6 +86,16 @@ def test_a_shorter_pause_may_be_asked_for(trot: Path, tmp_path: Path, pause: flo
     assert port.first < port.now and (caught is None or caught.value.kind == ended)
 
 
+@pytest.mark.parametrize(("longest", "warned"), [(None, True), (0.05, False)])
+def test_deploy_warns_of_a_policy_that_nothing_pushed(trot: Path, tmp_path: Path, longest: float | None, warned: bool):
+    path, said = tmp_path / "policy.safetensors", []
+    replace(Policy.load(trot), provenance={"randomization": {"push": 0.0}}).save(path)
+    settings = DeploySettings(out=tmp_path / "run", seconds=0.1, longest_pause=longest, yes=True)
+    with on_its_clock(SimulatedPort(PUPPER_V2, 0)):
+        run_deploy(PUPPER_V2, path, "a port", settings, said.append)
+    assert any("trained without pushes" in line for line in said) == warned
+
+
 def test_a_pause_beyond_the_bound_ends_the_walk(paused: Callable):
     timing, fault = paused(LIMITS.tick_delay + 0.01)
     assert fault is not None and fault.kind == "slow host" and fault.safe_state == "crouch"

@@ -82,7 +82,9 @@ def test_without_the_extra_the_message_names_it(tmp_path: Path, monkeypatch: pyt
         read_log(tmp_path / "a.mcap")
 
 
-def write_packed(path: Path, packing: str, message: bytes, chunk_size: int = 1_000_000, count: int = 1) -> Path:
+def write_packed(
+    path: Path, packing: str, message: bytes, chunk_size: int = 1_000_000, count: int = 1, encoding: str = "cdr"
+) -> Path:
     """A bag of one topic whose messages are these bytes."""
     writer_of = pytest.importorskip("mcap.writer", reason="the extra ros is not installed")
     how = {"zstd": writer_of.CompressionType.ZSTD, "lz4": writer_of.CompressionType.LZ4}[packing]
@@ -90,11 +92,17 @@ def write_packed(path: Path, packing: str, message: bytes, chunk_size: int = 1_0
         writer = writer_of.Writer(file, chunk_size=chunk_size, compression=how)
         writer.start()
         schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", DEFINITION.encode())
-        channel = writer.register_channel("/joint_states", "cdr", schema)
+        channel = writer.register_channel("/joint_states", encoding, schema)
         for time in range(count):
             writer.add_message(channel, log_time=time, data=message, publish_time=time)
         writer.finish()
     return path
+
+
+def test_an_encoding_that_is_not_ros_2_s_is_named(tmp_path: Path):
+    path = write_packed(tmp_path / "a.mcap", "zstd", b"{}", encoding="json")
+    with pytest.raises(LogError, match=r"a\.mcap: messages of /joint_states are encoded as 'json' -> .*cdr"):
+        read_log(path)
 
 
 @pytest.mark.parametrize("packing", ["zstd", "lz4"])

@@ -17,9 +17,12 @@ from pytest_rerunfailures import get_reruns_count
 
 from motorprior.hardware.machine import BareTimers, MachineReport
 
-LONGEST, SHARE, SHORT = 0.09, 0.1, 0.005
-"""A machine stands still if a timer woke later than this [s], or was overdue for more than this share of a test;
-lateness up to the last [s] is no standing still: any busy machine has it."""
+LONGEST = 0.09
+"""A machine stands still if a timer wakes later than this [s]."""
+SHARE = 0.1
+"""It does, too, if a timer is overdue for more than this share of a test."""
+SHORT = 0.005
+"""Lateness [s] that does not count for the share: any busy machine has it."""
 WELL = 4
 """One attempt in so many may fail while the machine did not stand still: a fault of the program fails in all."""
 MOST = 15
@@ -57,13 +60,14 @@ def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
     """Make a skip of the failure of the last attempt, where the machine stood still in (nearly) all of them."""
     report, timed = (yield), item.stash.get(_TIMERS, None)
-    if timed is None or not (report.failed or call.when == "teardown"):
-        return report
-    item.stash[_TIMERS], reason = None, timed.end()
-    if not report.failed:
+    if not item.get_closest_marker("real_time") or not (report.failed or call.when == "teardown"):
         return report
     reasons = item.stash.setdefault(_REASONS, [])
-    reasons.append(reason)
+    if timed is not None:  # at the teardown of a test that failed the attempt has been judged
+        item.stash[_TIMERS], reason = None, timed.end()
+        reasons += [reason] if report.failed else []
+    if not report.failed:
+        return report
     last = getattr(item, "execution_count", 1) > (get_reruns_count(item) or 0)
     if last and call.excinfo is not None and _is_excused(reasons) and not issubclass(call.excinfo.type, _NEVER):
         told = next(one for one in reversed(reasons) if one is not None)

@@ -29,11 +29,11 @@ from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
 _NEVER_PUSHED = (
-    "note: this policy was trained without pushes, and a pause of this computer may throw it over; longest_pause says "
-    "how long a pause may be, see 'A machine that stands still' in docs/hardware.md"
+    "note: this policy was trained without pushes, and a pause of this computer may throw it over: measure how long a "
+    "pause it survives, and give that as longest_pause ('A machine that stands still' in docs/hardware.md)"
 )
 _SHORTEST_PAUSE = 0.02
-"""Two control steps [s]: machines that are well are late by less."""
+"""The shortest one that was measured [s]; nearly every computer pauses for less now and then."""
 _RECOGNISED = 0.3
 """Time in which telemetry must prove that the device is a robot [s]."""
 
@@ -198,7 +198,10 @@ def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
 
 
 def _with_pause(limits: SafetyLimits, longest: float | None) -> SafetyLimits:
-    """With a shorter pause [s] to ride out; after a longer one a host that the watchdog waits for still sits down."""
+    """Limits with a shorter pause to ride out [s].
+
+    The watchdog waits as long as before, so that after a pause between the two the host is there to sit down.
+    """
     if longest is None:
         return limits
     _require("longest_pause", longest, _SHORTEST_PAUSE, limits.tick_delay, or_equal=True)

@@ -13,6 +13,7 @@ import os
 import select
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,10 +26,12 @@ from motorprior.hardware.real_time import TIMER_PRIORITY
 
 _PERIOD, _MOST = 0.004, 4
 _PATIENCE = 10.0
-"""Longest wait for the report of a timer that was told to end [s]."""
+"""Longest wait for the reports of timers that were told to end [s]."""
 _PAUSED = ("slow host", "watchdog", "stale telemetry")
 """Kinds of faults that a silence of the host can be the reason of."""
-_BEFORE = 1.0
+_BEFORE, _LEAST = 1.0, 0.05
+"""A silence of the host explains a fault if it lies so shortly before it, and lasts so long in all [s]: half of what
+the tightest of the limits allows."""
 STOOD_STILL = "this machine stood still"
 """In the message of a fault that came of a silence of the whole machine."""
 _OURS = "record into memory (a folder in /dev/shm), and let nothing slow run in the control loop"
@@ -66,7 +69,8 @@ class BareTimers:
         for process in processes:
             if process.stdin is not None:
                 process.stdin.close()
-        found = [one for process in processes if (one := _report(process)) is not None]
+        give_up = time.monotonic() + _PATIENCE
+        found = [one for process in processes if (one := _report(process, give_up)) is not None]
         if not found:
             return None
         p50, p99, worst = (max(one[name] for one in found) for name in ("p50", "p99", "max"))
@@ -89,11 +93,11 @@ def _started(core: int) -> subprocess.Popen[bytes] | None:
         return None
 
 
-def _report(process: subprocess.Popen[bytes]) -> dict[str, Any] | None:
-    """What a timer whose input has ended says."""
+def _report(process: subprocess.Popen[bytes], give_up: float) -> dict[str, Any] | None:
+    """What a timer whose input has ended says, until ``give_up`` [s] on the monotonic clock."""
     assert process.stdout is not None, "a pipe"
     with process, contextlib.suppress(ValueError):
-        ready, _, _ = select.select([process.stdout], [], [], _PATIENCE)
+        ready, _, _ = select.select([process.stdout], [], [], max(0.0, give_up - time.monotonic()))
         if not ready:
             process.kill()
         found = json.loads(process.stdout.read())
@@ -148,7 +152,7 @@ def explained(fault: RobotFault, report: MachineReport | None, timing: Timing, p
         return fault
     pauses = np.clip(silences(timing, period), timing.ended - _BEFORE, timing.ended)
     silent, machine = float(np.diff(pauses).sum()), with_the_machine(pauses, report.overdue)
-    if silent == 0.0:
+    if silent < _LEAST:
         return fault
     who = STOOD_STILL if machine >= 0.5 * silent else "this program was slow, the machine was not"
     return RobotFault(

@@ -38,7 +38,7 @@ class DeploySettings:
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A]; the robot's own if not given.
         longest_pause: the longest pause of this machine that the policy survives, to be ridden out [s]; after a longer
-            one the robot sits down. The robot's own if not given.
+            one, of less than the watchdog's time, the robot sits down. The robot's own if not given.
         without_imu: walk a robot whose IMU is not read: a fall is not detected.
         dry_run: compute everything and send nothing, for ``seconds`` or 5 s.
         yes: arm without asking.

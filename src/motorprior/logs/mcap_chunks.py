@@ -29,8 +29,9 @@ def mcap_summary(file: IO[bytes], path: Path) -> Any:
         LogError: a chunk where the summary should be: the library would unpack it.
         Exception: whatever a damaged file ends in.
     """
-    from mcap.reader import FOOTER_SIZE, MAGIC_SIZE, make_reader  # pyright: ignore[reportMissingImports]
+    from mcap.reader import FOOTER_SIZE, make_reader  # pyright: ignore[reportMissingImports]
     from mcap.records import Chunk  # pyright: ignore[reportMissingImports]
+    from mcap.stream_reader import MAGIC_SIZE  # pyright: ignore[reportMissingImports]
 
     file.seek(-(FOOTER_SIZE + MAGIC_SIZE), 2)
     footer = next(_as_they_are(file))

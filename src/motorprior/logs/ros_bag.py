@@ -139,7 +139,12 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
             for message in mcap_messages(file, summary.chunk_indexes, set(channels), path)
         ]
     factory = DecoderFactory()
-    decoders = {n: factory.decoder_for(c.message_encoding, kinds[c.schema_id]) for n, c in channels.items()}
+    decoders = {}
+    for number, channel in channels.items():
+        decoders[number] = decoder = factory.decoder_for(channel.message_encoding, kinds[channel.schema_id])
+        if decoder is None:
+            problem = f"messages of {channel.topic} are encoded as {channel.message_encoding[:40]!r}"
+            raise LogError(problem, where=path, remedy="record it with ROS 2, whose encoding is cdr")
     for time, number, data in sorted(found, key=itemgetter(0)):
         yield channels[number].topic, time, decoders[number](data)
 

@@ -15,7 +15,9 @@ from motorprior.artifacts import parse_json, write_text
 from motorprior.exceptions import ArtifactError
 from motorprior.outside_files import read_text
 
-METRICS, MAX_BYTES = "metrics.jsonl", 40_000_000
+METRICS = "metrics.jsonl"
+MAX_BYTES = 40_000_000
+"""Of a file; a line at a time is parsed, and six numbers of it are kept."""
 _NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright")
 
 
@@ -84,10 +86,14 @@ def read_metrics(folder: Path) -> dict[str, np.ndarray]:
     """
     path = folder / METRICS
     try:
-        rows = [parse_json(line) for line in read_text(path, MAX_BYTES).splitlines()]
-        return {name: np.array([row[name] for row in rows]) for name in _NUMBERS}
+        rows = [_numbers(parse_json(line)) for line in read_text(path, MAX_BYTES).splitlines()]
+        return {name: np.array([row[column] for row in rows]) for column, name in enumerate(_NUMBERS)}
     except (ValueError, KeyError, TypeError) as error:
         raise ArtifactError(f"not the metrics of a training ({error})", where=path, remedy="train again") from error
+
+
+def _numbers(row: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in _NUMBERS)
 
 
 def _time(seconds: float) -> str:
