@@ -206,12 +206,12 @@ def reaction(folder: Path, policy: Policy, fault: str, others: list[str] | None 
                 deploy(port, policy, 2.0 * FAULT_AT, timing=timing)
                 raise NotMeasuredError(f"walked on in spite of {fault}")
             except RobotFault as error:
-                said = time.monotonic()
-                found = explained(error, timers.stop(), timing, policy.control_dt)
+                said, found = time.monotonic(), error
             finally:
-                timers.stop()
+                machine = timers.stop()
             time.sleep(0.1)
             life = end()
+        found = explained(found, machine, timing, policy.control_dt)
         print(f"  {fault}: {found}", file=sys.stderr)
         began = life["started"] + FAULT_AT
         if said > began and is_meant(found, fault):  # otherwise the host sat down before the fault, or for another one

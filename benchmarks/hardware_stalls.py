@@ -144,8 +144,9 @@ def shares(policies: list[Policy], kind: str, stalls: Sequence[int], draws: int,
         found[f"{kind}/{stall}"] = float(np.mean([upright for upright, _ in walked] or [False]))
         speeds += [speed for _, speed in walked]
         count += len(trials)
-        well = well and all(upright and speed >= LEAST_SPEED * forward for upright, speed in trials)
-        longest = stall if well else longest
+        well = well and len(walked) == len(trials) and found[f"{kind}/{stall}"] == 1.0
+        if well:
+            longest = stall
     found |= {f"{kind}/longest_ms": float(longest), f"{kind}/speed": float(np.mean(speeds or [0.0]))}
     return found | {f"{kind}/walking": len(speeds) / count}
 

@@ -87,13 +87,18 @@ def test_the_facts_of_a_run_hold_the_timer_and_the_silences():
     assert (facts["timer_wakes"], facts["timer_late_ms/max"]) == (1000.0, pytest.approx(80.0))
 
 
-@pytest.mark.real_time
-def test_a_timer_that_could_not_run_was_overdue_for_as_long():
-    """To it, being stopped is what a core that stands still is."""
+def timers_of_which_one_is_stopped() -> tuple[BareTimers, int]:
+    """To a timer, being stopped is what a core that stands still is; its process number."""
     timers = BareTimers()
     time.sleep(0.5)
     stopped_one = timers._processes[0].pid
     os.kill(stopped_one, signal.SIGSTOP)
+    return timers, stopped_one
+
+
+@pytest.mark.real_time
+def test_a_timer_that_could_not_run_was_overdue_for_as_long():
+    timers, stopped_one = timers_of_which_one_is_stopped()
     stopped = time.monotonic()
     time.sleep(0.2)
     begun = time.monotonic()
@@ -108,10 +113,7 @@ def test_a_timer_that_could_not_run_was_overdue_for_as_long():
 @pytest.mark.real_time
 def test_a_timer_that_is_told_to_end_while_it_cannot_run_was_overdue_until_then():
     """A test that a standstill spoils ends before the standstill does."""
-    timers = BareTimers()
-    time.sleep(0.5)
-    stopped_one = timers._processes[0].pid
-    os.kill(stopped_one, signal.SIGSTOP)
+    timers, stopped_one = timers_of_which_one_is_stopped()
     later = threading.Timer(0.2, os.kill, (stopped_one, signal.SIGCONT))
     later.start()
     report = timers.stop()

@@ -65,7 +65,8 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Itera
     reasons = item.stash.setdefault(_REASONS, [])
     if timed is not None:  # at the teardown of a test that failed the attempt has been judged
         item.stash[_TIMERS], reason = None, timed.end()
-        reasons += [reason] if report.failed else []
+        if report.failed:
+            reasons.append(reason)
     if not report.failed:
         return report
     last = getattr(item, "execution_count", 1) > (get_reruns_count(item) or 0)

@@ -84,8 +84,8 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     wanted = description("validate-log", asdict(config), inputs)
     if resting := joints_at_rest(judged):
         progress.note(
-            f"note: {', '.join(resting)} did not move in what is judged: that error only tells how well a resting "
-            "joint is replayed; judge it by another log, too"
+            f"note: {', '.join(resting)} did not move in what is judged: the error of a resting joint only "
+            "tells how well it is held; judge another log, too"
         )
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
