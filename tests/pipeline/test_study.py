@@ -52,7 +52,7 @@ def test_figures_have_intervals(done: Study):
             for measure in ("speed", "upright", "drift"):
                 low, value, high = (figures[f"{twin}/{condition}/{measure}{end}"] for end in ("/low", "", "/high"))
                 assert low <= value <= high
-            for measure in ("speed", "upright"):
+            for measure in ("speed", "upright", "drift"):
                 assert condition == "prior" or 0.0 < figures[f"{twin}/{condition}/{measure}_p_against_prior"] <= 1.0
     assert "fleet/prior/ratio" in figures and "fleet/prior/regret" in figures
 
@@ -72,6 +72,15 @@ def test_what_was_interrupted_goes_on_to_the_same_bytes(done: Study):
     shutil.rmtree(done.out / "watched" / "paper_0")
     (done.out / WALKS).unlink()
     run_study(replace(done, workers=1), SILENT)
+    assert {name: (done.out / name).read_bytes() for name in kept} == kept
+
+
+def test_ray_walks_to_the_same_bytes(done: Study):
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'motorprior[ray]'")
+    kept = {name: (done.out / name).read_bytes() for name in (WALKS, TRACES, "figures.json")}
+    for gone in ("walk/prior_adapted_foreign_0", "watched/prior_adapted_foreign_0", "watched/oracle_1"):
+        shutil.rmtree(done.out / gone)
+    run_study(replace(done, executor="ray"), SILENT)
     assert {name: (done.out / name).read_bytes() for name in kept} == kept
 
 

@@ -95,11 +95,12 @@ def test_impossible_studies_are_refused(tmp_path: Path, change: dict, words: str
     assert not any(tmp_path.iterdir())
 
 
-def test_a_faster_study_trains_for_its_speed_too():
-    usual, faster = Study(Path("x")), Study(Path("x"), speed=0.7)
-    assert usual.fastest(PUPPER_V2) == 0.5 and usual.commands(PUPPER_V2).on(PUPPER_V2) == PUPPER_V2
-    told = faster.commands(PUPPER_V2).on(PUPPER_V2)
-    assert faster.fastest(PUPPER_V2) == told.require_legs().forward[1] == 0.7
+def test_a_study_trains_for_what_it_tells():
+    for study, speed in ((Study(Path("x")), 0.75), (Study(Path("x"), speed=0.6), 0.6)):
+        assert study.told(PUPPER_V2) == speed
+        commands = study.commands(PUPPER_V2)
+        np.testing.assert_array_equal(commands.schedule(PUPPER_V2, 3, 50), np.tile([speed, 0.0], (50, 1)))
+        assert commands.on(PUPPER_V2).require_legs().forward[1] == speed
 
 
 def test_a_quick_study_is_small():

@@ -20,10 +20,10 @@ from motorprior.pipeline.study_report import build_study_report
 from motorprior.report.plots_forest import forest, profiles
 from motorprior.report.plots_style import MODEL_COLORS, UNNAMED_COLOR, condition_color, model_label, png_bytes
 from motorprior.report.study_sections import first_paragraph, own_speeds
-from motorprior.report.study_tables import headline_markdown, headline_rows, measure_tables, twin_table
+from motorprior.report.study_tables import headline_markdown, headline_rows, measure_tables, step_tables, twin_table
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary, summarise
-from motorprior.transfer.walk_table import OWN_ABROAD
+from motorprior.transfer.walk_table import OWN_ABROAD, WalkRow, WalkTable
 
 OWN_NAME = "my_own_choice_of_motors"
 NAMES = (*CONDITIONS, OWN_NAME, "another_name_that_is_far_too_long_for_any_picture_or_table")
@@ -64,7 +64,7 @@ def test_a_browser_shows_every_picture_and_no_table_is_cut(page: Path, tmp_path:
     assert found, shown[:500]
     images, broken, tables, cut, beyond = map(int, found[1].split())
     assert (images, broken) == (2 + 3 * 2 + 1, 0), "speeds, profiles, frames and footfalls of three walks, a film"
-    assert tables == 1 + 1 + (len(PLACES) - 1) + 2 * len(PLACES) + 1
+    assert tables == 1 + 1 + (len(PLACES) - 1) + 3 + 2 * len(PLACES) + 1, "three of what counts"
     assert (cut, beyond) == (0, 0)
 
 
@@ -72,7 +72,7 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
     text = page.read_text("utf-8")
     subtitle = re.search(r'<p class="subtitle">(.*?)</p>', text, re.DOTALL)
     assert subtitle and subtitle.start() < text.index("<nav")
-    assert re.match(r"\d of 8 targets do not hold: ", subtitle[1])
+    assert re.match(r"\d of 10 targets do not hold: ", subtitle[1])
     words = first_paragraph(summary)
     held = [words.index(each.said) for each in summary.targets if each.holds]
     failed = [words.index(each.said) for each in summary.targets if each.holds is False]
@@ -82,7 +82,7 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
 def test_a_study_without_twins_has_a_page_too(tmp_path: Path):
     write_study(tmp_path, table_of({("own", "prior"): [[0.1, 0.2]]}), {})
     text = build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
-    assert "4 of 4 targets cannot be told" in text and "not measured" in text
+    assert "6 of 6 targets cannot be told" in text and "What counts" not in text and "not measured" in text
 
 
 def test_a_study_of_few_policies_says_so_first():
@@ -192,17 +192,17 @@ def test_the_headline_has_a_row_per_condition_and_a_cell_per_place():
         {
             ("own", "prior"): [[0.5]] * 3, ("own", "ideal_pd"): [[0.2]] * 3, ("own", OWN_NAME): [[0.3]] * 3,
             ("fleet", "prior"): [[0.4, 0.4]] * 3, ("fleet", "ideal_pd"): [[0.1, 0.1]] * 3,
-        }, upright=0.996,
+        }, upright=0.996, drift=0.123,
     )  # fmt: skip
-    rows = headline_rows(summarise(table))
+    rows, beside = headline_rows(summarise(table)), "99\u00a0%, 0.12\u00a0m"
     assert rows == [
-        ["ideal_pd", "0.20 [0.20,\u00a00.20], 99\u00a0%", "0.10↓ [0.10,\u00a00.10], 99\u00a0%"],
-        ["prior", "0.50 [0.50,\u00a00.50], 99\u00a0%", "0.40 [0.40,\u00a00.40], 99\u00a0%"],
-        [OWN_NAME, "0.30 [0.30,\u00a00.30], 99\u00a0%", "–"],
+        ["ideal_pd", f"0.20 [0.20,\u00a00.20], {beside}", f"0.10↓ [0.10,\u00a00.10], {beside}"],
+        ["prior", f"0.50 [0.50,\u00a00.50], {beside}", f"0.40 [0.40,\u00a00.40], {beside}"],
+        [OWN_NAME, f"0.30 [0.30,\u00a00.30], {beside}", "–"],
     ]
     lines = headline_markdown(summarise(table)).splitlines()
     assert lines[0] == "| trained on | own simulation | fleet |" and lines[1] == "| --- | --- | --- |"
-    assert lines[2] == "| ideal PD | 0.20 [0.20, 0.20], 99 % | 0.10↓ [0.10, 0.10], 99 % |"
+    assert lines[2] == "| ideal PD | 0.20 [0.20, 0.20], 99 %, 0.12 m | 0.10↓ [0.10, 0.10], 99 %, 0.12 m |"
     assert lines[4].startswith("| my own choice of motors | ") and lines[5] == ""
 
 
@@ -219,6 +219,24 @@ def test_a_twins_table_compares_with_prior_and_oracle():
     assert rows["ideal_pd"][3:5] == ("0.35 [0.35,\u00a00.35]", "0.30 [0.30,\u00a00.30]")
     assert rows["oracle"][3] is None and rows["oracle"][4] == "−0.05 [−0.05,\u00a0−0.05]"
     assert rows["prior"][-3:] == (None, None, None)
+
+
+def test_a_step_tells_how_much_better_it_is():
+    table = table_of(
+        {(place, name): [[0.4] * 2] * 3 for place in ("own", "fleet") for name in ("tuned_pd", "pd_friction")},
+        upright=0.5, drift=0.3,
+    )  # fmt: skip
+    better = [
+        WalkRow(walk.place, walk.condition, walk.seed, walk.draw, {**walk.measures, "upright": 1.0, "drift": 0.1})
+        if walk.condition == "pd_friction" else walk
+        for walk in table.walks
+    ]  # fmt: skip
+    speed, upright, drift = step_tables(summarise(WalkTable.of(better)))
+    assert speed.columns == upright.columns == drift.columns == ("step", "fleet")
+    assert [row[1] for each in (speed, upright, drift) for row in each.rows] == [
+        "+0.000 [+0.000,\u00a0+0.000]", "+50.0* [+50.0,\u00a0+50.0]", "+0.200* [+0.200,\u00a0+0.200]",
+    ]  # fmt: skip
+    assert str(speed.rows[0][0]).endswith(": Coulomb friction") and "how much straighter" in drift.caption.lower()
 
 
 def test_a_measure_that_is_not_known_has_no_column(summary: Summary):

@@ -21,13 +21,13 @@ from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
+from motorprior.simulation.world import World, WorldConfig, hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
     encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
     command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
-    sensor_jitter=0.008, dropped=0.1,
+    sensor_jitter=0.008, dropped=0.1, command_jitter=0.006,
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
@@ -153,6 +153,22 @@ def test_a_command_delay_is_the_delay_of_the_motors_own_line(delay):
         np.testing.assert_allclose(ours.data.qpos, theirs.data.qpos, atol=1e-12)
 
 
+def test_a_late_target_is_the_one_before_until_it_comes():
+    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
+    late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_late
+    assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
+    ours, theirs = (World(WorldConfig.of(PUPPER_V2, physics_dt=0.001, hung=True)) for _ in range(2))
+    one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_late=late))
+    other, before = theirs.reset(PD), spec.NOMINAL_POSE
+    for target, age in zip(targets, late, strict=True):
+        hold_target(ours.arrays, one, target)
+        for substep in range(10):
+            in_force = before if substep < round(age / 0.001) else target
+            physics_step(theirs.arrays, other, np.ascontiguousarray(in_force))
+        before = target
+        np.testing.assert_array_equal(ours.data.qpos, theirs.data.qpos)
+
+
 def backends(randomization):
     yield MujocoBackend(lambda rng: LIMP, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, 20)
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
@@ -181,8 +197,12 @@ def falling(kind, randomization):
 
 
 @pytest.mark.parametrize(
-    "name", ["armature", "damping", "mass", "com", "gravity_tilt", "encoder_offset", "command_delay", "push"]
-)
+    "name",
+    [
+        "armature", "damping", "mass", "com", "gravity_tilt", "encoder_offset", "command_delay", "command_jitter",
+        "push",
+    ],
+)  # fmt: skip
 def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.1)

@@ -28,7 +28,7 @@ def study(
         for condition, speed in speeds.items():
             pair = (place, condition)
             level = (at or {}).get(pair, speed)
-            told = {"upright": 1.0, **(measures or {}).get(pair, {})}
+            told = {"upright": 1.0, "drift": 0.1, **(measures or {}).get(pair, {})}
             scores = [[level + 0.001 * seed + 0.002 * draw for draw in range(DRAWS)] for seed in range(SEEDS)]
             found += table_of({pair: scores}, **told).walks
     return WalkTable.of(found)
@@ -45,11 +45,13 @@ def against(other: str) -> Pairing:
 
 
 def test_everything_that_is_aimed_at_can_hold():
-    fallen = {
-        (place, rival): {"upright": 0.8} for place in ("fleet", "hard") for rival in ("pd_friction", "pd_randomised")
+    worse = {
+        (place, rival): {"upright": 0.8, "drift": 0.4}
+        for place in ("fleet", "hard")
+        for rival in ("pd_friction", "pd_randomised")
     }
-    summary = summarise(study(measures=fallen))
-    assert [each.holds for each in summary.targets] == [True] * 7
+    summary = summarise(study(measures=worse))
+    assert [each.holds for each in summary.targets] == [True] * 9
     assert "97.6 % of the speed, 100.0 % upright" in verdict(summary.targets, "fleet").found
 
 
@@ -98,6 +100,29 @@ def test_to_fall_less_is_another_target_than_to_be_faster():
     upright = verdict(summary.targets, "upright for longer than a PD with friction")
     assert upright.holds is True and "fleet +30.0 points" in upright.found
     assert verdict(summary.targets, "upright for longer than a randomised PD").holds is False
+
+
+def test_less_drift_is_better():
+    crooked = {(place, "pd_friction"): {"drift": 0.6} for place in ("fleet", "foreign")}
+    summary = summarise(study(measures=crooked | {("hard", "pd_randomised"): {"drift": 0.05}}))
+    found = verdict(summary.targets, "straighter than a PD with friction")
+    assert found.holds is True and "fleet −0.500 m (p 0.0" in found.found
+    found = verdict(summary.targets, "straighter than a randomised PD")
+    assert found.holds is False and "hard +0.050 m (p 0.0" in found.found
+
+
+def test_every_step_from_a_pd_to_the_truth_is_compared_with_the_one_before():
+    speeds = SPEEDS | {"tuned_pd": 0.1, "prior_mean": 0.25}
+    steps = summarise(study(speeds=speeds)).steps
+    on_the_fleet = {(each.other, each.one): found for each, found in steps.items() if each[0::3] == ("fleet", "speed")}
+    gains = {pair: found.difference.value for pair, found in on_the_fleet.items()}
+    assert gains == pytest.approx({
+        ("tuned_pd", "pd_friction"): 0.1, ("pd_friction", "prior_mean"): 0.05, ("prior_mean", "prior"): 0.15,
+        ("prior", "prior_adapted"): -0.1, ("prior_adapted", "oracle"): 0.11,
+    })  # fmt: skip
+    assert sum(gains.values()) == pytest.approx(speeds["oracle"] - speeds["tuned_pd"])
+    assert {each.measure for each in steps} == {"speed", "upright", "drift"}
+    assert {each.place for each in steps} == {"fleet", "foreign", "hard"}
 
 
 def test_what_was_not_run_cannot_be_told():
@@ -181,7 +206,7 @@ def test_ratio_and_regret_are_of_the_speeds():
 
 def test_p_values_are_corrected_for_all_comparisons():
     summary = summarise(study())
-    of_the_prior, of_the_adapted, measures, twins = len(SPEEDS) - 1, 2, 2, 3
+    of_the_prior, of_the_adapted, measures, twins = len(SPEEDS) - 1, 2, 3, 3
     assert len(summary.comparisons) == twins * measures * (of_the_prior + of_the_adapted)
     smallest = min(summary.comparisons, key=lambda pair: summary.comparisons[pair].p)
     assert summary.corrected[smallest] == pytest.approx(len(summary.comparisons) * summary.comparisons[smallest].p)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,8 +10,7 @@ import numpy as np
 
 from motorprior.artifacts import read_tensors, write_json, write_tensors
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress, Task
@@ -22,17 +20,18 @@ from motorprior.pipeline.study_conditions import Condition, adapt_robots, condit
 from motorprior.pipeline.study_report import STUDY, TRACES, WALKS
 from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.time_left import TimeLeft
-from motorprior.pipeline.transfer import walker_of
+from motorprior.pipeline.transfer import own_scene
 from motorprior.pipeline.walk import POLICY, Walk, policy_of, run_walk
 from motorprior.pipeline.walk_seeds import SEEDS_APART
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import make_executor, many_executors
 from motorprior.search.policy_search import Champion
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.bullet_world import import_bullet
-from motorprior.simulation.rollout import WalkConfig
+from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
 from motorprior.transfer.study_results import study_results
 from motorprior.transfer.study_summary import summarise
@@ -57,11 +56,12 @@ def run_study(config: Study, progress: Progress = SILENT) -> Results:
         with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
             done = _Done(task, TimeLeft(len(cells), threads))
             works = [partial(_cell, config, robot, twins, condition, seed, done) for condition, seed in cells]
-            tables = side_by_side(works, threads, progress)
+            with many_executors(config.executor, config.workers, config.ray_address):
+                tables = side_by_side(works, threads if config.executor == "threads" else 1, progress)
         table = WalkTable.of(walk for each in tables for walk in each.walks)
         table.save(config.out / WALKS)
         _keep_traces(config, cells)
-        settings = asdict(config) | {"speed": config.fastest(robot)}
+        settings = asdict(config) | {"speed": config.told(robot)}
         write_json(config.out / STUDY, {name: str(value) for name, value in settings.items() if name != "out"})
         results = study_results(summarise(table))
         write_results(config.out, results)
@@ -99,8 +99,8 @@ def _cell(
     name, begun = condition.folder(seed), done.left.begun()
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
-        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed), workers=1,
-        robot=config.robot,
+        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
+        workers=config.episodes_at_a_time, executor=config.executor, ray_address=config.ray_address, robot=config.robot,
     )  # fmt: skip
     if condition.name == UNTRAINED:
         _gait(config.commands(robot).on(robot), condition).save(walk.out / POLICY)
@@ -125,7 +125,7 @@ def _watched(
     folder, policy = config.out / "watched" / name, config.out / "walk" / name / POLICY
     here = tuple(twin for twin in condition.twins if twin in twins)
     settings = {
-        "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.fastest(robot),
+        "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.told(robot),
         "condition": condition.name,
     }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
@@ -153,39 +153,42 @@ class _Watch:
     def everywhere(self, twins: tuple[str, ...]) -> tuple[list[WalkRow], dict[str, np.ndarray]]:
         """The walks at its own place and at the twins; the trace of the walk of median speed at each."""
         own = OWN_ABROAD if self._condition.population == ABROAD else OWN
-        rows, traces = [], {}
-        told = Commands.steady(self._config.fastest(self._robot))
-        walk = WalkConfig(self._steps, commands=told, gait=self._policy.gait)
-        mine = replace(walk, randomization=self._condition.randomization)
-        places: dict[str, Callable[[], OwnWalks | NumberedWalks]] = {}
+        walk = WalkConfig(self._steps, commands=self._config.commands(self._robot), gait=self._policy.gait)
+        rows, traces, places = [], {}, {}
         if self._condition.name != UNTRAINED:
-            places[own] = lambda: OwnWalks(walker_of(self._path, self._robot, walk=mine).own)
-        places |= {name: partial(self._numbered, name, walk) for name in twins}
-        for place, simulator in places.items():
-            walks = simulator()
-            found, trace = self._at(place, walks)
-            rows, traces[place] = rows + found, trace
-            walks.close()
+            mine = replace(walk, randomization=self._condition.randomization)
+            places[own] = partial(OwnWalks, own_scene(self._policy, self._path, self._robot, mine))
+        for name in twins:
+            twin = TWINS[name]
+            fleet = load_robot_fleet(self._robot, fleet_of(self._config, twin.population))
+            places[name] = partial(NumberedWalks, self._robot, twin, fleet, walk, self._condition.robot)
+        for place, walks in places.items():
+            found, traces[place] = self._at(place, walks)
+            rows += found
         return rows, traces
 
-    def _numbered(self, name: str, walk: WalkConfig) -> NumberedWalks:
-        twin = TWINS[name]
-        fleet = load_robot_fleet(self._robot, fleet_of(self._config, twin.population))
-        return NumberedWalks(self._robot, twin, fleet, walk, self._condition.robot)
-
-    def _at(self, place: str, walks: OwnWalks | NumberedWalks) -> tuple[list[WalkRow], np.ndarray]:
-        draws = 1 if place in (OWN, OWN_ABROAD) and self._condition.one_draw_is_all else self._config.draws
-        forward, rows, traces = self._config.fastest(self._robot), [], []
-        name = self._condition.name
-        with self._progress.start(f"{name} {self._seed} at {place}", draws) as task:
-            for draw in range(draws):
-                episode = walks.run(self._policy.arrays(), draw)
-                measures = walk_measures(self._robot, episode, forward, self._steps)
-                rows.append(WalkRow(place, name, self._seed, draw, measures))
-                traces.append(episode.trace)
-                task.advance()
+    def _at(self, place: str, walks: partial[OwnWalks] | partial[NumberedWalks]) -> tuple[list[WalkRow], np.ndarray]:
+        config, condition = self._config, self._condition.name
+        draws = 1 if place in (OWN, OWN_ABROAD) and self._condition.one_draw_is_all else config.draws
+        at_a_time, rows, traces = config.episodes_at_a_time, [], []
+        executor = make_executor(walks, at_a_time, config.executor, config.ray_address)
+        try:
+            with self._progress.start(f"{condition} {self._seed} at {place}", draws) as task:
+                for first in range(0, draws, at_a_time):
+                    numbers = range(first, min(first + at_a_time, draws))
+                    for draw, episode in zip(numbers, executor.map(_walk, self._policy.arrays(), numbers), strict=True):
+                        measures = walk_measures(self._robot, episode, config.told(self._robot), self._steps)
+                        rows.append(WalkRow(place, condition, self._seed, draw, measures))
+                        traces.append(episode.trace)
+                        task.advance()
+        finally:
+            executor.close()
         order = np.argsort([row.measures["speed"] for row in rows], kind="stable")
         return rows, traces[int(order[len(order) // 2])]
+
+
+def _walk(walks: OwnWalks | NumberedWalks, policy: PolicyArrays, draw: int) -> Episode:
+    return walks.run(policy, draw)
 
 
 def _keep_traces(config: Study, cells: list[tuple[Condition, int]]) -> None:

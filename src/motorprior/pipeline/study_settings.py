@@ -14,7 +14,10 @@ from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.search.executor import Kind
 
+_FASTER = 1.5
+"""Commanded speed, of the robot's usual fastest."""
 _QUICK = {"seeds": 2, "draws": 6, "iterations": 10, "adam_steps": 300}
 
 
@@ -35,7 +38,8 @@ class Study:
     seconds: float = 10.0
     """Of a walk [s]."""
     speed: float | None = None
-    """Commanded at every place, and the fastest in training [m/s]; the fastest of the robot if not given."""
+    """Commanded straight on, in training and at every place [m/s]; if not given, half as fast again as the robot
+    usually walks: slower, its gait does most of the walking, whatever the motors."""
     iterations: int = 50
     """ARS iterations per policy, the same for every condition."""
     motors: int = 32
@@ -51,15 +55,24 @@ class Study:
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Policies at a time; the result does not depend on it."""
+    """Policies at a time; with the executor ray, walks of one policy at a time. The result does not depend on it."""
+    executor: Kind = "threads"
+    """Threads of this process, one policy after the other, or walks on Ray's processes."""
+    ray_address: str | None = None
+    """A running Ray cluster to join, with the executor ray; without one Ray starts on this machine only."""
 
-    def fastest(self, robot: Robot) -> float:
-        """Speed that is commanded at every place [m/s]."""
-        return robot.require_legs().forward[1] if self.speed is None else self.speed
+    def told(self, robot: Robot) -> float:
+        """Speed that is commanded [m/s]."""
+        return _FASTER * robot.require_legs().forward[1] if self.speed is None else self.speed
 
     def commands(self, robot: Robot) -> Commands:
-        """What a policy is told in training."""
-        return Commands((robot.require_legs().forward[0], self.fastest(robot)))
+        """What a policy is told, in training and wherever it walks."""
+        return Commands.steady(self.told(robot))
+
+    @property
+    def episodes_at_a_time(self) -> int:
+        """Of one policy; threads have one each."""
+        return self.workers if self.executor == "ray" else 1
 
     def sized(self) -> Study:
         """With the numbers of a quick study if it is one.
@@ -80,7 +93,7 @@ class Study:
         if config.adam_steps is not None:
             require_count("adam_steps", config.adam_steps)
         require_number("seconds", config.seconds, 2.0, MOST_EPISODE_STEPS * robot.control_dt)
-        require_number("speed", config.fastest(robot), robot.require_legs().forward[1] * 0.5, 10.0)
+        require_number("speed", config.told(robot), robot.require_legs().forward[1] * 0.5, 10.0)
         require_count("workers", config.workers, 1, MOST_WORKERS)
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")

@@ -119,6 +119,27 @@ def walker_of(
     policy.require_robot(robot, path)
     policy.require_clock(robot.control_dt, path)
     robot = policy.commanded(robot)
+    if walk is None:
+        told = commands or straight_ahead(robot)
+        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=told)
+    choice = choice_from_json(policy.provenance.get("motors"), path)
+    scene = own_scene(policy, path, robot, walk, engine)
+    return Walker(path.parent.name, robot, policy, choice.condition(), scene.simulator())
+
+
+def own_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine: Engine | None = None) -> Scene:
+    """The simulation that a policy was trained in.
+
+    Args:
+        policy: that was trained.
+        path: its file, for messages and what it names.
+        robot: as the policy commands it.
+        walk: the episode, whose gait is always the policy's.
+        engine: another than it was trained in.
+
+    Raises:
+        ArtifactError, ConfigError: motors that are gone, or a damaged description of where it was trained.
+    """
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
         draw = choice.drawer(robot)
@@ -129,12 +150,7 @@ def walker_of(
     trained_in, roughness = _ground(policy, path)
     engine = engine or trained_in
     terrain = Terrain(roughness if engine == "pybullet" else 0.0)
-    if walk is None:
-        told = commands or straight_ahead(robot)
-        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=told)
-    walk = replace(walk, gait=policy.gait)
-    scene = Scene(robot, engine, draw, choice.physics_dt(robot), walk, terrain)
-    return Walker(path.parent.name, robot, policy, choice.condition(), scene.simulator())
+    return Scene(robot, engine, draw, choice.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:

@@ -14,6 +14,7 @@ from motorprior.report.study_tables import (
     measure_tables,
     percent,
     place_title,
+    step_tables,
     twin_table,
     verdict_table,
 )
@@ -41,7 +42,7 @@ def study_sections(
     """
     legs = [leg.name for leg in robot.legs]
     return (
-        _targets(summary), _speeds(table, summary), _measures(summary, legs), _claims(summary),
+        _targets(summary), _speeds(table, summary), *_steps(summary), _measures(summary, legs), _claims(summary),
         *_gaits(summary, traces, robot, control_dt),
     )  # fmt: skip
 
@@ -113,6 +114,16 @@ def own_speeds(table: WalkTable, twin: str) -> dict[str, float]:
     known = {(walk.place, walk.condition) for walk in table.walks}
     homes = {name: home_of(twin, name, known) for name in table.at(twin).distinct("condition")}
     return {name: iqm(table.scores(*home, "speed")) for name, home in homes.items() if home in known}
+
+
+def _steps(summary: Summary) -> list[Section]:
+    body = (
+        "From one row to the next one thing changes: what the motors of training are. The sum of a column is what the "
+        "truth is worth there.",
+    )
+    lead = "What each step from a tuned PD to the true motors adds where no policy was trained."
+    tables = tuple(step_tables(summary))
+    return [Section("What counts", lead, body, tables=tables)] if tables else []
 
 
 def _measures(summary: Summary, legs: list[str]) -> Section:

@@ -9,7 +9,7 @@ from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import MEASURES, PRIOR, SURE, Pairing, Verdict
+from motorprior.transfer.study_verdicts import COMPARED, MEASURES, PRIOR, STEPS, SURE, Pairing, Verdict
 from motorprior.transfer.walk_table import OWN
 
 PLACES = {
@@ -34,7 +34,8 @@ def place_title(place: str) -> str:
 def headline_caption() -> str:
     """What the cells of `headline_rows` are."""
     return (
-        "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, and share of the time upright. "
+        "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, share of the time upright, and "
+        "how far to the side of its way a walk ends [m], interquartile mean. "
         f"{LESS} less, {MORE} more than that of the sampled prior there with p < {SURE:g}, corrected."
     )
 
@@ -105,6 +106,39 @@ def measure_tables(summary: Summary, place: str, legs: Sequence[str]) -> list[Ta
     return found
 
 
+def step_tables(summary: Summary) -> list[Table]:
+    """What each of STEPS adds on every twin: a table per measure that is compared."""
+    twins, found = summary.twins(), []
+    for measure, told in COMPARED.items():
+        rows = [
+            (f"{model_label(before)} → {model_label(after)}: {adds}", *cells)
+            for before, after, adds in STEPS
+            if any(cells := [_step(summary, Pairing(twin, after, before, measure)) for twin in twins])
+        ]
+        if rows:
+            columns = ("step", *(place_title(twin) for twin in twins))
+            caption = f"How much {told.better} [{told.unit}]; * with p < {SURE:g}, each alone."
+            found.append(Table(columns, tuple(rows), caption))
+    return found
+
+
+def _step(summary: Summary, pairing: Pairing) -> str | None:
+    compared = summary.steps.get(pairing)
+    if compared is None or not math.isfinite(compared.difference.value):
+        return None
+    told, gain = COMPARED[pairing.measure], compared.difference
+    factor = told.sign * (100.0 if told.unit == "points" else 1.0)
+    value, *ends = (factor * each for each in _ends(gain))
+    digits = 1 if told.unit == "points" else 3
+    mark = "*" if compared.p < SURE else ""
+    low, high = (_signed(each, digits) for each in sorted(ends))
+    return f"{_signed(value, digits)}{mark} [{low},{_NO_BREAK}{high}]"
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{value:+.{digits}f}".replace("-", MINUS)
+
+
 def verdict_table(verdicts: Sequence[Verdict], said: str, caption: str) -> Table:
     """What was said, whether it holds, and what was found."""
     rows = tuple((each.said, verdict_word(each), each.found) for each in verdicts)
@@ -124,9 +158,12 @@ def _headline(summary: Summary, place: str, condition: str) -> str:
     speed = summary.estimates.get((place, condition, "speed"))
     if speed is None:
         return "–"
-    upright = summary.estimates.get((place, condition, "upright"))
-    share = "" if upright is None else f", {percent(upright.value)}{_sign(summary, place, condition, 'upright')}"
-    return f"{_with_interval(speed, _sign(summary, place, condition, 'speed'))}{share}"
+    parts = [_with_interval(speed, _sign(summary, place, condition, "speed"))]
+    for measure, said in (("upright", percent), ("drift", _metres)):
+        found = summary.estimates.get((place, condition, measure))
+        if found is not None:
+            parts.append(f"{said(found.value)}{_sign(summary, place, condition, measure)}")
+    return ", ".join(parts)
 
 
 def _sign(summary: Summary, place: str, condition: str, measure: str) -> str:
@@ -168,6 +205,10 @@ def percent(value: float) -> str:
     """99.6 is not 100: only what is whole is called so."""
     whole = f"{math.floor(100.0 * value + 1e-9):.0f}" if value > 0.99 else f"{100.0 * value:.0f}"
     return f"{whole}{_NO_BREAK}%"
+
+
+def _metres(value: float) -> str:
+    return f"{value:.2f}{_NO_BREAK}m"
 
 
 def _p(value: float) -> str:

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from queue import SimpleQueue
 from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from motorprior.exceptions import ConfigError
-from motorprior.search.executor_ray import RayExecutor
+from motorprior.search.executor_ray import RayExecutor, held_cluster
 
 Result = TypeVar("Result")
 Kind = Literal["serial", "threads", "ray"]
@@ -76,6 +77,15 @@ class ThreadExecutor:
         self._pool.shutdown(cancel_futures=True)
         for simulator in self._simulators:
             simulator.close()
+
+
+def many_executors(kind: Kind, workers: int, address: str | None = None) -> AbstractContextManager[None]:
+    """While it is open, the executors of this kind that are made one after the other share what is slow to start.
+
+    Raises:
+        ConfigError: see `make_executor`.
+    """
+    return held_cluster(workers, address) if kind == "ray" else nullcontext()
 
 
 def make_executor(

@@ -33,6 +33,25 @@ _CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
 _SIMULATORS: dict[str, Any] = {}
 """In a worker process: the simulator of the executor it last worked for."""
 _NUMBERS = itertools.count()
+_HELD: list[str | None] = []
+"""Address of the cluster that `held_cluster` keeps, while it does."""
+
+
+@contextmanager
+def held_cluster(workers: int, address: str | None = None) -> Iterator[None]:
+    """Keep one cluster for all `RayExecutor` that are made while this is open; they must name the same address.
+
+    Raises:
+        ConfigError: see `RayExecutor`.
+    """
+    ray = _import_ray()
+    _join(ray, workers, address)
+    _HELD.append(address)
+    try:
+        yield
+    finally:
+        _HELD.clear()
+        ray.shutdown()
 
 
 class RayExecutor:
@@ -51,7 +70,9 @@ class RayExecutor:
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
         self._ray, self._workers = _import_ray(), workers
-        _join(self._ray, workers, address)
+        self._owns = [address] != _HELD
+        if self._owns:
+            _join(self._ray, workers, address)
         self._name = f"{os.getpid()}-{next(_NUMBERS)}"
         self._make = self._ray.put(make_simulator)
         options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
@@ -95,8 +116,9 @@ class RayExecutor:
             raise SimulationFault(f"Ray failed ({type(cause).__name__}): {said}", remedy=_REMEDY) from error
 
     def close(self) -> None:
-        """Leave the cluster; stops it if it was started here."""
-        self._ray.shutdown()
+        """Leave the cluster, unless it is held; stops it if it was started here."""
+        if self._owns:
+            self._ray.shutdown()
 
 
 def chunk_size(tasks: int, workers: int) -> int:

@@ -51,8 +51,9 @@ class PybulletBackend:
         self._conditions = self._randomization.conditions(self._robot, seed, self._episode_steps)
         motors = self._draw(np.random.default_rng(seed))
         self._motors = self._world.reset(motors, conditions=self._conditions, seed=seed)
-        self._delay = self._conditions.delay_steps(self._config.physics_dt)
-        self._commands = [self._robot.nominal_pose] * control_steps_late(self._delay, 0, self._config.substeps)
+        self._delays = self._conditions.delay_steps(self._config.physics_dt)
+        self._oldest = control_steps_late(int(self._delays.max()), 0, self._config.substeps)
+        self._commands = [self._robot.nominal_pose] * self._oldest
         self._step = 0
         return self._state(self._motors, 0.0)
 
@@ -68,11 +69,12 @@ class PybulletBackend:
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, substeps, total = self._conditions.push, self._config.substeps, 0.0
         push = pushes[self._step % len(pushes)] if len(pushes) else None
+        delay = int(self._delays[self._step % len(self._delays)])
         with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
             for k in range(substeps):
-                late = control_steps_late(self._delay, k, substeps)
+                late = control_steps_late(delay, k, substeps)
                 total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
-        del self._commands[: len(self._commands) - control_steps_late(self._delay, 0, substeps)]
+        del self._commands[: len(self._commands) - self._oldest]
         self._step += 1
         return self._state(self._motors, total / substeps)
 

@@ -62,6 +62,8 @@ class Randomization:
     """Share of the frames from the sensors that get lost; the policy acts on the last one [-]."""
     command_delay: Range = (0.0, 0.0)
     """Age of the position targets that the motors get, least and most [s], in whole physics steps."""
+    command_jitter: float = 0.0
+    """Largest additional age of a single target [s], uniform: the robot's loop does not keep time."""
     push: float = 0.0
     """Largest horizontal impulse on the chassis [N·s], spread over one control step."""
     push_interval: float = 1.0
@@ -71,7 +73,7 @@ class Randomization:
         """Refuse ranges that are upside down, out of bounds or of another type."""
         least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
-        most |= {"sensor_jitter": LONGEST_DELAY, "dropped": 0.5}
+        most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
             value, ranged = getattr(self, field.name), isinstance(field.default, tuple)
             bounds = least.get(field.name, 0.0), most.get(field.name, 1e3)
@@ -109,6 +111,7 @@ class Randomization:
             encoder_offset=rng.uniform(-self.encoder_offset, self.encoder_offset, joints),
             command_delay=float(rng.uniform(*self.command_delay)),
             push=self._pushes(rng, robot.control_dt, episode_steps),
+            command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
         )
 
     def _pushes(self, rng: np.random.Generator, control_dt: float, episode_steps: int) -> np.ndarray:
@@ -170,10 +173,13 @@ class Conditions:
     """[s]"""
     push: np.ndarray
     """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
+    command_late: np.ndarray
+    """(steps,) additional age of the targets in every control step [s], or (0,)"""
 
-    def delay_steps(self, physics_dt: float) -> int:
-        """Age of the position targets in force [physics steps of ``physics_dt`` s]."""
-        return round(self.command_delay / physics_dt)
+    def delay_steps(self, physics_dt: float) -> np.ndarray:
+        """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
+        late = self.command_late if len(self.command_late) else np.zeros(1)
+        return np.round((self.command_delay + late) / physics_dt).astype(np.int64)
 
 
 def nominal_conditions(robot: Robot) -> Conditions:
@@ -188,6 +194,7 @@ def nominal_conditions(robot: Robot) -> Conditions:
         encoder_offset=np.zeros(robot.num_joints),
         command_delay=0.0,
         push=np.zeros((0, 2)),
+        command_late=np.zeros(0),
     )
 
 

@@ -117,7 +117,9 @@ class WorldArrays(NamedTuple):
     commands: np.ndarray
     """(rows, joints) position targets of the latest control steps, in true angles [rad]: a delay line; state"""
     clock: np.ndarray
-    """(2,) int64: control steps since reset; age of the targets in force [physics steps]"""
+    """(1,) int64: control steps since reset; state"""
+    delays: np.ndarray
+    """(steps,) or (1,) int64: age of the targets in each control step [physics steps]"""
     geoms: np.ndarray
     """(geoms, 3) places of the geoms at the beginning of the last physics step [m], a view"""
     feet: np.ndarray
@@ -170,8 +172,9 @@ class World:
             passive=np.zeros(joints),
             torque=np.zeros(joints),
             encoder_offset=np.zeros(joints),
-            commands=np.zeros((int(np.ceil(LONGEST_DELAY / config.control_dt)) + 1, joints)),
-            clock=np.zeros(2, np.int64),
+            commands=np.zeros((int(np.ceil(2.0 * LONGEST_DELAY / config.control_dt)) + 1, joints)),  # delay and jitter
+            clock=np.zeros(1, np.int64),
+            delays=np.zeros(1, np.int64),
             geoms=self.data.geom_xpos,
             feet=np.array([self.model.geom(leg.foot).id for leg in config.robot.legs], np.int64),
             warnings=self.data.warning.number,
@@ -199,8 +202,8 @@ class World:
         arrays.damping[:] = actuator.damping + conditions.damping
         arrays.encoder_offset[:] = conditions.encoder_offset
         arrays.commands[:] = joint_pos
-        arrays.clock[:] = 0, conditions.delay_steps(self.config.physics_dt)
-        self.arrays = arrays._replace(push=conditions.push)
+        arrays.clock[:] = 0
+        self.arrays = arrays._replace(push=conditions.push, delays=conditions.delay_steps(self.config.physics_dt))
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
@@ -264,10 +267,11 @@ def control_steps_late(delay: int, substep: int, substeps: int) -> int:
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """Hold (joints,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
 
-    The motors get the targets as late as ``world.clock`` says, in the angles of their own encoders; a push acts
+    The motors get the targets as late as ``world.delays`` says, in the angles of their own encoders; a push acts
     on the origin of the chassis.
     """
-    step, delay = world.clock[0], world.clock[1]
+    step = world.clock[0]
+    delay = int(world.delays[step % world.delays.shape[0]])
     newest = write_line(world.commands, 0, step, target)
     for joint in range(target.shape[0]):
         world.commands[newest, joint] -= world.encoder_offset[joint]

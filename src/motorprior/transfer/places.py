@@ -19,10 +19,9 @@ from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
-from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.transfer.twin import HARD, NOISY
 
 ROBOT_STREAM = 0x20B0
@@ -93,8 +92,8 @@ class NumberedWalks:
 class OwnWalks:
     """Walks in the simulation that a policy was trained in, on draws that its training did not have."""
 
-    def __init__(self, simulator: WalkSimulator | BackendSimulator):
-        self._simulator = simulator
+    def __init__(self, scene: Scene):
+        self._simulator = scene.simulator()
 
     def run(self, policy: PolicyArrays, draw: int) -> Episode:
         """See `NumberedWalks.run`."""

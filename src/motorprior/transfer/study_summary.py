@@ -19,6 +19,7 @@ from motorprior.transfer.study_verdicts import (
     ORACLE,
     PRIOR,
     RIVALS,
+    STEPS,
     UNTRAINED,
     Facts,
     Pairing,
@@ -45,6 +46,7 @@ class Summary:
         regrets: (twin, condition) -> speed that the oracle walks faster [m/s]; the oracle has none.
         comparisons: of the measures COMPARED; of the prior with every condition, of the adapted prior with its RIVALS.
         corrected: likewise, p by Holm over all comparisons.
+        steps: of the measures COMPARED, of each of STEPS on every twin where both its ends walked; p is not corrected.
         targets: of the study.
         claims: of the paper.
         policies: fewest policies of a trained condition at a place.
@@ -55,6 +57,7 @@ class Summary:
     regrets: Mapping[tuple[str, str], Estimate]
     comparisons: Mapping[Pairing, Comparison]
     corrected: Mapping[Pairing, float]
+    steps: Mapping[Pairing, Comparison]
     targets: tuple[Verdict, ...]
     claims: tuple[Verdict, ...]
     policies: int
@@ -106,10 +109,14 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
     pairings = [*_pairings(PRIOR, cells), *(each for each in _pairings(ADAPTED, cells) if each.other in RIVALS)]
     comparisons = {pairing: _compare(pairing, cells, alone) for pairing in pairings}
     corrected = holm({pairing: each.p for pairing, each in comparisons.items()})
+    steps = [each for step in STEPS for each in _pairings(step[1], cells) if each.other == step[0]]
     judged = targets(Facts(estimates, comparisons, corrected, _peers(cells)))
     trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
     policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
-    return Summary(estimates, ratios, regrets, comparisons, corrected, judged, claims(table), policies)
+    return Summary(
+        estimates, ratios, regrets, comparisons, corrected, {each: _compare(each, cells, alone) for each in steps},
+        judged, claims(table), policies,
+    )  # fmt: skip
 
 
 Cells = Mapping[tuple[str, str], WalkTable]

@@ -20,24 +20,47 @@ MEASURES = {
 """Name -> unit, see `walk_measures`; the lift of every foot is foot_lift_mm/LEG."""
 MEANS = frozenset({"upright"})
 """Measures whose mean is reported: the middle half of a share near 1 says nothing of the falls."""
-PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE = "prior", "prior_adapted", "prior_robust", "oracle"
-PAPER, PAPER_WIDE, BASELINE = "paper", "paper_wide", "ideal_pd"
+PRIOR_MEAN, PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE = "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle"
+PAPER, PAPER_WIDE, BASELINE, TUNED_PD = "paper", "paper_wide", "ideal_pd", "tuned_pd"
+RIVALS = PD_FRICTION, PD_RANDOMISED = "pd_friction", "pd_randomised"
+"""Conditions that the prior must beat."""
 UNTRAINED = "untrained"
 """The gait itself: one policy, which nothing trained."""
 CONDITIONS = (
-    UNTRAINED, BASELINE, "tuned_pd", "pd_friction", "pd_randomised", "one_network", PAPER, PAPER_WIDE,
-    "prior_mean", PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE,
+    UNTRAINED, BASELINE, TUNED_PD, *RIVALS, "one_network", PAPER, PAPER_WIDE,
+    PRIOR_MEAN, PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE,
 )  # fmt: skip
 """Of a study, in the order of every table and picture."""
 HARD = "hard"
-RIVALS = CONDITIONS[3:5]
-"""Conditions that the prior must beat."""
-COMPARED = {"speed": ("faster", "slower"), "upright": ("upright for longer", "upright for shorter")}
-"""Measures that conditions are compared by -> what more and less of it is."""
+
+
+class Compared(NamedTuple):
+    """How a measure is told. Attributes: better and worse in words; +1 if more of it is better, else -1; its unit."""
+
+    better: str
+    worse: str
+    sign: int
+    unit: str
+
+
+COMPARED = {
+    "speed": Compared("faster", "slower", 1, "m/s"),
+    "upright": Compared("upright for longer", "upright for shorter", 1, "points"),
+    "drift": Compared("straighter", "less straight", -1, "m"),
+}
+"""Measures that conditions are compared by."""
+STEPS = (
+    (TUNED_PD, PD_FRICTION, "Coulomb friction"),
+    (PD_FRICTION, PRIOR_MEAN, "the learned mean motor"),
+    (PRIOR_MEAN, PRIOR, "samples in place of the mean"),
+    (PRIOR, ADAPTED, "the robot's own log"),
+    (ADAPTED, ORACLE, "the true motors"),
+)
+"""What each step from the tuned PD to the truth adds: from, to, what it adds."""
 SURE = 0.05
 """P value below which a difference is no accident."""
 _IN_WORDS = {
-    PRIOR: "sampled", ADAPTED: "adapted", RIVALS[0]: "a PD with friction", RIVALS[1]: "a randomised PD",
+    PRIOR: "sampled", ADAPTED: "adapted", PD_FRICTION: "a PD with friction", PD_RANDOMISED: "a randomised PD",
     PAPER: "the paper's recipe", PAPER_WIDE: "the paper's loss on our data",
 }  # fmt: skip
 CLAIMS = (
@@ -133,16 +156,18 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
 
 def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
     """One of the two ways of using the prior must be better on enough twins and worse on none, both beyond doubt."""
-    more, less = COMPARED[measure]
+    told = COMPARED[measure]
     ways = {name: [Pairing(place, name, rival, measure) for place in twins] for name in (PRIOR, ADAPTED)}
     met = {name: [pairing for pairing in ways[name] if pairing in facts.comparisons] for name in ways}
-    told = [_wins(facts, pairings) for pairings in met.values()]
-    said = f"the prior, sampled or adapted, is {more} than {_IN_WORDS[rival]} on {TWINS_WON} twins (p < {SURE:g}, "
+    won = [_wins(facts, pairings) for pairings in met.values()]
+    said = (
+        f"the prior, sampled or adapted, is {told.better} than {_IN_WORDS[rival]} on {TWINS_WON} twins (p < {SURE:g}, "
+    )
     found = "; ".join(
         f"{_IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items() if pairings
     )
-    known = [each for each in told if each is not None]
-    return Verdict(f"{said}corrected), {less} on none", any(known) if known else None, found or "not measured")
+    known = [each for each in won if each is not None]
+    return Verdict(f"{said}corrected), {told.worse} on none", any(known) if known else None, found or "not measured")
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
@@ -150,9 +175,14 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
 
     A single twin may show a loss, never a win.
     """
-    sure = [facts.comparisons[each].difference.value for each in pairings if facts.corrected[each] < SURE]
+    sure = [_gain(facts, each) for each in pairings if facts.corrected[each] < SURE]
     better, worse = sum(value > 0.0 for value in sure), sum(value < 0.0 for value in sure)
     return (better >= TWINS_WON and not worse) if worse or len(pairings) >= TWINS_WON else None
+
+
+def _gain(facts: Facts, pairing: Pairing) -> float:
+    """How much better the first of a pair is, in the measure's unit."""
+    return COMPARED[pairing.measure].sign * facts.comparisons[pairing].difference.value
 
 
 def _differences(facts: Facts, pairings: list[Pairing]) -> str:
@@ -168,7 +198,8 @@ def _differences(facts: Facts, pairings: list[Pairing]) -> str:
 
 def _amount(facts: Facts, pairing: Pairing) -> str:
     value = facts.comparisons[pairing].difference.value
-    return f"{_number(value, '+.3f')} m/s" if pairing.measure == "speed" else f"{_number(100 * value, '+.1f')} points"
+    unit = COMPARED[pairing.measure].unit
+    return f"{_number(100 * value, '+.1f')} points" if unit == "points" else f"{_number(value, '+.3f')} {unit}"
 
 
 def claims(table: WalkTable) -> tuple[Verdict, ...]:

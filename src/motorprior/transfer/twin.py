@@ -33,6 +33,7 @@ HARD = replace(
     gravity_tilt=0.03,
     sensor_delay=(0.0, 0.02),
     sensor_jitter=0.005,
+    command_jitter=0.005,
     dropped=0.02,
     push=0.3,
     push_interval=2.0,
