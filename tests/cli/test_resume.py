@@ -18,7 +18,7 @@ from motorprior.bench.fleet import fleet_path
 from motorprior.bench.recording import PRESETS as bench_presets
 from motorprior.identification.presets import PRESETS as identification_presets
 from motorprior.pipeline import stage as stage_module
-from motorprior.pipeline import walk as walk_module
+from motorprior.pipeline import training, walk
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
@@ -85,8 +85,8 @@ def test_a_walk_that_was_killed_continues_from_its_last_checkpoint(
         raise SystemExit(137)
 
     with monkeypatch.context() as context:
-        context.setattr(walk_module, "_policy", killed)
-        context.setattr(walk_module, "_SAVING_SHARE", 1e9)  # after every iteration, however slow the disk
+        context.setattr(walk, "_policy", killed)
+        context.setattr(training, "_SAVING_SHARE", 1e9)  # after every iteration, however slow the disk
         assert motorprior(*line).code == 137
     assert int(read_tensors(tmp_path / "walk" / "search.safetensors")[0]["iteration"]) == 12
     assert motorprior(*line).code == 0
@@ -124,7 +124,7 @@ def test_a_process_that_gets_sigint_keeps_a_checkpoint_and_exits_with_130(tmp_pa
 @pytest.mark.slow
 def test_kill_9_at_random_moments_loses_at_most_one_iteration_and_changes_no_byte(tmp_path: Path):
     line = ("walk", "--actuator", "pd", "--episode-steps", 300, "--iterations", 60, "--workers", 1)
-    code = "from motorprior.pipeline import walk; walk._SAVING_SHARE = 1e9  # however slow the disk\n"
+    code = "from motorprior.pipeline import training; training._SAVING_SHARE = 1e9  # however slow the disk\n"
     code += "from motorprior.cli.main import main\nmain()"
     words = [sys.executable, "-c", code, *map(str, line), "--out"]
     subprocess.run([*words, str(tmp_path / "whole")], check=True, capture_output=True)

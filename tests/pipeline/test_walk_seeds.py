@@ -37,6 +37,14 @@ def test_every_seed_is_the_training_of_that_seed(seeds: Path, tmp_path: Path):
     assert len(policies) == 3 and (seeds / PICTURE).is_file() and (seeds / "figures.json").is_file()
 
 
+def test_seeds_that_end_early_are_drawn_with_those_that_do_not(tmp_path: Path):
+    search = ArsConfig(seed=0, num_directions=2, num_top_directions=2)
+    walk = Walk(tmp_path, MotorChoice("pd"), iterations=40, patience=1, episode_steps=10, search=search)
+    run_walk_seeds(walk, 3)
+    ended = [len(read_metrics(tmp_path / f"seed_{seed}")["iteration"]) for seed in range(3)]
+    assert min(ended) < 40 and all(each % 10 == 0 for each in ended) and (tmp_path / PICTURE).is_file()
+
+
 def test_what_is_finished_is_not_trained_again(seeds: Path, monkeypatch: pytest.MonkeyPatch):
     picture = (seeds / PICTURE).read_bytes()
     before = {path: path.stat().st_mtime_ns for path in seeds.glob(f"*/{POLICY}")}

@@ -13,7 +13,7 @@ from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.moments import Moments
-from motorprior.search.policy_search import Champion, Round, contest, new_search
+from motorprior.search.policy_search import Champion, Round, contest, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import Episode
 
@@ -139,6 +139,28 @@ def test_the_averaged_policy_challenges_the_champion_and_must_be_better():
     assert contest(search, shape, judge, champion) is champion, "as good is not better"
     judge.total = 1.1
     assert contest(search, shape, judge, champion).score == 1.1
+
+
+@pytest.mark.parametrize(("patience", "ends"), [(1, 10), (3, 30), (None, 45)])
+def test_a_training_ends_when_the_champion_has_won_often_enough(patience, ends):
+    """Nothing is better than the first champion: the candidates walk elsewhere than the contests."""
+    shape = shape_of()
+    search, candidates, judge = new_search(ArsConfig(), shape), Judge(5.0), Judge(1.0)
+    champion = contest(search, shape, judge, Champion.none_yet(shape))
+    kept = train(search, shape, candidates, 45, champion, judge=judge, patience=patience)
+    assert kept is champion and search.iteration == ends
+    assert len(judge.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
+
+
+def test_a_better_policy_starts_the_patience_anew():
+    shape = shape_of()
+    search, judge = new_search(ArsConfig(), shape), Judge(1.0)
+    champion = contest(search, shape, judge, Champion.none_yet(shape))
+    train(search, shape, Judge(0.0), 10, champion, judge=judge, patience=2)
+    judge.total = 2.0
+    better = train(search, shape, Judge(0.0), 20, champion, judge=judge, patience=2)
+    assert better.iteration == 20 and train(search, shape, Judge(0.0), 90, better, judge=judge, patience=2) is better
+    assert search.iteration == 40
 
 
 def test_a_champion_survives_its_file(seen):

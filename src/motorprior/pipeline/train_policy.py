@@ -17,7 +17,8 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
-from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS, as_point, judge_faults, policy_of
+from motorprior.pipeline.training import as_point
+from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS, judge_faults, policy_of
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
@@ -34,6 +35,7 @@ def train_policy(
     motors: MotorSource,
     *,
     iterations: int = 200,
+    patience: int | None = None,
     seed: int = 0,
     workers: int | None = None,
     episode_steps: int = 500,
@@ -49,7 +51,8 @@ def train_policy(
         robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.
         motors: a prior, a posterior or a fleet to draw from; motors, the same in every episode; or a function that
             draws them from a generator.
-        iterations: of the search, 32 episodes each.
+        iterations: of the search, 32 episodes each, at most.
+        patience: stop after so many contests, one every 10 iterations, without a better policy; never if not given.
         seed: of the search and of the draws; same arguments, same bytes, whatever ``workers``.
         workers: episodes at a time; two, or as many as there are cores, if not given.
         episode_steps: control steps per episode.
@@ -76,10 +79,11 @@ def train_policy(
     shape = PolicyShape.of(robot, gait, units=0, symmetric=True)
     workers = min(2, os.cpu_count() or 1) if workers is None else workers
     for name, value, most in (
-        ("iterations", iterations, None), ("episode_steps", episode_steps, MOST_EPISODE_STEPS),
-        ("workers", workers, MOST_WORKERS),
+        ("iterations", iterations, None), ("patience", patience, None),
+        ("episode_steps", episode_steps, MOST_EPISODE_STEPS), ("workers", workers, MOST_WORKERS),
     ):  # fmt: skip
-        require_count(name, value, 1, most)
+        if value is not None:
+            require_count(name, value, 1, most)
     require_seed(seed)
     draw, physics_dt = drawn_from(motors, robot)
     config = ArsConfig(seed=seed)
@@ -96,7 +100,7 @@ def train_policy(
                 task.advance(1, f"return {point.mean_return:.2f} m")
 
             champion = contest(search, shape, executor, champion)  # what nothing improves on is kept
-            champion = train(search, shape, executor, iterations, champion, report)
+            champion = train(search, shape, executor, iterations, champion, report, patience=patience)
     finally:
         executor.close()
     judge_faults(curve, 2 * config.num_directions, progress)

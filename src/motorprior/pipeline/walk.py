@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.artifacts import read_tensors, write_json, write_tensors
+from motorprior.artifacts import write_json
 from motorprior.bounds import require_count
-from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError, SimulationFault
+from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
@@ -23,26 +24,22 @@ from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
-from motorprior.pipeline.stage import Stopwatch, description, digest, is_finished, remove, working
-from motorprior.pipeline.walk_metrics import METRICS, Extent, Metrics
+from motorprior.pipeline.stage import description, digest, is_finished, remove, working
+from motorprior.pipeline.training import Checkpoint, Training
+from motorprior.pipeline.walk_metrics import METRICS, Extent
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.search.ars import Ars, ArsConfig
-from motorprior.search.executor import Executor, Kind, make_executor
-from motorprior.search.policy_search import Champion, Iteration, contest, new_search, train
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import Executor, Kind, make_executor, many_executors
+from motorprior.search.policy_search import Champion
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Engine, Scene
-from motorprior.simulation.fatal_errors import saved_on_fatal_error
-from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import FAULTS
 
-POLICY, CURVE, CHECKPOINT = "policy.safetensors", "curve.json", "search.safetensors"
-_SAVING_SHARE = 0.5
-"""Every iteration is saved, unless saving took more than this share of the time since the last time."""
+POLICY, CURVE = "policy.safetensors", "curve.json"
 MOST_WORKERS, MOST_UNITS = 1024, 256
 MOST_EPISODE_STEPS = 100_000
 """Of control: half an hour at 50 Hz."""
@@ -61,6 +58,11 @@ class Walk:
     of its speeds is kept."""
     iterations: int = 200
     """ARS iterations."""
+    patience: int | None = None
+    """Stop after so many contests, one every 10 iterations, without a better policy; never if not given."""
+    validation: str | None = None
+    """Fleet, a name or a .toml file, on whose physical motors the contests are walked that decide which policy is kept;
+    on the motors of the training if not given. Not the fleet of a twin that is to judge the policy."""
     episode_steps: int = 500
     """Control steps per episode."""
     gait: GaitName = "trot"
@@ -100,106 +102,112 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
         SimulationFault: every episode broke down.
         KeyboardInterrupt: after a checkpoint of the iterations that are complete.
     """
-    require_count("iterations", config.iterations)
-    require_count("episode_steps", config.episode_steps, 1, MOST_EPISODE_STEPS)
-    require_count("workers", config.workers, 1, MOST_WORKERS)
-    require_count("hidden_units", config.hidden_units, 0, MOST_UNITS)
-    units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
-    robot = load_robot(config.robot)
-    start = _start(config, robot)
-    robot = config.commands.on(robot if start is None else start.commanded(robot))
-    shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
-    draw = config.motors.drawer(robot)
-    settings = asdict(config)
-    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
-        del settings[where]
-    inputs = config.motors.inputs(robot) + ([] if config.start is None else [config.start])
-    wanted = description("walk", settings, [*inputs, *robot.files])
-    if is_finished(config.out, wanted):
+    plan = _planned(config)
+    if is_finished(config.out, plan.wanted):
         return
-    make_simulator = scene(config, robot, draw).simulator
+    workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
+    with working(config.out, plan.wanted) as clock, plan.executors(workers) as (executor, judge):
+        extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions)
+        checkpoint = Checkpoint(config.out, plan.wanted, clock)
+        training = Training(
+            config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
+            save=lambda best: _policy(config, plan.robot, best).save(config.out / POLICY),
+        )  # fmt: skip
+        champion, curve = training.run(progress, name)
+        try:
+            judge_faults(curve, extent.episodes, progress)
+        except SimulationFault:  # there is nothing to go on from
+            checkpoint.remove()
+            remove(config.out, METRICS)
+            raise
+        _policy(config, plan.robot, champion).save(config.out / POLICY)
+        write_json(config.out / CURVE, curve)
+        checkpoint.remove()
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What follows from the settings of a walk.
+
+    Attributes:
+        config: the settings.
+        robot: told all speeds of the training.
+        shape: of the policy.
+        start: policy to go on from.
+        wanted: description of the stage.
+        scene: of the training's episodes.
+        contests: of those that decide which policy is kept, where it is another.
+    """
+
+    config: Walk
+    robot: Robot
+    shape: PolicyShape
+    start: Policy | None
+    wanted: dict
+    scene: Scene
+    contests: Scene | None
+
+    @contextmanager
+    def executors(self, workers: int) -> Iterator[tuple[Executor, Executor]]:
+        """Where candidates walk, and where contests are walked."""
+        config = self.config
+        with ExitStack() as stack:
+            if self.contests is not None:
+                stack.enter_context(many_executors(config.executor, workers, config.ray_address))
+
+            def made(scene: Scene) -> Executor:
+                executor = make_executor(scene.simulator, workers, config.executor, config.ray_address)
+                return stack.enter_context(closing(executor))
+
+            first = made(self.scene)
+            yield first, first if self.contests is None else made(self.contests)
+
+
+def _planned(config: Walk) -> _Plan:
+    """Read what the settings name.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
+    """
+    for name, least, most in (
+        ("iterations", 1, None), ("episode_steps", 1, MOST_EPISODE_STEPS), ("workers", 1, MOST_WORKERS),
+        ("hidden_units", 0, MOST_UNITS),
+    ):  # fmt: skip
+        require_count(name, getattr(config, name), least, most)
+    if config.patience is not None:
+        require_count("patience", config.patience)
     if config.ray_address is not None and config.executor != "ray":
         raise ConfigError(
             "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
         )
-    with working(config.out, wanted) as clock:
-        workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
-        executor = make_executor(make_simulator, workers, config.executor, config.ray_address)
-        try:
-            champion, curve = _train(config, robot, shape, executor, _Kept(config.out, wanted, clock), progress, name)
-        finally:
-            executor.close()
-        try:
-            judge_faults(curve, 2 * config.search.num_directions, progress)
-        except SimulationFault:  # there is nothing to go on from
-            for left in (CHECKPOINT, METRICS):
-                remove(config.out, left)
-            raise
-        _policy(config, robot, champion).save(config.out / POLICY)
-        write_json(config.out / CURVE, curve)
-        remove(config.out, CHECKPOINT)
+    units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
+    robot = load_robot(config.robot)
+    start = _start(config, robot)
+    robot = config.commands.on(robot if start is None else start.commanded(robot))
+    judges = None if config.validation is None else MotorChoice("fleet", fleet=config.validation)
+    settings = asdict(config)
+    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
+        del settings[where]
+    inputs = [*config.motors.inputs(robot), *robot.files]
+    inputs += [config.start] if config.start is not None else []
+    inputs += judges.inputs(robot) if judges is not None else []
+    return _Plan(
+        config, robot, PolicyShape.of(robot, config.gait, units, config.symmetric), start,
+        description("walk", settings, inputs), scene(config, robot, config.motors),
+        None if judges is None else scene(config, robot, judges),
+    )  # fmt: skip
 
 
-def scene(config: Walk, robot: Robot, draw: DrawMotors) -> Scene:
-    """What a worker simulates.
+def scene(config: Walk, robot: Robot, motors: MotorChoice) -> Scene:
+    """What a worker simulates on these motors.
 
     Raises:
         ConfigError: the engine is not installed, or cannot do what is asked.
+        ArtifactError: motors that cannot be read.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
-    return Scene(robot, config.engine, draw, config.motors.physics_dt(robot), walk, Terrain(config.roughness))
-
-
-def _train(
-    config: Walk, robot: Robot, shape: PolicyShape, executor: Executor, kept: _Kept, progress: Progress, name: str
-) -> tuple[Champion, list[dict]]:
-    """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
-    search, champion, curve = _restore(config, robot, shape, kept.wanted)
-    if search.iteration == 0:  # what nothing improves on is kept
-        champion = contest(search, shape, executor, champion)
-    latest = _checkpoint(search, champion)
-    extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions)
-    metrics = Metrics(config.out, curve, extent)
-    saved, took = time.monotonic(), 0.0
-
-    def rescue() -> str:
-        """Keep everything, and the best policy so far, when MuJoCo ends the process."""
-        kept.save(latest, curve)
-        what = f"{int(latest['iteration'])} iterations"
-        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
-        if best.iteration >= 0:
-            _policy(config, robot, best).save(config.out / POLICY)
-            what += f" and the best policy so far, of iteration {best.iteration},"
-        return f"{what} are kept in {config.out}"
-
-    try:
-        with (
-            progress.start(f"{name}: {config.iterations} iterations", config.iterations) as task,
-            saved_on_fatal_error(rescue),
-        ):
-            task.advance(search.iteration)
-
-            def report(point: Iteration, best: Champion) -> None:
-                nonlocal latest, saved, took
-                curve.append(as_point(point))
-                latest = _checkpoint(search, best)
-                task.advance(1, metrics.add(curve[-1]))
-                now = time.monotonic()
-                if took <= _SAVING_SHARE * (now - saved):
-                    kept.save(latest, curve)
-                    saved = time.monotonic()
-                    took = saved - now
-
-            champion = train(search, shape, executor, config.iterations, champion, report)
-    except (KeyboardInterrupt, MotorPriorError):  # the second: a fault of the simulation, or lost workers
-        kept.save(latest, curve)
-        raise
-    return champion, curve
-
-
-def as_point(point: Iteration) -> dict[str, Any]:
-    """A point of the curve, with its faults by name."""
-    return asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}}
+    terrain = Terrain(config.roughness)
+    return Scene(robot, config.engine, motors.drawer(robot), motors.physics_dt(robot), walk, terrain)
 
 
 def judge_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
@@ -230,6 +238,7 @@ def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
         "task": asdict(config.task),
         "start_sha256": None if config.start is None else digest(config.start),
         "iterations": config.iterations,
+        "validation": config.validation,
         "episode_steps": config.episode_steps,
         "engine": config.engine,
         "roughness": config.roughness,
@@ -266,45 +275,6 @@ def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd
         gait=gait,
         provenance=provenance | {"iteration": champion.iteration, "own_return": champion.score},
     )
-
-
-def _checkpoint(search: Ars, champion: Champion) -> dict[str, np.ndarray]:
-    """Everything a later run needs to end at the same bytes."""
-    return {**search.state(), **champion.state()}
-
-
-@dataclass(frozen=True)
-class _Kept:
-    """Where the checkpoints of a training go."""
-
-    folder: Path
-    wanted: dict
-    clock: Stopwatch
-
-    def save(self, state: dict[str, np.ndarray], curve: list[dict]) -> None:
-        """Write the state; the curve may be a point ahead when interrupted between the two, and is cut to it."""
-        points = curve[: int(state["iteration"])]
-        write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
-        self.clock.note()
-
-
-def _restore(config: Walk, robot: Robot, shape: PolicyShape, wanted: dict) -> tuple[Ars, Champion, list[dict]]:
-    """The training of an interrupted run with the same settings, or a new one.
-
-    Raises:
-        ArtifactError: the checkpoint is damaged.
-    """
-    path = config.out / CHECKPOINT
-    if path.is_file():
-        try:
-            state, header = read_tensors(path)
-            if header.get("wanted") == wanted:
-                best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
-                return Ars.restore(config.search, state), Champion.restore(best), header["curve"]
-        except (ArtifactError, KeyError) as error:
-            problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
-            raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-    return new_search(config.search, shape, _start(config, robot)), Champion.none_yet(shape), []
 
 
 def _start(config: Walk, robot: Robot) -> Policy | None:

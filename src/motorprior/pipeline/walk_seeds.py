@@ -67,6 +67,12 @@ def _draw(config: Walk, walks: list[Walk]) -> None:
 
     metrics = [read_metrics(walk.out) for walk in walks]
     quantities = {"mean return [m]": "return_mean", "time upright [-]": "upright"}
-    curves = {title: np.array([each[name] for each in metrics]) for title, name in quantities.items()}
+    longest = max((each["iteration"] for each in metrics), key=len)
+
+    def held(values: np.ndarray) -> np.ndarray:
+        """To the end of the longest: a training that ended early stays where it was."""
+        return np.pad(values, (0, len(longest) - len(values)), mode="edge")
+
+    curves = {title: np.array([held(each[name]) for each in metrics]) for title, name in quantities.items()}
     with atomic_path(config.out / PICTURE) as temporary:
-        temporary.write_bytes(png_bytes(seed_curves(metrics[0]["iteration"], curves)))
+        temporary.write_bytes(png_bytes(seed_curves(longest, curves)))

@@ -127,7 +127,7 @@ def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:
 
 
 def contest(search: Ars, shape: PolicyShape, executor: Executor, champion: Champion) -> Champion:
-    """The better of the champion and the policy of the search's averaged parameters, in its own simulation.
+    """The better of the champion and the policy of the search's averaged parameters, where the executor walks.
 
     Every contest is walked on the same CONTEST_DRAWS draws of motors.
     """
@@ -147,19 +147,36 @@ def train(
     iterations: int,
     champion: Champion,
     progress: Callable[[Iteration, Champion], None] | None = None,
+    judge: Executor | None = None,
+    patience: int | None = None,
 ) -> Champion:
     """Advance ``search`` until it has made ``iterations`` iterations; returns the best policy on the way.
 
     The last policy of a random search is not its best: every CONTEST_EVERY iterations, and at the end, the
     policy of the averaged parameters challenges the champion.
+
+    Args:
+        search: to advance.
+        shape: of the policy.
+        executor: where candidates walk.
+        iterations: at most.
+        champion: of the contests before.
+        progress: called after every iteration.
+        judge: where contests are walked; ``executor`` if not given.
+        patience: end after so many contests in a row that the champion won; never if not given.
     """
-    while search.iteration < iterations:
+    while search.iteration < iterations and not is_settled(search, champion, patience):
         point = advance(search, shape, executor)
         if search.iteration % CONTEST_EVERY == 0 or search.iteration == iterations:
-            champion = contest(search, shape, executor, champion)
+            champion = contest(search, shape, executor if judge is None else judge, champion)
         if progress is not None:
             progress(point, champion)
     return champion
+
+
+def is_settled(search: Ars, champion: Champion, patience: int | None) -> bool:
+    """Whether the champion has won ``patience`` contests in a row."""
+    return patience is not None and search.iteration - max(0, champion.iteration) >= patience * CONTEST_EVERY
 
 
 def new_search(config: ArsConfig, shape: PolicyShape, start: Policy | None = None) -> Ars:
