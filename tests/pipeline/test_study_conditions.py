@@ -87,6 +87,7 @@ def test_only_a_simulation_without_chance_is_walked_once():
         ({"motors": 3}, "motors"),
         ({"speed": 0.1}, "speed"),
         ({"speed": np.nan}, "speed"),
+        ({"validation": "foreign_direct"}, "validation 'foreign_direct' is the fleet of a twin"),
     ],
 )
 def test_impossible_studies_are_refused(tmp_path: Path, change: dict, words: str):

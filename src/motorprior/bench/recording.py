@@ -3,7 +3,8 @@
 Presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia without external torque,
 sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on loads
 from a bare shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in
-segments of 1 s, so that a few seconds of log contain many loads.
+segments of 1 s, so that a few seconds of log contain many loads. ``narrow``: the paper's sinusoids and load at the
+clock of ``rollout``, for what an excitation is worth.
 """
 
 from __future__ import annotations
@@ -66,6 +67,7 @@ PRESETS = {
     "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "creep"), 5),
 }
 PRESETS["adapt"] = replace(PRESETS["rollout"], segment_steps=500)
+PRESETS["narrow"] = replace(PRESETS["rollout"], load_inertia=PRESETS["paper"].load_inertia, kinds=("sine",))
 
 
 def bench_preset(name: str) -> BenchPreset:

@@ -45,8 +45,8 @@ def transfer(config: TransferCommand) -> None:
         raise ConfigError(
             "a study trains its own policies in its own engines", remedy="give neither walks nor an engine"
         )
-    run_study(Study(**given), TERMINAL)
-    page = build_study_report(config.out, _command(given))
+    summary = run_study(Study(**given), TERMINAL)
+    page = build_study_report(config.out, _command(given), summary)
     CONSOLE.print(Markdown((config.out / TABLES).read_text("utf-8")))
     print(page)
     return None

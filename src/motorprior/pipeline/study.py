@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,6 @@ from motorprior.pipeline.time_left import TimeLeft
 from motorprior.pipeline.transfer import own_scene
 from motorprior.pipeline.walk import POLICY, Walk, policy_of, run_walk
 from motorprior.pipeline.walk_seeds import SEEDS_APART
-from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
@@ -34,38 +34,44 @@ from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
 from motorprior.transfer.study_results import study_results
-from motorprior.transfer.study_summary import summarise
+from motorprior.transfer.study_summary import Summary, summarise
 from motorprior.transfer.study_verdicts import UNTRAINED
 from motorprior.transfer.walk_measures import walk_measures
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkRow, WalkTable
 
 
-def run_study(config: Study, progress: Progress = SILENT) -> Results:
+def run_study(config: Study, progress: Progress = SILENT) -> Summary:
     """Run every cell that is not finished; write walks.csv, traces, results.json and figures.json.
 
     Raises:
         MotorPriorError: settings out of range, or a stage cannot run; what is finished stays.
     """
     config = config.sized()
-    robot, twins = load_robot(config.robot), _twins_here(progress)
+    robot = load_robot(config.robot)
     with taken(config.out):
         threads = threads_here(config.workers, progress)
         learn(config, threads, progress)
         adapt_robots(config, threads, progress)
         cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
-        with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
-            done = _Done(task, TimeLeft(len(cells), threads))
-            works = [partial(_cell, config, robot, twins, condition, seed, done) for condition, seed in cells]
-            with many_executors(config.executor, config.workers, config.ray_address):
-                tables = side_by_side(works, threads if config.executor == "threads" else 1, progress)
-        table = WalkTable.of(walk for each in tables for walk in each.walks)
+        table = walk_table(config, cells, progress)
         table.save(config.out / WALKS)
         _keep_traces(config, cells)
         settings = asdict(config) | {"speed": config.told(robot)}
         write_json(config.out / STUDY, {name: str(value) for name, value in settings.items() if name != "out"})
-        results = study_results(summarise(table))
-        write_results(config.out, results)
-    return results
+        summary = summarise(table)
+        write_results(config.out, study_results(summary))
+    return summary
+
+
+def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: Progress = SILENT) -> WalkTable:
+    """Train the policies of conditions and seeds, and watch them; what is finished in ``config.out`` is read."""
+    robot, twins, threads = load_robot(config.robot), _twins_here(progress), threads_here(config.workers, SILENT)
+    with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
+        done = _Done(task, TimeLeft(len(cells), threads))
+        works = [partial(_cell, config, robot, twins, condition, seed, done) for condition, seed in cells]
+        with many_executors(config.executor, config.workers, config.ray_address):
+            tables = side_by_side(works, threads if config.executor == "threads" else 1, progress)
+    return WalkTable.of(walk for each in tables for walk in each.walks)
 
 
 def _twins_here(progress: Progress) -> tuple[str, ...]:
@@ -99,8 +105,9 @@ def _cell(
     name, begun = condition.folder(seed), done.left.begun()
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
-        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
-        workers=config.episodes_at_a_time, executor=config.executor, ray_address=config.ray_address, robot=config.robot,
+        validation=config.validation, randomization=condition.randomization,
+        search=ArsConfig(seed=SEEDS_APART * config.seed + seed), robot=config.robot,
+        workers=config.episodes_at_a_time, executor=config.executor, ray_address=config.ray_address,
     )  # fmt: skip
     if condition.name == UNTRAINED:
         _gait(config.commands(robot).on(robot), condition).save(walk.out / POLICY)

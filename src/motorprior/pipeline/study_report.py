@@ -13,19 +13,20 @@ from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.report import PAGE
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
-from motorprior.transfer.study_summary import summarise
+from motorprior.transfer.study_summary import Summary, summarise
 from motorprior.transfer.walk_table import WalkTable
 
 WALKS, TRACES, STUDY, TABLES = "walks.csv", "traces.safetensors", "study.json", "tables.md"
 _AGAIN = "delete it and run the study again"
 
 
-def build_study_report(run: Path, command: str) -> Path:
+def build_study_report(run: Path, command: str, summary: Summary | None = None) -> Path:
     """Write report.html and TABLES from WALKS, TRACES and STUDY; returns the path of the first.
 
     Args:
         run: folder of a study.
         command: what makes the same page again, for the page.
+        summary: of the same walks; made again, which takes a minute, if not given.
 
     Raises:
         ArtifactError: one of the files is missing or damaged.
@@ -40,7 +41,7 @@ def build_study_report(run: Path, command: str) -> Path:
     settings = read_json(run / STUDY)
     if not isinstance(settings, dict):
         raise ArtifactError("its settings are not a table", where=run / STUDY, remedy=_AGAIN)
-    robot, summary = load_robot(header["robot"]), summarise(table)
+    robot, summary = load_robot(header["robot"]), summary or summarise(table)
     _check_traces(traces, robot, run / TRACES)
     report = Report(
         title="Does a distribution of motors transfer?",

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from motorprior.bench.facts import require_bench_size
 from motorprior.bounds import require_count, require_number, require_seed
+from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
@@ -42,6 +43,9 @@ class Study:
     usually walks: slower, its gait does most of the walking, whatever the motors."""
     iterations: int = 50
     """ARS iterations per policy, the same for every condition."""
+    validation: str | None = None
+    """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept; on those of
+    training if not given. None of the twins'."""
     motors: int = 32
     """Motors on the bench."""
     bench_steps: int = 10_000
@@ -98,6 +102,10 @@ class Study:
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
         require_seed(config.seed)
-        for fleet in (config.fleet, config.foreign):
-            load_robot_fleet(robot, fleet)
+        twins = [load_robot_fleet(robot, fleet).name for fleet in (config.fleet, config.foreign)]
+        if config.validation is not None and load_robot_fleet(robot, config.validation).name in twins:
+            raise ConfigError(
+                f"validation {config.validation!r} is the fleet of a twin", argument="validation",
+                remedy="give another fleet: what a policy is judged on must not choose it",
+            )  # fmt: skip
         return config
