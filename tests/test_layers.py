@@ -55,6 +55,7 @@ HOMES = {
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
     "filelock": "pipeline/folder_lock",
+    "tensorboardX": "pipeline/tensorboard",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 

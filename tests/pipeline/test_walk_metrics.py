@@ -1,17 +1,23 @@
 """metrics.jsonl: a line per iteration, the same bytes however often a training was interrupted."""
 
 import json
+import struct
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from motorprior.exceptions import ConfigError
 from motorprior.pipeline import walk_metrics
 from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.tensorboard import EVENTS
 from motorprior.pipeline.walk import CURVE, POLICY, Walk, run_walk
-from motorprior.pipeline.walk_metrics import METRICS, Extent, Metrics
+from motorprior.pipeline.walk_metrics import METRICS, Extent, Metrics, read_metrics
 
 
 class Stops:
@@ -86,3 +92,35 @@ def test_the_line_on_the_terminal_has_return_uprightness_speed_and_time_left(
 
 def point(iteration: int) -> dict[str, Any]:
     return {"iteration": iteration, "mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "faults": {}}
+
+
+def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_path: Path):
+    pytest.importorskip("tensorboardX", reason="pip install 'motorprior[tensorboard]'")
+    walk = replace(small(tmp_path), tensorboard=True)
+    with pytest.raises(KeyboardInterrupt):
+        run_walk(walk, Stops(after=2))
+    run_walk(walk)
+    told = read_metrics(tmp_path)
+    (path,) = (tmp_path / EVENTS).iterdir()
+    for name in ("return_mean", "return_best", "upright"):
+        np.testing.assert_allclose(scalars(path, f"walk/{name}"), list(enumerate(told[name])), rtol=1e-6)
+
+
+def test_without_the_library_the_option_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    with pytest.raises(ConfigError, match=r"pip install 'motorprior\[tensorboard\]'"):
+        run_walk(replace(small(tmp_path / "walk"), tensorboard=True))
+    assert not (tmp_path / "walk").exists()
+
+
+def scalars(path: Path, tag: str) -> list[tuple[int, float]]:
+    """(step, value) of a scalar, in the order of the file: length, check sum of 4 bytes, event, check sum of 4 bytes."""
+    from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
+
+    data, place, found = path.read_bytes(), 0, []
+    while place < len(data):
+        (length,) = struct.unpack_from("<Q", data, place)
+        event = Event.FromString(data[place + 12 : place + 12 + length])
+        found += [(event.step, value.simple_value) for value in event.summary.value if value.tag == tag]
+        place += 16 + length
+    return found

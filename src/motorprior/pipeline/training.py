@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from motorprior.exceptions import ArtifactError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.stage import Stopwatch, remove
+from motorprior.pipeline.tensorboard import EVENTS, events
 from motorprior.pipeline.walk_metrics import Extent, Metrics
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor
@@ -80,6 +82,7 @@ class Training:
         patience: see `policy_search.train`.
         checkpoint: where its state goes.
         save: writes the policy of a champion.
+        tensorboard: whether the curve is written as events, too.
     """
 
     config: ArsConfig
@@ -91,14 +94,22 @@ class Training:
     patience: int | None
     checkpoint: Checkpoint
     save: Callable[[Champion], None]
+    tensorboard: bool = False
 
     def run(self, progress: Progress, name: str) -> tuple[Champion, list[dict[str, Any]]]:
         """Train from the checkpoint, if there is one; leave a checkpoint when interrupted or when episodes fail."""
+        with ExitStack() as stack:
+            also = stack.enter_context(events(self.checkpoint.folder / EVENTS)) if self.tensorboard else None
+            return self._run(progress, name, also)
+
+    def _run(
+        self, progress: Progress, name: str, also: Callable[[Mapping[str, Any]], None] | None
+    ) -> tuple[Champion, list[dict[str, Any]]]:
         search, champion, curve = self.checkpoint.load(self.config) or self._new()
         if search.iteration == 0:  # what nothing improves on is kept
             champion = contest(search, self.shape, self.judge, champion)
         latest, iterations = _state(search, champion), self.extent.iterations
-        metrics = Metrics(self.checkpoint.folder, curve, self.extent)
+        metrics = Metrics(self.checkpoint.folder, curve, self.extent, also)
         saved, took = time.monotonic(), 0.0
         try:
             with (

@@ -25,6 +25,7 @@ from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, digest, is_finished, remove, working
+from motorprior.pipeline.tensorboard import require_tensorboard
 from motorprior.pipeline.training import Checkpoint, Training
 from motorprior.pipeline.walk_metrics import METRICS, Extent
 from motorprior.robots.load import load_robot
@@ -90,6 +91,8 @@ class Walk:
     """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster to join, with the executor ray; without one Ray starts on this machine only."""
+    tensorboard: bool = False
+    """Also write the learning curve for TensorBoard, into the folder tensorboard; needs the extra tensorboard."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
@@ -112,6 +115,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
         training = Training(
             config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
             save=lambda best: _policy(config, plan.robot, best).save(config.out / POLICY),
+            tensorboard=config.tensorboard,
         )  # fmt: skip
         champion, curve = training.run(progress, name)
         try:
@@ -180,13 +184,15 @@ def _planned(config: Walk) -> _Plan:
         raise ConfigError(
             "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
         )
+    if config.tensorboard:
+        require_tensorboard()
     units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
     robot = load_robot(config.robot)
     start = _start(config, robot)
     robot = config.commands.on(robot if start is None else start.commanded(robot))
     judges = None if config.validation is None else MotorChoice("fleet", fleet=config.validation)
     settings = asdict(config)
-    for where in ("workers", "executor", "ray_address"):  # the result does not depend on them
+    for where in ("workers", "executor", "ray_address", "tensorboard"):  # the result does not depend on them
         del settings[where]
     inputs = [*config.motors.inputs(robot), *robot.files]
     inputs += [config.start] if config.start is not None else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,17 +41,28 @@ class Metrics:
         folder: of the walk.
         curve: points so far, see `pipeline.walk.as_point`.
         extent: of the training.
+        also: called with every row, from the first one on.
     """
 
-    def __init__(self, folder: Path, curve: Sequence[dict[str, Any]], extent: Extent):
-        self._path, self._extent = folder / METRICS, extent
+    def __init__(
+        self,
+        folder: Path,
+        curve: Sequence[dict[str, Any]],
+        extent: Extent,
+        also: Callable[[Mapping[str, Any]], None] | None = None,
+    ):
+        self._path, self._extent, self._also = folder / METRICS, extent, also or (lambda row: None)
         self._began, self._before = time.monotonic(), len(curve)
-        write_text(self._path, "".join(self._line(point) for point in curve))
+        rows = [self._row(point) for point in curve]
+        write_text(self._path, "".join(map(_line, rows)))
+        for row in rows:
+            self._also(row)
 
     def add(self, point: dict[str, Any]) -> str:
         """Append a line; returns return, time upright, speed of the training and time left for the terminal."""
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(self._line(point))
+            file.write(_line(row := self._row(point)))
+        self._also(row)
         iterations = int(point["iteration"]) + 1
         done, seconds = iterations - self._before, max(1e-9, time.monotonic() - self._began)
         left = seconds / done * (self._extent.iterations - iterations)
@@ -64,9 +75,9 @@ class Metrics:
     def _upright(self, point: dict[str, Any]) -> float:
         return point["mean_steps"] / self._extent.episode_steps
 
-    def _line(self, point: dict[str, Any]) -> str:
+    def _row(self, point: dict[str, Any]) -> dict[str, Any]:
         """Return of the perturbed policies [m], share of the time upright [-], episodes so far."""
-        row = {
+        return {
             "iteration": point["iteration"],
             "episodes": self._extent.episodes * (int(point["iteration"]) + 1),
             "return_mean": point["mean_return"],
@@ -75,7 +86,10 @@ class Metrics:
             "upright": self._upright(point),
             "faults": dict(sorted(point["faults"].items())),
         }
-        return json.dumps(row, allow_nan=False) + "\n"
+
+
+def _line(row: dict[str, Any]) -> str:
+    return json.dumps(row, allow_nan=False) + "\n"
 
 
 def read_metrics(folder: Path) -> dict[str, np.ndarray]:
