@@ -114,7 +114,7 @@ def test_without_the_library_the_option_is_refused_at_once(tmp_path: Path, monke
 
 
 def scalars(path: Path, tag: str) -> list[tuple[int, float]]:
-    """(step, value) of a scalar, in the order of the file: length, check sum of 4 bytes, event, check sum of 4 bytes."""
+    """(step, value) of a scalar, in the file's order: length, check sum of 4 bytes, event, check sum of 4 bytes."""
     from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
 
     data, place, found = path.read_bytes(), 0, []
