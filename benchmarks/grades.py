@@ -4,8 +4,9 @@
 
 Priors of few and of many motors, of a narrow excitation, of other motors; z drawn less and more than it should be;
 shorter and longer training, judged on its own motors or on a validation fleet. Policies are trained and watched as by
-`motorprior transfer --study`. Writes figures.json with GRADE/fidelity [rad] and GRADE/PLACE/MEASURE, results.csv of
-every walk, tables.md, and grades.png. Finished stages are kept. Hours on two cores; `--grades` picks some.
+`motorprior transfer --study`. Writes figures.json with GRADE/POPULATION/fidelity [rad], of motors of the robot's fleet
+and of foreign ones, and GRADE/PLACE/MEASURE; walks.csv of every walk, tables.md, and grades.png. Finished stages are
+kept. Hours on two cores; `--grades` picks some.
 """
 
 from __future__ import annotations
@@ -13,23 +14,27 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from string import ascii_lowercase
+from textwrap import fill
 
 import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
-from motorprior.bench.fleet import load_fleet
+from motorprior.bounds import require_count
 from motorprior.identification.bench_fidelity import HELD_OUT_SEED
 from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.study import walk_table
-from motorprior.pipeline.study_conditions import Condition
+from motorprior.pipeline.study_conditions import Condition, fleet_of
 from motorprior.pipeline.study_settings import Study
-from motorprior.report.plots_style import describe, new_figure, panels, png_bytes
+from motorprior.report.plots_style import MODEL_COLORS, describe, new_figure, panels, png_bytes
 from motorprior.robots.load import load_robot
+from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 from motorprior.transfer.robot_fidelity import robot_fidelity
 from motorprior.transfer.statistics import estimate, iqms, means, ratio
 from motorprior.transfer.study_verdicts import LEAST_SPEED, MEANS
@@ -37,8 +42,10 @@ from motorprior.transfer.walk_table import OWN, WalkTable
 
 PROGRESS = Lines(sys.stderr)
 MEASURES = ("speed", "upright", "drift")
-FIDELITY_STREAM, POOL = 0x64AD, 96
-"""Tag of the random stream of the motors that fidelity is measured on, and their number."""
+FIDELITY_STREAM = 0x64AD
+"""Tag of the random stream of the motors that are drawn where fidelity is measured."""
+ROBOTS = range(10_000, 10_004)
+"""Numbers of the robots that fidelity is measured on; no study walks them."""
 
 
 @dataclass(frozen=True)
@@ -112,17 +119,21 @@ def prior_of(settings: Settings, grade: Grade) -> Path:
     return folder / PRIOR
 
 
-def fidelity(settings: Settings, path: Path, spread: float) -> float:
-    """Median error of a standing robot's joint angles [rad]: drawn motors against unseen ones of the robot's fleet.
+def fidelity(settings: Settings, path: Path, spread: float, population: str) -> float:
+    """Median error of a standing robot's joint angles [rad]: drawn motors against those of unseen robots.
 
-    Neither knows the other: motors of a fleet differ, so that even its own motors, drawn again, have an error.
+    Neither knows the other: robots of a fleet differ, so that even its own motors, drawn again, have an error.
     """
-    robot, prior = load_robot(Study(settings.out).robot), MotorPrior.load(path)
+    study = Study(settings.out)
+    robot, prior = load_robot(study.robot), MotorPrior.load(path)
+    fleet = load_robot_fleet(robot, fleet_of(study, population))
     rng = np.random.default_rng([HELD_OUT_SEED, settings.seed, FIDELITY_STREAM])
-    motors = load_robot_fleet(robot).sample(POOL, rng)
     models = {"prior": lambda index: prior.sample(len(index), rng, spread=spread)}
-    found = robot_fidelity(robot, motors, models, hung=False, seed=settings.seed)
-    return float(np.median(found.rmse["prior"]))
+    errors = [
+        robot_fidelity(robot, motors_of_robot(robot, fleet, number), models, hung=False, seed=number).rmse["prior"]
+        for number in ROBOTS
+    ]
+    return float(np.median(np.concatenate(errors)))
 
 
 def walks(settings: Settings, priors: dict[str, Path]) -> WalkTable:
@@ -144,10 +155,10 @@ def walks(settings: Settings, priors: dict[str, Path]) -> WalkTable:
     return WalkTable.of(found)
 
 
-def figures_of(table: WalkTable, faithful: dict[str, float]) -> dict[str, float]:
-    """GRADE/fidelity [rad], GRADE/PLACE/MEASURE with /low and /high, and GRADE/PLACE/ratio to its own speed."""
-    figures = {f"{name}/fidelity": value for name, value in faithful.items()}
-    for name in faithful:
+def figures_of(table: WalkTable, faithful: dict[tuple[str, str], float]) -> dict[str, float]:
+    """GRADE/POPULATION/fidelity [rad], GRADE/PLACE/MEASURE with /low and /high, GRADE/PLACE/ratio to its own speed."""
+    figures = {f"{name}/{population}/fidelity": value for (name, population), value in faithful.items()}
+    for name in dict.fromkeys(name for name, _ in faithful):
         own = table.at(OWN, name).scores(OWN, name, "speed")
         for place in table.distinct("place"):
             here = table.at(place, name)
@@ -165,41 +176,43 @@ def figures_of(table: WalkTable, faithful: dict[str, float]) -> dict[str, float]
 
 
 def markdown(figures: dict[str, float], names: list[str], places: list[str]) -> str:
-    """A row per grade: fidelity, then speed, time upright and drift at every place, and the ratio to its own speed."""
+    """A row per grade: fidelity, then speed, its ratio to its own, time upright and drift at every place."""
     lines = [
-        "| prior | fidelity [mrad] | " + " | ".join(places) + " |",
+        f"| prior | error, {HOME} / {ABROAD} [mrad] | " + " | ".join(places) + " |",
         "|---|---|" + "---|" * len(places),
     ]
     for name in names:
-        cells = [f"{1000.0 * figures[f'{name}/fidelity']:.1f}"]
+        cells = [" / ".join(f"{1000.0 * figures[f'{name}/{each}/fidelity']:.1f}" for each in (HOME, ABROAD))]
         for place in places:
-            speed, upright, drift = (figures[f"{name}/{place}/{measure}"] for measure in MEASURES)
-            of_own = figures.get(f"{name}/{place}/ratio")
-            share = "" if of_own is None else f", × {of_own:.2f}"
+            speed, upright, drift, of_own = (
+                figures.get(f"{name}/{place}/{measure}", float("nan")) for measure in (*MEASURES, "ratio")
+            )
+            share = f" (× {of_own:.2f})" if np.isfinite(of_own) else ""
             cells.append(f"{speed:.2f} m/s{share}, {100.0 * upright:.0f} %, {drift:.2f} m")
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
 def draw(figures: dict[str, float], names: list[str], places: list[str], path: Path) -> None:
-    """Transfer over fidelity: a panel per measure, a colour per place, a number per grade."""
-    shown = {"ratio": "speed, of its own [-]", "upright": "time upright [-]", "drift": "sideways at the end [m]"}
-    figure = new_figure(2.4 * len(shown) + 0.6)
-    grid = panels(figure, len(shown), sharex=True)[:, 0]
-    for axes, (measure, title) in zip(grid, shown.items(), strict=True):
-        for place in [place for place in places if place != OWN]:
-            points = [
-                (1000.0 * figures[f"{name}/fidelity"], figures[f"{name}/{place}/{measure}"], str(number))
-                for number, name in enumerate(names)
-                if f"{name}/{place}/{measure}" in figures
-            ]
-            axes.plot([x for x, *_ in points], [y for _, y, _ in points], "o", markersize=4, label=place)
-            for x, y, number in points:
-                axes.annotate(number, (x, y), textcoords="offset points", xytext=(4, 2), fontsize=7)
-        describe(axes, y=title)
-    describe(grid[0], title="Transfer over fidelity; " + ", ".join(f"{n} {name}" for n, name in enumerate(names)))
-    describe(grid[-1], x="error of the standing robot's joints [mrad]")
-    grid[0].legend(fontsize=7)
+    """Transfer over fidelity: a row per measure, a column per place, a letter per grade."""
+    shown = {"ratio": "speed, of its own", "upright": "time upright", "drift": "sideways [m]"}
+    twins = [place for place in places if place in TWINS]
+    figure = new_figure(2.0 * len(shown) + 1.2)
+    grid = panels(figure, len(shown), len(twins), sharey="row")
+    for row, (measure, title) in zip(grid, shown.items(), strict=True):
+        for axes, place in zip(row, twins, strict=True):
+            for letter, name in zip(ascii_lowercase, names, strict=False):
+                x = 1000.0 * figures[f"{name}/{TWINS[place].population}/fidelity"]
+                y = figures.get(f"{name}/{place}/{measure}", float("nan"))
+                axes.plot(x, y, "o", color=MODEL_COLORS["rollout"], markersize=3)
+                axes.annotate(letter, (x, y), textcoords="offset points", xytext=(3, 2), fontsize=7)
+        describe(row[0], y=title)
+    for axes, place in zip(grid[0], twins, strict=True):
+        describe(axes, title=place)
+    for axes in grid[-1]:
+        describe(axes, x="joint error [mrad]")
+    key = ", ".join(f"{letter}\u00a0{name}" for letter, name in zip(ascii_lowercase, names, strict=False))
+    figure.supxlabel(fill(key, 95), fontsize=8)
     path.write_bytes(png_bytes(figure))
 
 
@@ -209,17 +222,22 @@ def main() -> None:
     for name in settings.grades:
         if name not in GRADES:
             sys.exit(f"no grade {name!r}: use one of {', '.join(GRADES)}")
-    for fleet in {grade.fleet for grade in GRADES.values() if grade.fleet}:
-        load_fleet(fleet)  # before hours of work
-    priors = {name: prior_of(settings, GRADES[name]) for name in settings.grades}
-    faithful = {name: fidelity(settings, path, GRADES[name].spread) for name, path in priors.items()}
-    table = walks(settings, priors)
-    table.save(settings.out / "walks.csv")
-    figures, names, places = figures_of(table, faithful), list(priors), table.distinct("place")
-    write_json(settings.out / "figures.json", figures)
-    text = markdown(figures, names, places)
-    write_text(settings.out / "tables.md", text)
-    draw(figures, names, places, settings.out / "grades.png")
+    for name in ("seeds", "draws", "workers"):  # before hours of work
+        require_count(name, getattr(settings, name))
+    with taken(settings.out):
+        priors = {name: prior_of(settings, GRADES[name]) for name in settings.grades}
+        faithful = {
+            (name, population): fidelity(settings, path, GRADES[name].spread, population)
+            for name, path in priors.items()
+            for population in (HOME, ABROAD)
+        }
+        table = walks(settings, priors)
+        table.save(settings.out / "walks.csv")
+        figures, names, places = figures_of(table, faithful), list(priors), table.distinct("place")
+        write_json(settings.out / "figures.json", figures)
+        text = markdown(figures, names, places)
+        write_text(settings.out / "tables.md", text)
+        draw(figures, names, places, settings.out / "grades.png")
     print(text)
 
 

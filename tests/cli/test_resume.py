@@ -260,7 +260,8 @@ def test_a_changed_recipe_or_code_runs_it_again(
 def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
     package = Path(stage_module.__file__).parents[1]
     code = {}
-    for changed in ("actuator/physical.py", "pipeline/adapt.py", "cli/console.py", "report/plots_style.py"):
+    parts = ("actuator/physical.py", "pipeline/adapt.py", "pipeline/training.py")
+    for changed in (*parts, "cli/console.py", "report/plots_style.py"):
         copy = tmp_path / "package" / changed.replace("/", "-")
         for path in package.rglob("*.py"):
             target = copy / path.relative_to(package)
@@ -270,4 +271,5 @@ def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
     now = [stage_module.package_digest(stage, package) for stage in ("bench", "validate", "walk")]
     assert [a == b for a, b in zip(code["actuator/physical.py"], now, strict=True)] == [False, False, False]
     assert [a == b for a, b in zip(code["pipeline/adapt.py"], now, strict=True)] == [True, False, True]
+    assert [a == b for a, b in zip(code["pipeline/training.py"], now, strict=True)] == [True, True, False]
     assert code["cli/console.py"] == code["report/plots_style.py"] == now

@@ -6,8 +6,10 @@ from dataclasses import replace
 import pytest
 
 from motorprior.artifacts import read_json
+from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT
-from motorprior.pipeline.study import run_study
+from motorprior.pipeline.study import run_study, walk_table
+from motorprior.pipeline.study_conditions import Condition
 from motorprior.pipeline.study_report import TRACES, WALKS, build_study_report
 from motorprior.pipeline.study_settings import Study
 from motorprior.transfer.places import TWINS
@@ -82,6 +84,17 @@ def test_ray_walks_to_the_same_bytes(done: Study):
         shutil.rmtree(done.out / gone)
     run_study(replace(done, executor="ray"), SILENT)
     assert {name: (done.out / name).read_bytes() for name in kept} == kept
+
+
+def test_ray_walks_contests_of_a_validation_fleet_too(done: Study):
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'motorprior[ray]'")
+    for kind in ("threads", "ray"):
+        study = replace(done, executor=kind, validation="mixed", draws=1, out=done.out.parent / kind)
+        pd = Condition("pd", MotorChoice("pd", name="pd"), twins=("fleet",))
+        walk_table(study.sized(), [(pd, 0)]).save(done.out.parent / f"{kind}.csv")
+    assert (done.out.parent / "ray.csv").read_bytes() == (done.out.parent / "threads.csv").read_bytes()
+    files = [done.out.parent / kind / "walk" / "pd_0" / "policy.safetensors" for kind in ("threads", "ray")]
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_it_has_a_page(done: Study):

@@ -87,6 +87,8 @@ def test_only_a_simulation_without_chance_is_walked_once():
         ({"motors": 3}, "motors"),
         ({"speed": 0.1}, "speed"),
         ({"speed": np.nan}, "speed"),
+        ({"ray_address": "127.0.0.1:1"}, "ray_address is for the executor ray"),
+        ({"executor": "fog"}, "executor 'fog' is unknown"),
         ({"validation": "foreign_direct"}, "validation 'foreign_direct' is the fleet of a twin"),
     ],
 )

@@ -234,7 +234,7 @@ def test_a_step_tells_how_much_better_it_is():
     speed, upright, drift = step_tables(summarise(WalkTable.of(better)))
     assert speed.columns == upright.columns == drift.columns == ("step", "fleet")
     assert [row[1] for each in (speed, upright, drift) for row in each.rows] == [
-        "+0.000 [+0.000,\u00a0+0.000]", "+50.0* [+50.0,\u00a0+50.0]", "+0.200* [+0.200,\u00a0+0.200]",
+        "0.000 [0.000,\u00a00.000]", "+50.0* [+50.0,\u00a0+50.0]", "+0.200* [+0.200,\u00a0+0.200]",
     ]  # fmt: skip
     assert str(speed.rows[0][0]).endswith(": Coulomb friction") and "how much straighter" in drift.caption.lower()
 

@@ -21,7 +21,7 @@ from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig, hold_target, physics_step, read_joints
+from motorprior.simulation.world import World, WorldConfig, control_steps_late, hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
@@ -167,6 +167,19 @@ def test_a_late_target_is_the_one_before_until_it_comes():
             physics_step(theirs.arrays, other, np.ascontiguousarray(in_force))
         before = target
         np.testing.assert_array_equal(ours.data.qpos, theirs.data.qpos)
+
+
+def test_no_target_gives_way_to_an_older_one():
+    """Late by 8, 13, 8 and 25 of 10 substeps: what is in force is the newest that has come."""
+    delays, substeps, in_force = np.array([8, 13, 8, 25, 0, 0]), 10, []
+    for step in range(len(delays)):
+        in_force += [step - control_steps_late(delays, step, k, substeps) for k in range(substeps)]
+    come = np.arange(len(delays)) * substeps + delays
+    wanted = [max([target for target in range(len(delays)) if come[target] <= now], default=-1) for now in range(60)]
+    assert in_force == wanted == sorted(in_force)
+    for delay in range(35):
+        late = [control_steps_late(np.array([delay]), 9, k, substeps) for k in range(substeps)]
+        assert late == [max(0, -(-(delay - k) // substeps)) for k in range(substeps)]
 
 
 def backends(randomization):

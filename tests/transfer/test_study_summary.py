@@ -7,6 +7,7 @@ import pytest
 from study_walks import CONDITIONS, PLACES, invented, table_of
 
 from motorprior.exceptions import ArtifactError
+from motorprior.transfer.study_results import study_results
 from motorprior.transfer.study_summary import summarise
 from motorprior.transfer.study_verdicts import Pairing, Verdict
 from motorprior.transfer.walk_table import OWN_ABROAD, WalkRow, WalkTable
@@ -106,9 +107,9 @@ def test_less_drift_is_better():
     crooked = {(place, "pd_friction"): {"drift": 0.6} for place in ("fleet", "foreign")}
     summary = summarise(study(measures=crooked | {("hard", "pd_randomised"): {"drift": 0.05}}))
     found = verdict(summary.targets, "straighter than a PD with friction")
-    assert found.holds is True and "fleet −0.500 m (p 0.0" in found.found
+    assert found.holds is True and "fleet +0.500 m (p 0.0" in found.found
     found = verdict(summary.targets, "straighter than a randomised PD")
-    assert found.holds is False and "hard +0.050 m (p 0.0" in found.found
+    assert found.holds is False and "hard −0.050 m (p 0.0" in found.found
 
 
 def test_every_step_from_a_pd_to_the_truth_is_compared_with_the_one_before():
@@ -123,6 +124,29 @@ def test_every_step_from_a_pd_to_the_truth_is_compared_with_the_one_before():
     assert sum(gains.values()) == pytest.approx(speeds["oracle"] - speeds["tuned_pd"])
     assert {each.measure for each in steps} == {"speed", "upright", "drift"}
     assert {each.place for each in steps} == {"fleet", "foreign", "hard"}
+
+
+def test_a_log_of_a_robot_is_compared_on_that_robot():
+    """Robots 0 and 1, which the adapted policies walk, are slow for everybody."""
+    speeds = [[0.3, 0.3, 0.5, 0.5, 0.5, 0.5]] * 2
+    walks = {("fleet", name): speeds for name in ("prior", "oracle", "pd_friction")}
+    walks |= {("fleet", "prior_adapted"): [[0.3, 0.3, 0.3]] * 2}
+    found = summarise(table_of(walks, upright=1.0, drift=0.1))
+    for pairing, compared in {**found.steps, **found.comparisons}.items():
+        assert compared.difference.value == pytest.approx(0.0), pairing
+    assert ("fleet", "prior_adapted", "prior", "speed") in found.steps
+
+
+def test_figures_say_who_is_better_whatever_the_sign_of_a_measure():
+    crooked = {("fleet", "pd_friction"): {"drift": 0.6}}
+    speeds = SPEEDS | {"tuned_pd": 0.1}
+    figures = study_results(summarise(study(("own", "fleet"), speeds, measures=crooked))).to_figures()
+    assert figures["fleet/pd_friction/drift_improved_by_prior"] == 1.0
+    assert figures["fleet/pd_friction/speed_improved_by_prior"] == 1.0
+    assert figures["fleet/pd_friction/drift_gain_over_tuned_pd"] == pytest.approx(-0.5)
+    low, high = (figures[f"fleet/pd_friction/drift_gain_over_tuned_pd/{end}"] for end in ("low", "high"))
+    assert low <= -0.5 <= high and figures["fleet/pd_friction/drift_p_over_tuned_pd"] < 0.05
+    assert figures["fleet/pd_friction/speed_gain_over_tuned_pd"] == pytest.approx(0.1)
 
 
 def test_what_was_not_run_cannot_be_told():

@@ -29,7 +29,8 @@ class Bench:
     fleet: str | None = None
     """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     preset: str = "rollout"
-    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms) or paper (sinusoid; 10 ms)."""
+    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, in short), narrow (sinusoids on
+    one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
     motors: int = 32
     """Number of motors drawn from the fleet."""
     steps: int = 10_000
@@ -56,8 +57,8 @@ def record_bench(
         fleet: population that the motors are drawn from; the robot's own if not given.
         motors: number of motors.
         steps: samples per motor.
-        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), paper
-            (sinusoids, 10 ms).
+        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), narrow
+            (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
         seed: draws the motors and their excitation; same arguments, same bytes.
 
     Returns:

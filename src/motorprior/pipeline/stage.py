@@ -43,6 +43,8 @@ _STAGES = (
 )
 _NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify"), "study": ("transfer",)}
 """Stages whose own module another one's numbers depend on."""
+_PARTS = {"walk": ("training",)}
+"""Modules that belong to one stage."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
     *(
@@ -59,7 +61,7 @@ _NO_NUMBERS = (
             "speed",
         )
     ),
-    *("pipeline/train_policy.py", "pipeline/comparison.py"),
+    *("pipeline/train_policy.py", "pipeline/comparison.py", "pipeline/tensorboard.py"),
     *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),
     *(f"transfer/{name}.py" for name in ("statistics", "study_summary", "study_verdicts", "study_results")),  # judges
     *(
@@ -114,7 +116,10 @@ def code_digest(stage: str) -> str:
 
 def package_digest(stage: str, package: Path) -> str:
     """`code_digest` of the package in some folder."""
-    others = [f"pipeline/{name}.py" for name in _STAGES if name != stage and name not in _NEEDS.get(stage, ())]
+    needed = (stage, *_NEEDS.get(stage, ()))
+    others = [
+        f"pipeline/{name}.py" for other in _STAGES if other not in needed for name in (other, *_PARTS.get(other, ()))
+    ]
     parts = []
     for path in sorted(package.rglob("*.py")):
         inner = path.relative_to(package)

@@ -28,9 +28,9 @@ from motorprior.transfer.study_verdicts import ADAPTED, ORACLE, ROBUST_PRIOR, UN
 from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 FITS = "fits.json"
-HAND_PICKED = 0.1
-"""Share by which a randomised PD's constants vary. Of 0.1, 0.2 and 0.3 it is the one that a search of 50 iterations
-learns to walk on at the study's speed (docs/transfer.md)."""
+RANDOMISED_BY = 0.1
+"""Share by which a randomised PD's constants vary. Of 0.1, 0.2 and 0.3 it is the one whose policies walked in their own
+simulation (docs/transfer.md)."""
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
 _NOTHING = Randomization()
@@ -142,7 +142,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         *(Condition(name, _named(learned[name], name)) for name in ("paper", "paper_wide", "one_network")),
         *(Condition(name, _pd(config, fits, name, name)) for name in ("ideal_pd", "tuned_pd", "pd_friction")),
         *([Condition(UNTRAINED, MotorChoice("pd", fleet=config.fleet, name=UNTRAINED))] if seed == 0 else []),
-        Condition("pd_randomised", _pd(config, fits, "pd_friction", "pd_randomised", spread=HAND_PICKED)),
+        Condition("pd_randomised", _pd(config, fits, "pd_friction", "pd_randomised", spread=RANDOMISED_BY)),
     ]
     return made
 

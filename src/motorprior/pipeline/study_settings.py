@@ -15,7 +15,7 @@ from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.search.executor import Kind
+from motorprior.search.executor import Kind, require_executor
 
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
@@ -102,6 +102,7 @@ class Study:
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
         require_seed(config.seed)
+        require_executor(config.executor, config.ray_address)
         twins = [load_robot_fleet(robot, fleet).name for fleet in (config.fleet, config.foreign)]
         if config.validation is not None and load_robot_fleet(robot, config.validation).name in twins:
             raise ConfigError(

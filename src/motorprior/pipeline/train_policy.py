@@ -79,11 +79,10 @@ def train_policy(
     shape = PolicyShape.of(robot, gait, units=0, symmetric=True)
     workers = min(2, os.cpu_count() or 1) if workers is None else workers
     for name, value, most in (
-        ("iterations", iterations, None), ("patience", patience, None),
-        ("episode_steps", episode_steps, MOST_EPISODE_STEPS), ("workers", workers, MOST_WORKERS),
+        ("iterations", iterations, None), ("episode_steps", episode_steps, MOST_EPISODE_STEPS),
+        ("workers", workers, MOST_WORKERS), *([] if patience is None else [("patience", patience, None)]),
     ):  # fmt: skip
-        if value is not None:
-            require_count(name, value, 1, most)
+        require_count(name, value, 1, most)
     require_seed(seed)
     draw, physics_dt = drawn_from(motors, robot)
     config = ArsConfig(seed=seed)
@@ -106,7 +105,7 @@ def train_policy(
     judge_faults(curve, 2 * config.num_directions, progress)
     provenance = {
         "motors": str(type(motors).__name__), "search": asdict(config), "task": asdict(TaskWeights()),
-        "iterations": iterations, "episode_steps": episode_steps, "engine": "mujoco",
+        "iterations": iterations, "patience": patience, "episode_steps": episode_steps, "engine": "mujoco",
         "commands": asdict(told), "randomization": randomization.as_json(), "symmetric": True,
     }  # fmt: skip
     return policy_of(robot, gait, champion, _nominal(robot, motors), provenance)

@@ -15,7 +15,7 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_count
-from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
@@ -32,7 +32,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, Kind, make_executor, many_executors
+from motorprior.search.executor import Executor, Kind, make_executor, many_executors, require_executor
 from motorprior.search.policy_search import Champion
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Engine, Scene
@@ -108,13 +108,15 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     plan = _planned(config)
     if is_finished(config.out, plan.wanted):
         return
+    require_executor(config.executor, config.ray_address)
+    scenes = plan.scenes()
     workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
-    with working(config.out, plan.wanted) as clock, plan.executors(workers) as (executor, judge):
+    with working(config.out, plan.wanted) as clock, _executors(config, workers, *scenes) as (executor, judge):
         extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions)
         checkpoint = Checkpoint(config.out, plan.wanted, clock)
         training = Training(
             config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
-            save=lambda best: _policy(config, plan.robot, best).save(config.out / POLICY),
+            save=lambda best: _policy(plan, best).save(config.out / POLICY),
             tensorboard=config.tensorboard,
         )  # fmt: skip
         champion, curve = training.run(progress, name)
@@ -124,7 +126,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
             checkpoint.remove()
             remove(config.out, METRICS)
             raise
-        _policy(config, plan.robot, champion).save(config.out / POLICY)
+        _policy(plan, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
         checkpoint.remove()
 
@@ -138,33 +140,42 @@ class _Plan:
         robot: told all speeds of the training.
         shape: of the policy.
         start: policy to go on from.
+        judges: motors of the contests, where they are others than those of the training.
         wanted: description of the stage.
-        scene: of the training's episodes.
-        contests: of those that decide which policy is kept, where it is another.
     """
 
     config: Walk
     robot: Robot
     shape: PolicyShape
     start: Policy | None
+    judges: MotorChoice | None
     wanted: dict
-    scene: Scene
-    contests: Scene | None
 
-    @contextmanager
-    def executors(self, workers: int) -> Iterator[tuple[Executor, Executor]]:
-        """Where candidates walk, and where contests are walked."""
-        config = self.config
-        with ExitStack() as stack:
-            if self.contests is not None:
-                stack.enter_context(many_executors(config.executor, workers, config.ray_address))
+    def scenes(self) -> list[Scene]:
+        """Of the candidates, and of the contests where they are walked on other motors.
 
-            def made(scene: Scene) -> Executor:
-                executor = make_executor(scene.simulator, workers, config.executor, config.ray_address)
-                return stack.enter_context(closing(executor))
+        Raises:
+            ConfigError, ArtifactError: see `scene`.
+        """
+        choices = [self.config.motors, *([] if self.judges is None else [self.judges])]
+        return [scene(self.config, self.robot, motors) for motors in choices]
 
-            first = made(self.scene)
-            yield first, first if self.contests is None else made(self.contests)
+
+@contextmanager
+def _executors(
+    config: Walk, workers: int, candidates: Scene, contests: Scene | None = None
+) -> Iterator[tuple[Executor, Executor]]:
+    """Where candidates walk, and where contests are walked."""
+    with ExitStack() as stack:
+        if contests is not None:
+            stack.enter_context(many_executors(config.executor, workers, config.ray_address))
+
+        def made(scene: Scene) -> Executor:
+            executor = make_executor(scene.simulator, workers, config.executor, config.ray_address)
+            return stack.enter_context(closing(executor))
+
+        first = made(candidates)
+        yield first, first if contests is None else made(contests)
 
 
 def _planned(config: Walk) -> _Plan:
@@ -180,10 +191,6 @@ def _planned(config: Walk) -> _Plan:
         require_count(name, getattr(config, name), least, most)
     if config.patience is not None:
         require_count("patience", config.patience)
-    if config.ray_address is not None and config.executor != "ray":
-        raise ConfigError(
-            "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
-        )
     if config.tensorboard:
         require_tensorboard()
     units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
@@ -197,11 +204,8 @@ def _planned(config: Walk) -> _Plan:
     inputs = [*config.motors.inputs(robot), *robot.files]
     inputs += [config.start] if config.start is not None else []
     inputs += judges.inputs(robot) if judges is not None else []
-    return _Plan(
-        config, robot, PolicyShape.of(robot, config.gait, units, config.symmetric), start,
-        description("walk", settings, inputs), scene(config, robot, config.motors),
-        None if judges is None else scene(config, robot, judges),
-    )  # fmt: skip
+    shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
+    return _Plan(config, robot, shape, start, judges, description("walk", settings, inputs))
 
 
 def scene(config: Walk, robot: Robot, motors: MotorChoice) -> Scene:
@@ -237,14 +241,16 @@ def judge_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
         )
 
 
-def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
+def _policy(plan: _Plan, champion: Champion) -> Policy:
+    config = plan.config
     provenance = {
         "motors": choice_as_json(config.motors, config.out),
         "search": asdict(config.search),
         "task": asdict(config.task),
         "start_sha256": None if config.start is None else digest(config.start),
         "iterations": config.iterations,
-        "validation": config.validation,
+        "patience": config.patience,
+        "validation": None if plan.judges is None else choice_as_json(plan.judges, config.out),
         "episode_steps": config.episode_steps,
         "engine": config.engine,
         "roughness": config.roughness,
@@ -252,7 +258,7 @@ def _policy(config: Walk, robot: Robot, champion: Champion) -> Policy:
         "commands": asdict(config.commands),
         "symmetric": config.symmetric,
     }
-    return policy_of(robot, config.gait, champion, config.motors.nominal(robot), provenance)
+    return policy_of(plan.robot, config.gait, champion, config.motors.nominal(plan.robot), provenance)
 
 
 def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:

@@ -29,7 +29,8 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     picture has the median and the quartiles of return and time upright over the iterations.
 
     Returns:
-        The mean return [m] of each best policy in its own simulation, which is in figures.json, too.
+        The mean return [m] of each best policy in its own simulation, or on the validation fleet where there is one;
+        it is in figures.json, too.
 
     Raises:
         ConfigError, ArtifactError, SimulationFault, KeyboardInterrupt: see `run_walk`; the other seeds leave a

@@ -75,7 +75,7 @@ def _beside_the_gait(summary: Summary) -> list[str]:
 
 
 def _targets(summary: Summary) -> Section:
-    caption = "Set before the study. P values are corrected by Holm's procedure over all that is compared."
+    caption = "P values are corrected by Holm's procedure over all that is compared."
     table = verdict_table(summary.targets, "target", caption)
     return Section("Targets", "What was aimed at, and what was found.", tables=(table,))
 
@@ -118,10 +118,10 @@ def own_speeds(table: WalkTable, twin: str) -> dict[str, float]:
 
 def _steps(summary: Summary) -> list[Section]:
     body = (
-        "From one row to the next one thing changes: what the motors of training are. The sum of a column is what the "
-        "truth is worth there.",
+        "Rows go from a tuned PD to the oracle. All that changes from one to the next is what the motors of training "
+        "are. The last two compare walks on the robots that the adapted policies were adapted to.",
     )
-    lead = "What each step from a tuned PD to the true motors adds where no policy was trained."
+    lead = "What each step from a tuned PD to true motors adds where no policy was trained."
     tables = tuple(step_tables(summary))
     return [Section("What counts", lead, body, tables=tables)] if tables else []
 

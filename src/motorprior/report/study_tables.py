@@ -9,7 +9,7 @@ from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import COMPARED, MEASURES, PRIOR, STEPS, SURE, Pairing, Verdict
+from motorprior.transfer.study_verdicts import COMPARED, MEASURES, PRIOR, STEPS, SURE, Pairing, Verdict, better
 from motorprior.transfer.walk_table import OWN
 
 PLACES = {
@@ -82,7 +82,7 @@ def twin_table(summary: Summary, twin: str) -> Table:
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
         "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
         "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, after Holm over all "
-        "twins, conditions, and both measures that are compared."
+        "twins, conditions and measures that are compared."
     )
     return Table(columns, rows, caption)
 
@@ -117,7 +117,7 @@ def step_tables(summary: Summary) -> list[Table]:
         ]
         if rows:
             columns = ("step", *(place_title(twin) for twin in twins))
-            caption = f"How much {told.better} [{told.unit}]; * with p < {SURE:g}, each alone."
+            caption = f"How much {told.better} [{told.unit}], with 95 % interval; * with p < {SURE:g}, corrected."
             found.append(Table(columns, tuple(rows), caption))
     return found
 
@@ -126,17 +126,17 @@ def _step(summary: Summary, pairing: Pairing) -> str | None:
     compared = summary.steps.get(pairing)
     if compared is None or not math.isfinite(compared.difference.value):
         return None
-    told, gain = COMPARED[pairing.measure], compared.difference
-    factor = told.sign * (100.0 if told.unit == "points" else 1.0)
-    value, *ends = (factor * each for each in _ends(gain))
-    digits = 1 if told.unit == "points" else 3
-    mark = "*" if compared.p < SURE else ""
-    low, high = (_signed(each, digits) for each in sorted(ends))
-    return f"{_signed(value, digits)}{mark} [{low},{_NO_BREAK}{high}]"
+    factor, digits = (100.0, 1) if COMPARED[pairing.measure].unit == "points" else (1.0, 3)
+    gain = better(pairing.measure, compared.difference)
+    value, low, high = (_signed(factor * each, digits) for each in _ends(gain))
+    mark = "*" if summary.steps_corrected[pairing] < SURE else ""
+    return f"{value}{mark} [{low},{_NO_BREAK}{high}]"
 
 
 def _signed(value: float, digits: int) -> str:
-    return f"{value:+.{digits}f}".replace("-", MINUS)
+    """With its sign, and 0 without one."""
+    rounded = round(value, digits) + 0.0
+    return f"{rounded:+.{digits}f}".replace("-", MINUS) if rounded else f"{0.0:.{digits}f}"
 
 
 def verdict_table(verdicts: Sequence[Verdict], said: str, caption: str) -> Table:

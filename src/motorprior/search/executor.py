@@ -17,7 +17,7 @@ from queue import SimpleQueue
 from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from motorprior.exceptions import ConfigError
-from motorprior.search.executor_ray import RayExecutor, held_cluster
+from motorprior.search.executor_ray import RayExecutor, held_cluster, require_ray
 
 Result = TypeVar("Result")
 Kind = Literal["serial", "threads", "ray"]
@@ -80,12 +80,28 @@ class ThreadExecutor:
 
 
 def many_executors(kind: Kind, workers: int, address: str | None = None) -> AbstractContextManager[None]:
-    """While it is open, the executors of this kind that are made one after the other share what is slow to start.
+    """While it is open, the executors of this kind that are made share what is slow to start.
 
     Raises:
         ConfigError: see `make_executor`.
     """
     return held_cluster(workers, address) if kind == "ray" else nullcontext()
+
+
+def require_executor(kind: Kind, address: str | None = None) -> None:
+    """Refuse before any work what `make_executor` would.
+
+    Raises:
+        ConfigError: unknown kind, Ray is not available, or an address for an executor that has no use for it.
+    """
+    if kind not in get_args(Kind):
+        raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}", argument="executor")
+    if kind == "ray":
+        require_ray(address)
+    elif address is not None:
+        raise ConfigError(
+            "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
+        )
 
 
 def make_executor(
@@ -102,8 +118,7 @@ def make_executor(
     Raises:
         ConfigError: unknown kind, fewer than one worker, or Ray is not available.
     """
-    if kind not in get_args(Kind):
-        raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}")
+    require_executor(kind, address)
     if workers < 1:
         raise ConfigError(f"workers {workers} must be >= 1", remedy="use at least one worker")
     if kind == "ray":

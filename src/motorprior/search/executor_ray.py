@@ -31,7 +31,9 @@ balance saves (docs/scaling.md)."""
 _REMEDY = "read Ray's logs; finished iterations are kept"
 _CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
 _SIMULATORS: dict[str, Any] = {}
-"""In a worker process: the simulator of the executor it last worked for."""
+"""In a worker process: simulators of the executors it worked for last."""
+_MOST_SIMULATORS = 2
+"""A training and its contests take turns."""
 _NUMBERS = itertools.count()
 _HELD: list[str | None] = []
 """Address of the cluster that `held_cluster` keeps, while it does."""
@@ -41,9 +43,14 @@ _HELD: list[str | None] = []
 def held_cluster(workers: int, address: str | None = None) -> Iterator[None]:
     """Keep one cluster for all `RayExecutor` that are made while this is open; they must name the same address.
 
+    Where one is held already, nothing happens.
+
     Raises:
         ConfigError: see `RayExecutor`.
     """
+    if [address] == _HELD:
+        yield
+        return
     ray = _import_ray()
     _join(ray, workers, address)
     _HELD.append(address)
@@ -121,6 +128,17 @@ class RayExecutor:
             self._ray.shutdown()
 
 
+def require_ray(address: str | None = None) -> None:
+    """Refuse before any work what `RayExecutor` would.
+
+    Raises:
+        ConfigError: Ray is not installed, or no cluster answers at the address.
+    """
+    _import_ray()
+    if address is not None:
+        _require_answer(address)
+
+
 def chunk_size(tasks: int, workers: int) -> int:
     """Number of tasks in a chunk."""
     chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
@@ -130,9 +148,8 @@ def chunk_size(tasks: int, workers: int) -> int:
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
     """In a worker: run the tasks one after the other."""
     if name not in _SIMULATORS:
-        for old in _SIMULATORS.values():
-            old.close()
-        _SIMULATORS.clear()
+        while len(_SIMULATORS) >= _MOST_SIMULATORS:
+            _SIMULATORS.pop(next(iter(_SIMULATORS))).close()
         _SIMULATORS[name] = make_simulator()
     function, shared = common
     return [function(_SIMULATORS[name], shared, task) for task in tasks]

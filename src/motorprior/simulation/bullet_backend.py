@@ -52,7 +52,7 @@ class PybulletBackend:
         motors = self._draw(np.random.default_rng(seed))
         self._motors = self._world.reset(motors, conditions=self._conditions, seed=seed)
         self._delays = self._conditions.delay_steps(self._config.physics_dt)
-        self._oldest = control_steps_late(int(self._delays.max()), 0, self._config.substeps)
+        self._oldest = -(-int(self._delays.max()) // self._config.substeps)
         self._commands = [self._robot.nominal_pose] * self._oldest
         self._step = 0
         return self._state(self._motors, 0.0)
@@ -69,10 +69,9 @@ class PybulletBackend:
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, substeps, total = self._conditions.push, self._config.substeps, 0.0
         push = pushes[self._step % len(pushes)] if len(pushes) else None
-        delay = int(self._delays[self._step % len(self._delays)])
         with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
             for k in range(substeps):
-                late = control_steps_late(delay, k, substeps)
+                late = control_steps_late(self._delays, self._step, k, substeps)
                 total += self._world.physics_step(self._motors, self._commands[-1 - late], push)
         del self._commands[: len(self._commands) - self._oldest]
         self._step += 1

@@ -252,15 +252,19 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def control_steps_late(delay: int, substep: int, substeps: int) -> int:
-    """Age of the targets in force, in control steps; the same in every engine.
+def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
+    """Age of the target in force, the newest that has come, in control steps; the same in every engine.
 
     Args:
-        delay: age of the targets in force [physics steps].
+        delays: (steps,) or (1,) how late the target of every control step comes [physics steps].
+        step: control steps since the reset.
         substep: physics steps since the control step began.
         substeps: physics steps per control step.
     """
-    return (delay - substep + substeps - 1) // substeps if delay > substep else 0
+    late = 0
+    while late <= step and delays[(step - late) % delays.shape[0]] > late * substeps + substep:
+        late += 1
+    return late
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -271,7 +275,6 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
     on the origin of the chassis.
     """
     step = world.clock[0]
-    delay = int(world.delays[step % world.delays.shape[0]])
     newest = write_line(world.commands, 0, step, target)
     for joint in range(target.shape[0]):
         world.commands[newest, joint] -= world.encoder_offset[joint]
@@ -280,7 +283,7 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
         world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
     total = 0.0
     for k in range(world.substeps):
-        late = control_steps_late(delay, k, world.substeps)
+        late = control_steps_late(world.delays, step, k, world.substeps)
         total += physics_step(world, motors, world.commands[row_of_age(world.commands, 0, newest, late)])
     world.clock[0] = step + 1
     return total / world.substeps

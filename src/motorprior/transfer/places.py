@@ -2,7 +2,7 @@
 
     fleet     motors of the bench's fleet, what is not known of its center drawn once per robot
     foreign   motors of another family: other friction, hardening gear, torque-speed line with sag, heat, ripple
-    hard      foreign motors; floor, load, slope, late and lost readings, pushes as in `twin.HARD`
+    hard      foreign motors; floor, load, slope, late and lost readings, late targets, pushes as in `twin.HARD`
     pybullet  the fleet's motors in the other engine: other contacts, other integration
 
 All have the sensors of `twin.NOISY` at least. Robots are numbered: a robot's motors depend on its number alone.

@@ -6,15 +6,16 @@ import numpy as np
 
 from motorprior.results import Result, Results
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import MEASURES, Pairing
+from motorprior.transfer.study_verdicts import COMPARED, MEASURES, Pairing, better
 
 
 def study_results(summary: Summary) -> Results:
     """Rows whose names as figures are PLACE/CONDITION/MEASURE, with /low and /high ends of the 95 % interval.
 
     Besides MEASURES there are ratio, to the speed where a policy was trained, and regret, to the oracle's speed [m/s];
-    MEASURE_p_against_ONE, corrected, and MEASURE_improved_by_ONE, the probability that ONE has more of it; ONE is the
-    prior or, beside its rivals, the adapted prior.
+    MEASURE_p_against_ONE, corrected, and MEASURE_improved_by_ONE, the probability that ONE is better; ONE is the
+    prior or, beside its rivals, the adapted prior. MEASURE_gain_over_BEFORE, of each of STEPS, is how much better a
+    condition is than the one before it, with its interval, and MEASURE_p_over_BEFORE, corrected for all steps.
     """
     ratios = {(*pair, "ratio"): each for pair, each in summary.ratios.items()}
     regrets = {(*pair, "regret"): each for pair, each in summary.regrets.items()}
@@ -26,5 +27,13 @@ def study_results(summary: Summary) -> Results:
     for (place, one, other, measure), compared in summary.comparisons.items():
         p = summary.corrected[Pairing(place, one, other, measure)]
         rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
-        rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", compared.improvement))
+        more = compared.improvement if COMPARED[measure].sign > 0 else 1.0 - compared.improvement
+        rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", more))
+    for pairing, compared in summary.steps.items():
+        place, one, other, measure = pairing
+        name, gain = f"{place}/{one}/{measure}", better(measure, compared.difference)
+        ends = {None: gain.value, "low": gain.low, "high": gain.high}
+        unit = MEASURES[measure]
+        rows += [Result(f"{name}_gain_over_{other}", unit, value, statistic=end) for end, value in ends.items()]
+        rows.append(Result(f"{name}_p_over_{other}", "1", summary.steps_corrected[pairing]))
     return Results.of(rows)

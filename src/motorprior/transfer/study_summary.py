@@ -46,7 +46,8 @@ class Summary:
         regrets: (twin, condition) -> speed that the oracle walks faster [m/s]; the oracle has none.
         comparisons: of the measures COMPARED; of the prior with every condition, of the adapted prior with its RIVALS.
         corrected: likewise, p by Holm over all comparisons.
-        steps: of the measures COMPARED, of each of STEPS on every twin where both its ends walked; p is not corrected.
+        steps: of the measures COMPARED, of each of STEPS on every twin where both its ends walked.
+        steps_corrected: likewise, p by Holm over all of them.
         targets: of the study.
         claims: of the paper.
         policies: fewest policies of a trained condition at a place.
@@ -58,6 +59,7 @@ class Summary:
     comparisons: Mapping[Pairing, Comparison]
     corrected: Mapping[Pairing, float]
     steps: Mapping[Pairing, Comparison]
+    steps_corrected: Mapping[Pairing, float]
     targets: tuple[Verdict, ...]
     claims: tuple[Verdict, ...]
     policies: int
@@ -109,14 +111,19 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
     pairings = [*_pairings(PRIOR, cells), *(each for each in _pairings(ADAPTED, cells) if each.other in RIVALS)]
     comparisons = {pairing: _compare(pairing, cells, alone) for pairing in pairings}
     corrected = holm({pairing: each.p for pairing, each in comparisons.items()})
-    steps = [each for step in STEPS for each in _pairings(step[1], cells) if each.other == step[0]]
+    steps = {
+        each: _compare(each, cells, alone)
+        for before, after, _ in STEPS
+        for each in _pairings(after, cells)
+        if each.other == before
+    }
     judged = targets(Facts(estimates, comparisons, corrected, _peers(cells)))
     trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
     policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
+    steps_corrected = holm({pairing: each.p for pairing, each in steps.items()})
     return Summary(
-        estimates, ratios, regrets, comparisons, corrected, {each: _compare(each, cells, alone) for each in steps},
-        judged, claims(table), policies,
-    )  # fmt: skip
+        estimates, ratios, regrets, comparisons, corrected, steps, steps_corrected, judged, claims(table), policies
+    )
 
 
 Cells = Mapping[tuple[str, str], WalkTable]
@@ -137,18 +144,30 @@ def _compare(pairing: Pairing, cells: Cells, alone: frozenset[str]) -> Compariso
     place, one, other, measure = pairing
     mine, theirs = cells[place, one], cells[place, other]
     shared = not alone & {one, other} and mine.distinct("draw") == theirs.distinct("draw")
-    scores = (mine.scores(place, one, measure), theirs.scores(place, other, measure))
-    return compare_scores(*scores, shared, means if measure in MEANS else iqms)
+    first, second = mine.scores(place, one, measure), theirs.scores(place, other, measure)
+    if one == ADAPTED:
+        second = second[:, _same_robots(mine, theirs)]
+    elif other == ADAPTED:
+        first = first[:, _same_robots(theirs, mine)]
+    return compare_scores(first, second, shared, means if measure in MEANS else iqms)
+
+
+def _same_robots(adapted: WalkTable, there: WalkTable) -> list[bool]:
+    """Of the draws of others at a place, which are on robots that the adapted policies walk; all if none is.
+
+    Seed k of the adapted prior walks robot k, and so does draw k of everybody else.
+    """
+    walked = [draw in adapted.distinct("seed") for draw in there.distinct("draw")]
+    return walked if any(walked) else [True] * len(walked)
 
 
 def _peers(cells: Cells) -> dict[str, float]:
-    """See `Facts.peers`: seed k of the adapted prior walks robot k, draw k of the oracle too."""
+    """See `Facts.peers`."""
     found = {}
     for (place, condition), cell in cells.items():
         if condition == ADAPTED and place != OWN and (place, ORACLE) in cells:
             there = cells[place, ORACLE]
-            robots = [draw in cell.distinct("seed") for draw in there.distinct("draw")]
-            found[place] = iqm(there.scores(place, ORACLE, "speed")[:, robots]) if any(robots) else float("nan")
+            found[place] = iqm(there.scores(place, ORACLE, "speed")[:, _same_robots(cell, there)])
     return found
 
 

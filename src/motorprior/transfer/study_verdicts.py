@@ -49,14 +49,23 @@ COMPARED = {
     "drift": Compared("straighter", "less straight", -1, "m"),
 }
 """Measures that conditions are compared by."""
+
+
+def better(measure: str, difference: Estimate) -> Estimate:
+    """A difference of a measure as how much better the first is."""
+    if COMPARED[measure].sign > 0:
+        return difference
+    return Estimate(-difference.value, -difference.high, -difference.low)
+
+
 STEPS = (
     (TUNED_PD, PD_FRICTION, "Coulomb friction"),
-    (PD_FRICTION, PRIOR_MEAN, "the learned mean motor"),
+    (PD_FRICTION, PRIOR_MEAN, "the prior's mean motor in place of a PD"),
     (PRIOR_MEAN, PRIOR, "samples in place of the mean"),
-    (PRIOR, ADAPTED, "the robot's own log"),
-    (ADAPTED, ORACLE, "the true motors"),
+    (PRIOR, ADAPTED, "10 s of the robot's own log"),
+    (ADAPTED, ORACLE, "true motors of other robots"),
 )
-"""What each step from the tuned PD to the truth adds: from, to, what it adds."""
+"""What each step from the tuned PD to the oracle changes: from, to, what it is."""
 SURE = 0.05
 """P value below which a difference is no accident."""
 _IN_WORDS = {
@@ -182,7 +191,7 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
 
 def _gain(facts: Facts, pairing: Pairing) -> float:
     """How much better the first of a pair is, in the measure's unit."""
-    return COMPARED[pairing.measure].sign * facts.comparisons[pairing].difference.value
+    return better(pairing.measure, facts.comparisons[pairing].difference).value
 
 
 def _differences(facts: Facts, pairings: list[Pairing]) -> str:
@@ -197,8 +206,7 @@ def _differences(facts: Facts, pairings: list[Pairing]) -> str:
 
 
 def _amount(facts: Facts, pairing: Pairing) -> str:
-    value = facts.comparisons[pairing].difference.value
-    unit = COMPARED[pairing.measure].unit
+    value, unit = _gain(facts, pairing), COMPARED[pairing.measure].unit
     return f"{_number(100 * value, '+.1f')} points" if unit == "points" else f"{_number(value, '+.3f')} {unit}"
 
 

@@ -1,0 +1,58 @@
+"""Tables and picture of graded priors, on walks that nobody measured."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from study_walks import PLACES, invented
+
+import grades
+from motorprior.bench.families import FAMILIES
+from motorprior.bench.fleet import load_fleet
+from motorprior.transfer.walk_table import WalkRow, WalkTable
+
+NAMES = tuple(grades.GRADES)
+
+
+@pytest.fixture(scope="module")
+def figures() -> dict[str, float]:
+    walks = list(invented(NAMES).walks)
+    lost = ("pybullet", "spread_0")
+    walks = [
+        WalkRow(w.place, w.condition, w.seed, w.draw, {**w.measures, "drift": np.nan})
+        if (w.place, w.condition) == lost else w
+        for w in walks
+    ]  # fmt: skip
+    errors = {(name, each): 0.02 + 0.001 * n for n, name in enumerate(NAMES) for each in ("fleet", "foreign")}
+    return grades.figures_of(WalkTable.of(walks), errors)
+
+
+def test_figures_have_fidelity_by_population_and_measures_by_place(figures):
+    assert figures["reference/fleet/fidelity"] == 0.02 and figures["narrow/foreign/fidelity"] > 0.02
+    for name in NAMES:
+        assert "ratio" not in [key.split("/")[2] for key in figures if key.startswith(f"{name}/own/")]
+        for place in PLACES:
+            low, value, high = (figures[f"{name}/{place}/speed{end}"] for end in ("/low", "", "/high"))
+            assert low <= value <= high
+    assert "spread_0/pybullet/drift" not in figures
+
+
+def test_the_table_has_a_row_per_grade_and_says_what_is_not_known(figures):
+    lines = grades.markdown(figures, list(NAMES), list(PLACES)).splitlines()
+    assert len(lines) == 2 + len(NAMES) and {line.count("|") for line in lines} == {3 + len(PLACES)}
+    (lost,) = [line for line in lines if line.startswith("| spread_0 |")]
+    assert lost.count("nan m") == 1 and "(× " in lost
+
+
+def test_the_picture_is_drawn_with_what_is_known(figures, tmp_path: Path):
+    grades.draw(figures, list(NAMES), list(PLACES), tmp_path / "grades.png")
+    assert (tmp_path / "grades.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_grade_names_fleets_that_there_are_and_differs_from_the_reference_in_one_thing():
+    reference = grades.GRADES["reference"]
+    for name, grade in grades.GRADES.items():
+        changed = [key for key, value in vars(grade).items() if value != getattr(reference, key)]
+        assert len(changed) == (0 if name == "reference" else 2 if name.endswith("validated") else 1)
+        for fleet in (grade.fleet, grade.validation):
+            assert fleet is None or load_fleet(fleet).family in FAMILIES
