@@ -21,7 +21,7 @@ from motorprior.report.study_tables import (
 from motorprior.robots.robot import Robot
 from motorprior.transfer.statistics import iqm
 from motorprior.transfer.study_summary import ENOUGH_POLICIES, Summary, home_of
-from motorprior.transfer.study_verdicts import ORACLE, PRIOR, RIVALS, UNTRAINED
+from motorprior.transfer.study_verdicts import ORACLE, PRIOR, RIVALS, SURE, TWINS_WON, UNTRAINED
 from motorprior.transfer.walk_table import OWN, WalkTable
 
 _FILMED = (PRIOR, RIVALS[-1], ORACLE)
@@ -71,11 +71,15 @@ def _beside_the_gait(summary: Summary) -> list[str]:
         speed, upright = (summary.estimates.get((twin, UNTRAINED, name)) for name in ("speed", "upright"))
         if speed is not None and upright is not None:
             found.append(f"{place_title(twin)} {speed.value:.2f} m/s, {percent(upright.value)} upright")
-    return [f"The gait that nothing trained walks, too: {'; '.join(found)}."] if found else []
+    return [f"The gait that nothing trained: {'; '.join(found)}."] if found else []
 
 
 def _targets(summary: Summary) -> Section:
-    caption = "P values are corrected by Holm's procedure over all that is compared."
+    caption = (
+        "The prior: sampled or adapted, and one of the two has all that is asked. Better than a PD: with "
+        f"p < {SURE:g} on {TWINS_WON} twins, and worse on none. P values are corrected by Holm's procedure over all "
+        "that is compared."
+    )
     table = verdict_table(summary.targets, "target", caption)
     return Section("Targets", "What was aimed at, and what was found.", tables=(table,))
 

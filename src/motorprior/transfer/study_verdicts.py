@@ -35,18 +35,17 @@ HARD = "hard"
 
 
 class Compared(NamedTuple):
-    """How a measure is told. Attributes: better and worse in words; +1 if more of it is better, else -1; its unit."""
+    """How a measure is told. Attributes: better in words; +1 if more of it is better, else -1; its unit."""
 
     better: str
-    worse: str
     sign: int
     unit: str
 
 
 COMPARED = {
-    "speed": Compared("faster", "slower", 1, "m/s"),
-    "upright": Compared("upright for longer", "upright for shorter", 1, "points"),
-    "drift": Compared("straighter", "less straight", -1, "m"),
+    "speed": Compared("faster", 1, "m/s"),
+    "upright": Compared("upright for longer", 1, "points"),
+    "drift": Compared("straighter", -1, "m"),
 }
 """Measures that conditions are compared by."""
 
@@ -159,24 +158,21 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
     told = [each for each in each_holds if each is not None]
     if (fallen := facts.value(place, ORACLE, "upright")) < LEAST_UPRIGHT:
         told, found = [], [f"the oracle itself falls ({_percent(fallen)} upright)"]
-    said = f"{place}: the prior, sampled or adapted, walks at {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
-    return Verdict(f"{said}, {100 * ENOUGH_UPRIGHT:.0f} % upright", any(told) if told else None, "; ".join(found))
+    said = f"{place}: the prior has {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
+    return Verdict(f"{said} and is {100 * ENOUGH_UPRIGHT:.0f} % upright", any(told) if told else None, "; ".join(found))
 
 
 def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
     """One of the two ways of using the prior must be better on enough twins and worse on none, both beyond doubt."""
-    told = COMPARED[measure]
     ways = {name: [Pairing(place, name, rival, measure) for place in twins] for name in (PRIOR, ADAPTED)}
     met = {name: [pairing for pairing in ways[name] if pairing in facts.comparisons] for name in ways}
     won = [_wins(facts, pairings) for pairings in met.values()]
-    said = (
-        f"the prior, sampled or adapted, is {told.better} than {_IN_WORDS[rival]} on {TWINS_WON} twins (p < {SURE:g}, "
-    )
+    said = f"the prior is {COMPARED[measure].better} than {_IN_WORDS[rival]}"
     found = "; ".join(
         f"{_IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items() if pairings
     )
     known = [each for each in won if each is not None]
-    return Verdict(f"{said}corrected), {told.worse} on none", any(known) if known else None, found or "not measured")
+    return Verdict(said, any(known) if known else None, found or "not measured")
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
@@ -185,8 +181,8 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
     A single twin may show a loss, never a win.
     """
     sure = [_gain(facts, each) for each in pairings if facts.corrected[each] < SURE]
-    better, worse = sum(value > 0.0 for value in sure), sum(value < 0.0 for value in sure)
-    return (better >= TWINS_WON and not worse) if worse or len(pairings) >= TWINS_WON else None
+    won, lost = sum(value > 0.0 for value in sure), sum(value < 0.0 for value in sure)
+    return (won >= TWINS_WON and not lost) if lost or len(pairings) >= TWINS_WON else None
 
 
 def _gain(facts: Facts, pairing: Pairing) -> float:
