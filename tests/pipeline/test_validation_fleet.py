@@ -39,6 +39,13 @@ def test_other_judges_change_no_training(tmp_path: Path):
     assert (tmp_path / "own" / "metrics.jsonl").read_bytes() == (tmp_path / "other" / "metrics.jsonl").read_bytes()
 
 
+def test_settings_that_contradict_each_other_are_refused_of_a_finished_walk_too(tmp_path: Path):
+    config = walk(tmp_path)
+    run_walk(config)
+    with pytest.raises(ConfigError, match="actuator pd has no use for a prior"):
+        run_walk(replace(config, motors=MotorChoice("pd", prior=tmp_path)))
+
+
 def test_threads_and_interrupts_change_nothing(tmp_path: Path):
     """Contests and candidates take turns at the tenth iteration; the champion of the first contest wins the second."""
     long = {"validation": "mixed", "patience": 1}
@@ -72,7 +79,7 @@ def test_threads_and_interrupts_change_nothing(tmp_path: Path):
 
 
 def test_a_fleet_that_is_not_there_and_no_patience_are_refused(tmp_path: Path):
-    with pytest.raises(ArtifactError, match="no fleet 'nobody'"):
+    with pytest.raises(ArtifactError, match="validation: no fleet 'nobody'"):
         run_walk(walk(tmp_path / "a", validation="nobody"))
     with pytest.raises(ConfigError, match="patience"):
         run_walk(walk(tmp_path / "b", patience=0))

@@ -176,7 +176,10 @@ def test_a_table_of_training_alone_has_no_comparison():
 def test_an_oracle_that_does_not_walk_is_no_measure():
     assert verdict(summarise(study(at={("fleet", "oracle"): -0.01})).targets, "fleet").holds is None
     fallen = verdict(summarise(study(measures={("fleet", "oracle"): {"upright": 0.4}})).targets, "fleet")
-    assert fallen.holds is None and fallen.found == "the oracle itself falls (40.0 % upright)"
+    assert fallen.holds is None
+    assert fallen.found == "; ".join(
+        f"{name}: the oracle itself falls there (40.0 % upright)" for name in ("sampled", "adapted")
+    )
 
 
 def test_the_adapted_prior_is_measured_by_the_oracle_on_the_same_robots():
@@ -186,6 +189,20 @@ def test_the_adapted_prior_is_measured_by_the_oracle_on_the_same_robots():
     }  # fmt: skip
     found = verdict(summarise(table_of(speeds, upright=1.0)).targets, "fleet")
     assert found.holds is True and "adapted 100.0 % of the speed" in found.found
+
+
+def test_an_oracle_that_falls_on_the_adapted_robots_is_no_measure_of_them():
+    """It falls on robot 0, which the adapted policies walk, and on no other."""
+    walks = [
+        WalkRow("fleet", name, 0, draw, {"speed": 0.4, "upright": 0.5 if (name, draw) == ("oracle", 0) else 1.0})
+        for name, draws in (("oracle", 8), ("prior", 8), ("prior_adapted", 2))
+        for draw in range(draws)
+    ]
+    found = verdict(summarise(WalkTable.of(walks)).targets, "fleet")
+    assert found.holds is True and "sampled 100.0 % of the speed" in found.found
+    assert "adapted: the oracle itself falls there (50.0 % upright)" in found.found
+    alone = summarise(WalkTable.of(walk for walk in walks if walk.condition != "prior"))
+    assert verdict(alone.targets, "fleet").holds is None
 
 
 def test_the_papers_claims_hold_or_do_not():

@@ -67,10 +67,11 @@ def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: 
     """Train the policies of conditions and seeds, and watch them; what is finished in ``config.out`` is read."""
     robot, twins = load_robot(config.robot), _twins_here(progress)
     at_a_time = threads_here(config.workers, SILENT) if config.executor == "threads" else 1
+    processes = config.workers if config.ray_address is not None else threads_here(config.workers, SILENT)
     with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
         done = _Done(task, TimeLeft(len(cells), at_a_time))
         works = [partial(_cell, config, robot, twins, condition, seed, done) for condition, seed in cells]
-        with many_executors(config.executor, config.workers, config.ray_address):
+        with many_executors(config.executor, processes, config.ray_address):
             tables = side_by_side(works, at_a_time, progress)
     return WalkTable.of(walk for each in tables for walk in each.walks)
 

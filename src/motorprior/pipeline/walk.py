@@ -15,7 +15,7 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_count
-from motorprior.exceptions import SimulationFault
+from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
@@ -111,15 +111,16 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     require_executor(config.executor, config.ray_address)
     scenes = plan.scenes()
     workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
-    with working(config.out, plan.wanted) as clock, _executors(config, workers, *scenes) as (executor, judge):
+    with working(config.out, plan.wanted) as clock:
         extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions)
         checkpoint = Checkpoint(config.out, plan.wanted, clock)
-        training = Training(
-            config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
-            save=lambda best: _policy(plan, best).save(config.out / POLICY),
-            tensorboard=config.tensorboard,
-        )  # fmt: skip
-        champion, curve = training.run(progress, name)
+        with _executors(config, workers, *scenes) as (executor, judge):
+            training = Training(
+                config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
+                save=lambda best: _policy(plan, best).save(config.out / POLICY),
+                tensorboard=config.tensorboard,
+            )  # fmt: skip
+            champion, curve = training.run(progress, name)
         try:
             judge_faults(curve, extent.episodes, progress)
         except SimulationFault:  # there is nothing to go on from
@@ -197,7 +198,8 @@ def _planned(config: Walk) -> _Plan:
     robot = load_robot(config.robot)
     start = _start(config, robot)
     robot = config.commands.on(robot if start is None else start.commanded(robot))
-    judges = None if config.validation is None else MotorChoice("fleet", fleet=config.validation)
+    config.motors.drawer(robot)  # refuses what cannot be, before anything is read for its digest
+    judges = None if config.validation is None else _judges(config.validation, robot)
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address", "tensorboard"):  # the result does not depend on them
         del settings[where]
@@ -206,6 +208,21 @@ def _planned(config: Walk) -> _Plan:
     inputs += judges.inputs(robot) if judges is not None else []
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
     return _Plan(config, robot, shape, start, judges, description("walk", settings, inputs))
+
+
+def _judges(validation: str, robot: Robot) -> MotorChoice:
+    """The motors of a validation fleet.
+
+    Raises:
+        ArtifactError, ConfigError: there is none, or it is another robot's.
+    """
+    judges = MotorChoice("fleet", fleet=validation)
+    try:
+        judges.drawer(robot)
+    except (ArtifactError, ConfigError) as error:
+        problem = f"validation: {error.problem}"
+        raise type(error)(problem, where=error.where, remedy=error.remedy, argument="validation") from error
+    return judges
 
 
 def scene(config: Walk, robot: Robot, motors: MotorChoice) -> Scene:

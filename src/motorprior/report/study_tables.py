@@ -36,7 +36,8 @@ def headline_caption() -> str:
     return (
         "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, share of the time upright, and "
         "how far to the side of its way a walk ends [m], interquartile mean. "
-        f"{LESS} less, {MORE} more than that of the sampled prior there with p < {SURE:g}, corrected."
+        f"{LESS} less, {MORE} more than that of the sampled prior there with p < {SURE:g}, corrected; the adapted "
+        "prior is compared on the robots that it was adapted to."
     )
 
 
@@ -82,7 +83,8 @@ def twin_table(summary: Summary, twin: str) -> Table:
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
         "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
         "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, after Holm over all "
-        "twins, conditions and measures that are compared."
+        "twins, conditions and measures that are compared. The adapted prior is compared on the robots that it was "
+        "adapted to."
     )
     return Table(columns, rows, caption)
 
@@ -117,7 +119,8 @@ def step_tables(summary: Summary) -> list[Table]:
         ]
         if rows:
             columns = ("step", *(place_title(twin) for twin in twins))
-            caption = f"How much {told.better} [{told.unit}], with 95 % interval; * with p < {SURE:g}, corrected."
+            better_by = f"How much {told.better} [{told.unit}], with 95 % interval"
+            caption = f"{better_by}; * with p < {SURE:g}, corrected over all steps."
             found.append(Table(columns, tuple(rows), caption))
     return found
 

@@ -94,11 +94,15 @@ def require_executor(kind: Kind, address: str | None = None) -> None:
     Raises:
         ConfigError: unknown kind, Ray is not available, or an address for an executor that has no use for it.
     """
-    if kind not in get_args(Kind):
-        raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}", argument="executor")
+    _require_kind(kind, address)
     if kind == "ray":
         require_ray(address)
-    elif address is not None:
+
+
+def _require_kind(kind: Kind, address: str | None) -> None:
+    if kind not in get_args(Kind):
+        raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}", argument="executor")
+    if kind != "ray" and address is not None:
         raise ConfigError(
             "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
         )
@@ -118,7 +122,7 @@ def make_executor(
     Raises:
         ConfigError: unknown kind, fewer than one worker, or Ray is not available.
     """
-    require_executor(kind, address)
+    _require_kind(kind, address)
     if workers < 1:
         raise ConfigError(f"workers {workers} must be >= 1", remedy="use at least one worker")
     if kind == "ray":

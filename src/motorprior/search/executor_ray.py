@@ -135,7 +135,7 @@ def require_ray(address: str | None = None) -> None:
         ConfigError: Ray is not installed, or no cluster answers at the address.
     """
     _import_ray()
-    if address is not None:
+    if address is not None and [address] != _HELD:
         _require_answer(address)
 
 

@@ -23,6 +23,7 @@ from motorprior.transfer.study_verdicts import (
     UNTRAINED,
     Facts,
     Pairing,
+    Peer,
     Verdict,
     claims,
     in_order,
@@ -161,13 +162,15 @@ def _same_robots(adapted: WalkTable, there: WalkTable) -> list[bool]:
     return walked if any(walked) else [True] * len(walked)
 
 
-def _peers(cells: Cells) -> dict[str, float]:
+def _peers(cells: Cells) -> dict[str, Peer]:
     """See `Facts.peers`."""
     found = {}
     for (place, condition), cell in cells.items():
         if condition == ADAPTED and place != OWN and (place, ORACLE) in cells:
             there = cells[place, ORACLE]
-            found[place] = iqm(there.scores(place, ORACLE, "speed")[:, _same_robots(cell, there)])
+            robots = _same_robots(cell, there)
+            speed, upright = (there.scores(place, ORACLE, name)[:, robots] for name in ("speed", "upright"))
+            found[place] = Peer(iqm(speed), float(means(upright.ravel())))
     return found
 
 

@@ -102,6 +102,13 @@ class Pairing(NamedTuple):
     measure: str
 
 
+class Peer(NamedTuple):
+    """What others are measured by. Attributes: its speed [m/s]; share of the time that it is upright [-]."""
+
+    speed: float
+    upright: float
+
+
 @dataclass(frozen=True)
 class Facts:
     """What the targets are judged by; see `study_summary.Summary`."""
@@ -109,8 +116,8 @@ class Facts:
     estimates: Mapping[tuple[str, str, str], Estimate]
     comparisons: Mapping[Pairing, Comparison]
     corrected: Mapping[Pairing, float]
-    peers: Mapping[str, float]
-    """Place -> the oracle's speed on the robots that the adapted policies walk there [m/s]."""
+    peers: Mapping[str, Peer]
+    """Place -> the oracle on the robots that the adapted policies walk there."""
 
     def value(self, place: str, condition: str, measure: str) -> float:
         """Of an estimate; NaN without one."""
@@ -148,16 +155,17 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
 
 def _against_the_oracle(facts: Facts, place: str) -> Verdict:
     """One of the two ways of using the prior must be both fast and safe; an oracle that falls is no measure."""
-    best, each_holds, found = facts.value(place, ORACLE, "speed"), [], []
+    best, each_holds, found = Peer(*(facts.value(place, ORACLE, name) for name in ("speed", "upright"))), [], []
     for name in (PRIOR, ADAPTED):
         upright, speed = (facts.value(place, name, measure) for measure in ("upright", "speed"))
         oracle = facts.peers.get(place, best) if name == ADAPTED else best
-        share = speed / oracle if oracle > 0.0 else float("nan")
+        if oracle.upright < LEAST_UPRIGHT:
+            found.append(f"{_IN_WORDS[name]}: the oracle itself falls there ({_percent(oracle.upright)} upright)")
+            continue
+        share = speed / oracle.speed if oracle.speed > 0.0 else float("nan")
         each_holds.append(_told(share >= ENOUGH_SPEED and upright >= ENOUGH_UPRIGHT, share, upright))
         found.append(f"{_IN_WORDS[name]} {_percent(share)} of the speed, {_percent(upright)} upright")
     told = [each for each in each_holds if each is not None]
-    if (fallen := facts.value(place, ORACLE, "upright")) < LEAST_UPRIGHT:
-        told, found = [], [f"the oracle itself falls ({_percent(fallen)} upright)"]
     said = f"{place}: the prior has {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
     return Verdict(f"{said} and is {100 * ENOUGH_UPRIGHT:.0f} % upright", any(told) if told else None, "; ".join(found))
 
@@ -194,7 +202,7 @@ def _differences(facts: Facts, pairings: list[Pairing]) -> str:
     """Those beyond doubt one by one, and the range of the others."""
     sure = [each for each in pairings if facts.corrected[each] < SURE]
     shown = [f"{each.place} {_amount(facts, each)} (p {facts.corrected[each]:.2g})" for each in sure]
-    others = sorted(set(pairings) - set(sure), key=lambda each: facts.comparisons[each].difference.value)
+    others = sorted(set(pairings) - set(sure), key=lambda each: _gain(facts, each))
     if others:
         ends = dict.fromkeys(_amount(facts, each) for each in (others[0], others[-1]))
         shown.append(f"{'elsewhere ' if sure else ''}{' to '.join(ends)}, not sure")
@@ -202,7 +210,7 @@ def _differences(facts: Facts, pairings: list[Pairing]) -> str:
 
 
 def _amount(facts: Facts, pairing: Pairing) -> str:
-    value, unit = _gain(facts, pairing), COMPARED[pairing.measure].unit
+    value, unit = _gain(facts, pairing) + 0.0, COMPARED[pairing.measure].unit  # no −0
     return f"{_number(100 * value, '+.1f')} points" if unit == "points" else f"{_number(value, '+.3f')} {unit}"
 
 
