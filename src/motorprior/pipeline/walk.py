@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -25,7 +26,7 @@ from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, digest, is_finished, remove, working
-from motorprior.pipeline.tensorboard import require_tensorboard
+from motorprior.pipeline.tensorboard import EVENTS, require_tensorboard
 from motorprior.pipeline.training import Checkpoint, Training
 from motorprior.pipeline.walk_metrics import METRICS, Extent
 from motorprior.robots.load import load_robot
@@ -126,6 +127,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
         except SimulationFault:  # there is nothing to go on from
             checkpoint.remove()
             remove(config.out, METRICS)
+            shutil.rmtree(config.out / EVENTS, ignore_errors=True)
             raise
         _policy(plan, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
