@@ -201,6 +201,16 @@ def test_same_seed_same_episode_and_another_seed_other_motors(kind):
     assert first.total == simulator.run(POLICY, 0).total  # tracing changes nothing
 
 
+def test_an_episode_keeps_nothing_of_the_one_before():
+    walk = WalkConfig(30, randomization=Randomization(sensor_delay=(0.0, 0.02), command_delay=(0.0, 0.02), push=0.2))
+    used, fresh = (WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk) for _ in range(2))
+    used.run(POLICY, 1, trace=True)
+    again, alone = (simulator.run(POLICY, 2, trace=True) for simulator in (used, fresh))
+    for name in ("trace", "motion", "displacement", "mean", "m2"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
+    assert not alone.motion[0].any() and alone.motion[1].any()
+
+
 def test_encoder_noise_is_drawn_from_the_seed_and_only_observed():
     noisy = WalkConfig(
         episode_steps=STEPS, randomization=Randomization(joint_noise=0.02), commands=Commands.steady(0.0)

@@ -203,6 +203,7 @@ class World:
         arrays.encoder_offset[:] = conditions.encoder_offset
         arrays.commands[:] = joint_pos
         arrays.clock[:] = 0
+        arrays.torque[:] = 0.0  # or a trace began with the last episode's
         self.arrays = arrays._replace(push=conditions.push, delays=conditions.delay_steps(self.config.physics_dt))
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)
