@@ -33,11 +33,14 @@ from motorprior.pipeline.study import walk_table
 from motorprior.pipeline.study_conditions import Condition, fleet_of
 from motorprior.pipeline.study_settings import Study
 from motorprior.report.plots_style import MODEL_COLORS, describe, new_figure, panels, png_bytes
+from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 from motorprior.transfer.robot_fidelity import robot_fidelity
 from motorprior.transfer.statistics import estimate, iqms, means, ratio
+from motorprior.transfer.study_results import with_interval
 from motorprior.transfer.study_verdicts import LEAST_SPEED, MEANS
+from motorprior.transfer.study_verdicts import MEASURES as UNITS
 from motorprior.transfer.walk_table import OWN, WalkTable
 
 PROGRESS = Lines(sys.stderr)
@@ -157,7 +160,7 @@ def walks(settings: Settings, priors: dict[str, Path]) -> WalkTable:
 
 def figures_of(table: WalkTable, faithful: dict[tuple[str, str], float]) -> dict[str, float]:
     """GRADE/POPULATION/fidelity [rad], GRADE/PLACE/MEASURE with /low and /high, GRADE/PLACE/ratio to its own speed."""
-    figures = {f"{name}/{population}/fidelity": value for (name, population), value in faithful.items()}
+    rows = [Result(f"{name}/{population}/fidelity", "rad", value) for (name, population), value in faithful.items()]
     for name in dict.fromkeys(name for name, _ in faithful):
         own = table.at(OWN, name).scores(OWN, name, "speed")
         for place in table.distinct("place"):
@@ -169,10 +172,8 @@ def figures_of(table: WalkTable, faithful: dict[tuple[str, str], float]) -> dict
             if place != OWN:
                 found["ratio"] = ratio(here.scores(place, name, "speed"), own, LEAST_SPEED)
             for measure, each in found.items():
-                ends = {"": each.value, "/low": each.low, "/high": each.high}
-                known = {end: value for end, value in ends.items() if np.isfinite(value)}
-                figures |= {f"{name}/{place}/{measure}{end}": float(value) for end, value in known.items()}
-    return figures
+                rows += with_interval(f"{name}/{place}/{measure}", UNITS.get(measure, "1"), each)
+    return Results.of(rows).to_figures()
 
 
 def markdown(figures: dict[str, float], names: list[str], places: list[str]) -> str:

@@ -21,8 +21,9 @@ from motorprior.pipeline.study_conditions import Condition, adapt_robots, condit
 from motorprior.pipeline.study_report import STUDY, TRACES, WALKS
 from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.time_left import TimeLeft
+from motorprior.pipeline.trained_policy import policy_of
 from motorprior.pipeline.transfer import own_scene
-from motorprior.pipeline.walk import POLICY, Walk, policy_of, run_walk
+from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walk_seeds import SEEDS_APART
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

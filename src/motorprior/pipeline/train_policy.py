@@ -17,8 +17,9 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
+from motorprior.pipeline.trained_policy import judge_faults, policy_of
 from motorprior.pipeline.training import as_point
-from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS, judge_faults, policy_of
+from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
@@ -27,6 +22,7 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, digest, is_finished, remove, working
 from motorprior.pipeline.tensorboard import EVENTS, require_tensorboard
+from motorprior.pipeline.trained_policy import judge_faults, policy_of
 from motorprior.pipeline.training import Checkpoint, Training
 from motorprior.pipeline.walk_metrics import METRICS, Extent
 from motorprior.robots.load import load_robot
@@ -37,6 +33,7 @@ from motorprior.search.executor import Executor, Kind, make_executor, many_execu
 from motorprior.search.policy_search import Champion
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Engine, Scene
+from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
@@ -135,6 +132,14 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
 
 
 @dataclass(frozen=True)
+class _Motors:
+    """Motors of an episode as they were chosen, and what draws them."""
+
+    choice: MotorChoice
+    draws: DrawMotors
+
+
+@dataclass(frozen=True)
 class _Plan:
     """What follows from the settings of a walk.
 
@@ -143,7 +148,8 @@ class _Plan:
         robot: told all speeds of the training.
         shape: of the policy.
         start: policy to go on from.
-        judges: motors of the contests, where they are others than those of the training.
+        motors: of the training.
+        judges: motors of the contests, where they are others.
         wanted: description of the stage.
     """
 
@@ -151,17 +157,18 @@ class _Plan:
     robot: Robot
     shape: PolicyShape
     start: Policy | None
-    judges: MotorChoice | None
+    motors: _Motors
+    judges: _Motors | None
     wanted: dict
 
     def scenes(self) -> list[Scene]:
         """Of the candidates, and of the contests where they are walked on other motors.
 
         Raises:
-            ConfigError, ArtifactError: see `scene`.
+            ConfigError: see `scene`.
         """
-        choices = [self.config.motors, *([] if self.judges is None else [self.judges])]
-        return [scene(self.config, self.robot, motors) for motors in choices]
+        motors = [self.motors, *([] if self.judges is None else [self.judges])]
+        return [scene(self.config, self.robot, each.choice, each.draws) for each in motors]
 
 
 @contextmanager
@@ -200,19 +207,20 @@ def _planned(config: Walk) -> _Plan:
     robot = load_robot(config.robot)
     start = _start(config, robot)
     robot = config.commands.on(robot if start is None else start.commanded(robot))
-    config.motors.drawer(robot)  # refuses what cannot be, before anything is read for its digest
+    motors = _Motors(config.motors, config.motors.drawer(robot))  # refuses what cannot be, before digests are made
     judges = None if config.validation is None else _judges(config.validation, robot)
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address", "tensorboard"):  # the result does not depend on them
         del settings[where]
     inputs = [*config.motors.inputs(robot), *robot.files]
     inputs += [config.start] if config.start is not None else []
-    inputs += judges.inputs(robot) if judges is not None else []
+    inputs += judges.choice.inputs(robot) if judges is not None else []
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
-    return _Plan(config, robot, shape, start, judges, description("walk", settings, inputs))
+    wanted = description("walk", settings, inputs)
+    return _Plan(config, robot, shape, start, motors, judges, wanted)
 
 
-def _judges(validation: str, robot: Robot) -> MotorChoice:
+def _judges(validation: str, robot: Robot) -> _Motors:
     """The motors of a validation fleet.
 
     Raises:
@@ -220,44 +228,21 @@ def _judges(validation: str, robot: Robot) -> MotorChoice:
     """
     judges = MotorChoice("fleet", fleet=validation)
     try:
-        judges.drawer(robot)
+        return _Motors(judges, judges.drawer(robot))
     except (ArtifactError, ConfigError) as error:
         problem = f"validation: {error.problem}"
         raise type(error)(problem, where=error.where, remedy=error.remedy, argument="validation") from error
-    return judges
 
 
-def scene(config: Walk, robot: Robot, motors: MotorChoice) -> Scene:
-    """What a worker simulates on these motors.
+def scene(config: Walk, robot: Robot, motors: MotorChoice, draws: DrawMotors) -> Scene:
+    """What a worker simulates on motors that are drawn so.
 
     Raises:
         ConfigError: the engine is not installed, or cannot do what is asked.
-        ArtifactError: motors that cannot be read.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
     terrain = Terrain(config.roughness)
-    return Scene(robot, config.engine, motors.drawer(robot), motors.physics_dt(robot), walk, terrain)
-
-
-def judge_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
-    """Say which episodes of the training were no physics; each of them ended there, without reward.
-
-    Args:
-        curve: of the training, see `as_point`.
-        episodes: of an iteration.
-        progress: where to report to.
-
-    Raises:
-        SimulationFault: all of them.
-    """
-    faults, total = sum((Counter(point.get("faults", {})) for point in curve), Counter()), len(curve) * episodes
-    for name, count in faults.items():
-        progress.note(f"{count} of {total} episodes ended early: {name}")
-    if faults.total() == total:
-        raise SimulationFault(
-            f"each of the {total} episodes broke down ({', '.join(faults)}): there is nothing to learn from",
-            remedy="the motors are too stiff or too strong for the physics step: give smaller gains, or a softer gear",
-        )
+    return Scene(robot, config.engine, draws, motors.physics_dt(robot), walk, terrain)
 
 
 def _policy(plan: _Plan, champion: Champion) -> Policy:
@@ -269,7 +254,7 @@ def _policy(plan: _Plan, champion: Champion) -> Policy:
         "start_sha256": None if config.start is None else digest(config.start),
         "iterations": config.iterations,
         "patience": config.patience,
-        "validation": None if plan.judges is None else choice_as_json(plan.judges, config.out),
+        "validation": None if plan.judges is None else choice_as_json(plan.judges.choice, config.out),
         "episode_steps": config.episode_steps,
         "engine": config.engine,
         "roughness": config.roughness,
@@ -278,34 +263,6 @@ def _policy(plan: _Plan, champion: Champion) -> Policy:
         "symmetric": config.symmetric,
     }
     return policy_of(plan.robot, config.gait, champion, config.motors.nominal(plan.robot), provenance)
-
-
-def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
-    """The champion as a policy.
-
-    Args:
-        robot: that it commands.
-        gait: that it was trained in.
-        champion: what training found.
-        nominal: the gains that its motors run with.
-        provenance: how it was trained.
-    """
-    arrays = champion.policy
-    return Policy(
-        weights=np.ascontiguousarray(arrays.weights),
-        hidden=arrays.hidden,
-        readout=arrays.readout,
-        observation_mean=arrays.mean,
-        observation_std=arrays.std,
-        kp=nominal.kp,
-        kd=nominal.kd,
-        control_dt=robot.control_dt,
-        robot=robot.name,
-        joint_names=robot.joint_names,
-        forward=robot.require_legs().forward,
-        gait=gait,
-        provenance=provenance | {"iteration": champion.iteration, "own_return": champion.score},
-    )
 
 
 def _start(config: Walk, robot: Robot) -> Policy | None:

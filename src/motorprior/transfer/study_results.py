@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.results import Result, Results
+from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
 from motorprior.transfer.study_verdicts import COMPARED, MEASURES, Pairing, better
 
@@ -22,8 +23,7 @@ def study_results(summary: Summary) -> Results:
     units, rows = MEASURES | {"ratio": "1", "regret": "m/s"}, []
     for (place, condition, measure), found in {**summary.estimates, **ratios, **regrets}.items():
         name, unit = f"{place}/{condition}/{measure}", units.get(measure, units["foot_lift_mm"])  # of one leg
-        ends = {None: found.value, "low": found.low, "high": found.high}
-        rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
+        rows += with_interval(name, unit, found)
     for (place, one, other, measure), compared in summary.comparisons.items():
         p = summary.corrected[Pairing(place, one, other, measure)]
         rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
@@ -32,8 +32,12 @@ def study_results(summary: Summary) -> Results:
     for pairing, compared in summary.steps.items():
         place, one, other, measure = pairing
         name, gain = f"{place}/{one}/{measure}", better(measure, compared.difference)
-        ends = {None: gain.value, "low": gain.low, "high": gain.high}
-        unit = MEASURES[measure]
-        rows += [Result(f"{name}_gain_over_{other}", unit, value, statistic=end) for end, value in ends.items()]
+        rows += with_interval(f"{name}_gain_over_{other}", MEASURES[measure], gain)
         rows.append(Result(f"{name}_p_over_{other}", "1", summary.steps_corrected[pairing]))
     return Results.of(rows)
+
+
+def with_interval(quantity: str, unit: str, found: Estimate) -> list[Result]:
+    """Rows of an estimate: its value, and the low and high ends of its 95 % interval, where they are known."""
+    ends = {None: found.value, "low": found.low, "high": found.high}
+    return [Result(quantity, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
