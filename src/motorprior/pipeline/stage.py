@@ -43,7 +43,7 @@ _STAGES = (
 )
 _NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify"), "study": ("transfer",)}
 """Stages whose own module another one's numbers depend on."""
-_PARTS = {"walk": ("training", "trained_policy")}
+_PARTS = {"study": ("study_watch",), "walk": ("training", "trained_policy")}
 """Modules that belong to one stage."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
