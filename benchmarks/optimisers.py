@@ -155,10 +155,17 @@ def challenge(executor: Executor, seed: int, policy: PolicyArrays, iteration: in
     return Champion(policy, score, iteration) if score > champion.score else champion
 
 
+def the_gait(walker: Walker, seed: int, executor: Executor) -> Champion:
+    """The policy of zero weights: what nothing improves on is kept."""
+    nobody = Champion.none_yet(walker.shape)
+    return challenge(executor, seed, nobody.policy, 0, nobody)
+
+
 def searched(walker: Walker, search: Search, seed: int, executor: Executor) -> Champion:
     """The best policy of a search; observations are normalised as in ARS V2."""
     shape, iterations = walker.shape, walker.settings.iterations
-    seen, average, champion = Moments.empty(shape.observations), search.center, Champion.none_yet(shape)
+    seen, average = Moments.empty(shape.observations), search.center
+    champion = the_gait(walker, seed, executor)
     for iteration in range(iterations):
         candidates = search.ask()
         numbers = np.arange(len(candidates)) // 2 if search.pairs else np.zeros(len(candidates), dtype=int)
@@ -193,7 +200,7 @@ def learned_by_ppo(walker: Walker, seed: int, executor: Executor) -> Champion:
     model = Ppo(
         "MlpPolicy", envs, n_steps=ROUND, batch_size=512, gamma=0.98, policy_kwargs=net, seed=seed, device="cpu"
     )
-    champion = Champion.none_yet(walker.shape)
+    champion = the_gait(walker, seed, executor)
     for iteration in range(CONTEST_EVERY, walker.settings.iterations + CONTEST_EVERY, CONTEST_EVERY):
         done = min(iteration, walker.settings.iterations)
         wanted = done * POPULATION * EPISODE_STEPS - model.num_timesteps

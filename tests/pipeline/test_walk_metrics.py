@@ -106,6 +106,17 @@ def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_
         np.testing.assert_allclose(scalars(path, f"walk/{name}"), list(enumerate(told[name])), rtol=1e-6)
 
 
+def test_tensorboard_gets_the_lines_of_a_training_that_was_finished_without_it(tmp_path: Path):
+    pytest.importorskip("tensorboardX", reason="pip install 'motorprior[tensorboard]'")
+    run_walk(small(tmp_path))
+    before = (tmp_path / METRICS).read_bytes()
+    run_walk(replace(small(tmp_path), tensorboard=True))
+    (path,) = (tmp_path / EVENTS).iterdir()
+    wanted = list(enumerate(read_metrics(tmp_path)["return_mean"]))
+    np.testing.assert_allclose(scalars(path, "walk/return_mean"), wanted, rtol=1e-6)
+    assert (tmp_path / METRICS).read_bytes() == before
+
+
 def test_without_the_library_the_option_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
     with pytest.raises(ConfigError, match=r"pip install 'motorprior\[tensorboard\]'"):

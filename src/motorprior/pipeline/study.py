@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from motorprior.artifacts import read_tensors, write_json, write_tensors
@@ -42,6 +42,8 @@ def run_study(config: Study, progress: Progress = SILENT) -> Summary:
     robot = load_robot(config.robot)
     with taken(config.out):
         threads = threads_here(config.workers, progress)
+        if config.ray_address is None:  # told once, not at every policy
+            config = replace(config, workers=threads)
         learn(config, threads, progress)
         adapt_robots(config, threads, progress)
         cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]

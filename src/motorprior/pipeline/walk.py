@@ -21,10 +21,10 @@ from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, digest, is_finished, remove, working
-from motorprior.pipeline.tensorboard import EVENTS, require_tensorboard
+from motorprior.pipeline.tensorboard import EVENTS, events, require_tensorboard
 from motorprior.pipeline.trained_policy import judge_faults, policy_of
 from motorprior.pipeline.training import Checkpoint, Training
-from motorprior.pipeline.walk_metrics import METRICS, Extent
+from motorprior.pipeline.walk_metrics import METRICS, Extent, read_metrics
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -105,6 +105,8 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     """
     plan = _planned(config)
     if is_finished(config.out, plan.wanted):
+        if config.tensorboard:
+            _write_events(config.out)
         return
     require_executor(config.executor, config.ray_address)
     scenes = plan.scenes()
@@ -129,6 +131,18 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
         _policy(plan, champion).save(config.out / POLICY)
         write_json(config.out / CURVE, curve)
         checkpoint.remove()
+
+
+def _write_events(folder: Path) -> None:
+    """The learning curve of a finished training for TensorBoard.
+
+    Raises:
+        ArtifactError: see `read_metrics`.
+    """
+    told = read_metrics(folder)
+    with events(folder / EVENTS) as add:
+        for place in range(len(told["iteration"])):
+            add({name: values[place].item() for name, values in told.items()})
 
 
 @dataclass(frozen=True)
