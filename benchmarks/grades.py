@@ -37,9 +37,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 from motorprior.transfer.robot_fidelity import robot_fidelity
-from motorprior.transfer.statistics import estimate, iqms, means, ratio
+from motorprior.transfer.statistics import estimate, ratio
 from motorprior.transfer.study_results import with_interval
-from motorprior.transfer.study_verdicts import LEAST_SPEED, MEANS
+from motorprior.transfer.study_verdicts import LEAST_SPEED, statistic_of
 from motorprior.transfer.study_verdicts import MEASURES as UNITS
 from motorprior.transfer.walk_table import OWN, WalkTable
 
@@ -166,8 +166,7 @@ def figures_of(table: WalkTable, faithful: dict[tuple[str, str], float]) -> dict
         for place in table.distinct("place"):
             here = table.at(place, name)
             found = {
-                measure: estimate(here.scores(place, name, measure), means if measure in MEANS else iqms)
-                for measure in MEASURES
+                measure: estimate(here.scores(place, name, measure), statistic_of(measure)) for measure in MEASURES
             }
             if place != OWN:
                 found["ratio"] = ratio(here.scores(place, name, "speed"), own, LEAST_SPEED)

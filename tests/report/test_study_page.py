@@ -20,7 +20,14 @@ from motorprior.pipeline.study_report import build_study_report
 from motorprior.report.plots_forest import forest, profiles
 from motorprior.report.plots_style import MODEL_COLORS, UNNAMED_COLOR, condition_color, model_label, png_bytes
 from motorprior.report.study_sections import first_paragraph, own_speeds
-from motorprior.report.study_tables import headline_markdown, headline_rows, measure_tables, step_tables, twin_table
+from motorprior.report.study_tables import (
+    headline_markdown,
+    headline_rows,
+    measure_tables,
+    standing_table,
+    step_tables,
+    twin_table,
+)
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary, summarise
 from motorprior.transfer.walk_table import OWN_ABROAD, WalkRow, WalkTable
@@ -64,7 +71,7 @@ def test_a_browser_shows_every_picture_and_no_table_is_cut(page: Path, tmp_path:
     assert found, shown[:500]
     images, broken, tables, cut, beyond = map(int, found[1].split())
     assert (images, broken) == (2 + 3 * 2 + 1, 0), "speeds, profiles, frames and footfalls of three walks, a film"
-    assert tables == 1 + 1 + (len(PLACES) - 1) + 3 + 2 * len(PLACES) + 1, "three of what counts"
+    assert tables == 1 + 2 + (len(PLACES) - 1) + 3 + 2 * len(PLACES) + 1, "three of what counts"
     assert (cut, beyond) == (0, 0)
 
 
@@ -190,8 +197,8 @@ def test_a_profile_falls_from_all_walks_to_none():
 def test_the_headline_has_a_row_per_condition_and_a_cell_per_place():
     table = table_of(
         {
-            ("own", "prior"): [[0.5]] * 3, ("own", "ideal_pd"): [[0.2]] * 3, ("own", OWN_NAME): [[0.3]] * 3,
-            ("fleet", "prior"): [[0.4, 0.4]] * 3, ("fleet", "ideal_pd"): [[0.1, 0.1]] * 3,
+            ("own", "prior"): [[0.5]] * 8, ("own", "ideal_pd"): [[0.2]] * 8, ("own", OWN_NAME): [[0.3]] * 8,
+            ("fleet", "prior"): [[0.4, 0.4]] * 8, ("fleet", "ideal_pd"): [[0.1, 0.1]] * 8,
         }, upright=0.996, drift=0.123,
     )  # fmt: skip
     rows, beside = headline_rows(summarise(table)), "99\u00a0%, 0.12\u00a0m"
@@ -209,7 +216,7 @@ def test_the_headline_has_a_row_per_condition_and_a_cell_per_place():
 def test_a_twins_table_compares_with_prior_and_oracle():
     table = table_of(
         {
-            (place, name): [[speed * part] * 2] * 3
+            (place, name): [[speed * part] * 2] * 8
             for place, part in (("own", 1.0), ("fleet", 0.5))
             for name, speed in {"prior": 0.8, "oracle": 0.9, "ideal_pd": 0.2}.items()
         }
@@ -223,7 +230,7 @@ def test_a_twins_table_compares_with_prior_and_oracle():
 
 def test_a_step_tells_how_much_better_it_is():
     table = table_of(
-        {(place, name): [[0.4] * 2] * 3 for place in ("own", "fleet") for name in ("tuned_pd", "pd_friction")},
+        {(place, name): [[0.4] * 2] * 8 for place in ("own", "fleet") for name in ("tuned_pd", "pd_friction")},
         upright=0.5, drift=0.3,
     )  # fmt: skip
     better = [
@@ -237,6 +244,18 @@ def test_a_step_tells_how_much_better_it_is():
         "0.000 [0.000,\u00a00.000]", "+50.0* [+50.0,\u00a0+50.0]", "+0.200* [+0.200,\u00a0+0.200]",
     ]  # fmt: skip
     assert str(speed.rows[0][0]).endswith(": Coulomb friction") and "how much straighter" in drift.caption.lower()
+
+
+def test_how_many_policies_stand_is_told_at_every_place():
+    walks = table_of({(place, "prior"): [[0.4] * 2] * 8 for place in ("own", "fleet")}, upright=1.0).walks
+    fallen = [
+        WalkRow(walk.place, walk.condition, walk.seed, walk.draw, {**walk.measures, "upright": 0.3})
+        if (walk.place, walk.seed) == ("fleet", 5) else walk
+        for walk in walks
+    ]  # fmt: skip
+    table = standing_table(summarise(WalkTable.of(fallen)))
+    assert table.columns == ("trained on", "own simulation", "fleet")
+    assert table.rows == (("prior", "100\u00a0%", "88\u00a0%"),)
 
 
 def test_a_measure_that_is_not_known_has_no_column(summary: Summary):

@@ -111,10 +111,20 @@ def test_the_table_has_a_row_per_method_with_the_medians_of_its_trainings():
     figures = results.to_figures()
     for number, method in enumerate(optimisers.METHODS):
         assert figures[f"{method}/seconds"] == 10.0 * number + 1.0
-        assert (f"{method}/fleet/speed_p_against_{optimisers.USUAL}" in figures) == (method != optimisers.USUAL)
         assert figures[f"{method}/fleet/speed/low"] <= figures[f"{method}/fleet/speed"]
     lines = optimisers.markdown(figures, optimisers.METHODS, list(PLACES)).splitlines()
     assert len(lines) == 2 + len(optimisers.METHODS) and {line.count("|") for line in lines} == {4 + len(PLACES)}
+
+
+def test_ppo_trains_a_policy_that_walks_in_contests(walker: optimisers.Walker, monkeypatch: pytest.MonkeyPatch):
+    for library in ("torch", "stable_baselines3"):
+        pytest.importorskip(library, reason=f"{library} is not installed: pip install 'motorprior[optimisers]'")
+    monkeypatch.setattr(optimisers, "EPISODE_STEPS", 8)
+    monkeypatch.setattr(optimisers, "ROUND", 64)
+    executor = walker.executor()
+    champion = optimisers.learned_by_ppo(walker, 0, executor)
+    executor.close()
+    assert champion.policy.hidden.shape[0] in (0, optimisers.UNITS_OF_PPO) and np.isfinite(champion.score)
 
 
 def test_an_unknown_method_is_refused(tmp_path: Path, monkeypatch):

@@ -8,8 +8,9 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.pipeline.twin_body import TWIN_STREAM as WIRE_STREAM
+from motorprior.pipeline.walk_seeds import SEEDS_APART
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.search.policy_search import episode_seed
+from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.transfer.places import DRAW_STREAM, ROBOT_STREAM, TWINS, NumberedWalks, motors_of_robot, walk_seed
 from motorprior.transfer.study import STUDY_SEED
@@ -28,7 +29,10 @@ def numbered(twin: str = "fleet", only: int | None = None) -> NumberedWalks:
 def test_seeds_and_streams_are_a_studys_own():
     assert len({ROBOT_STREAM, DRAW_STREAM, TWIN_STREAM, WIRE_STREAM, MOTORS_STREAM}) == 5
     walked = {walk_seed(draw) for draw in range(64)}
-    trained = {episode_seed(seed, iteration, 0) for seed in range(8) for iteration in range(50)}
+    searches = [SEEDS_APART * study + policy for study in (0, 1) for policy in range(8)]
+    rounds = [(iteration, direction) for iteration in range(50) for direction in range(16)]
+    rounds += [(CONTEST, draw) for draw in range(CONTEST_DRAWS)]
+    trained = {episode_seed(seed, *each) for seed in searches for each in rounds}
     assert len(walked) == 64 and not walked & trained and not walked & set(range(STUDY_SEED, STUDY_SEED + 64))
 
 

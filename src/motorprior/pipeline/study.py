@@ -51,7 +51,9 @@ def run_study(config: Study, progress: Progress = SILENT) -> Summary:
         table.save(config.out / WALKS)
         _keep_traces(config, cells)
         settings = asdict(config) | {"speed": config.told(robot)}
-        write_json(config.out / STUDY, {name: str(value) for name, value in settings.items() if name != "out"})
+        for where in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
+            del settings[where]
+        write_json(config.out / STUDY, {name: str(value) for name, value in settings.items()})
         summary = summarise(table)
         write_results(config.out, study_results(summary))
     return summary

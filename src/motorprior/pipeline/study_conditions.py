@@ -29,8 +29,7 @@ from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 FITS = "fits.json"
 RANDOMISED_BY = 0.1
-"""Share by which a randomised PD's constants vary. Of 0.1, 0.2 and 0.3 it is the one whose policies walked in their own
-simulation (docs/transfer.md)."""
+"""Share by which a randomised PD's constants vary, chosen by `benchmarks/pd_spread.py` (docs/transfer.md)."""
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
 _NOTHING = Randomization()
@@ -113,12 +112,12 @@ def _fit_pds(config: Study, progress: Progress) -> None:
     robot = load_robot(config.robot)
     fleet, folder = load_robot_fleet(robot, config.fleet), config.out / "fits"
     log = config.out / "bench" / "rollout" / "log.parquet"
-    wanted = description("study", {}, [log, *robot.files])
-    if is_finished(folder, wanted):
-        return
     nominal = nominal_pd(fleet, 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
     kinds = {"ideal_pd": GAINS, "tuned_pd": EVERYTHING, "pd_friction": FRICTION}
+    wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
+    if is_finished(folder, wanted):
+        return
     with (
         working(folder, wanted),
         progress.start("fit the PDs", len(kinds) * MOST_EVALUATIONS) as task,

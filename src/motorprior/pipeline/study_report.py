@@ -43,16 +43,17 @@ def build_study_report(run: Path, command: str, summary: Summary | None = None) 
         raise ArtifactError("its settings are not a table", where=run / STUDY, remedy=_AGAIN)
     robot, summary = load_robot(header["robot"]), summary or summarise(table)
     _check_traces(traces, robot, run / TRACES)
+    first = first_paragraph(summary)
     report = Report(
         title="Does a distribution of motors transfer?",
-        subtitle=first_paragraph(summary),
+        subtitle=first,
         sections=study_sections(table, summary, traces, robot, header["control_dt"]),
         settings=settings,
         command=command,
     )
     write_report(run / PAGE, report)
     judged = (verdicts_markdown(summary.targets, "target"), verdicts_markdown(summary.claims, "the paper says"))
-    write_text(run / TABLES, "\n".join((headline_markdown(summary), *judged)))
+    write_text(run / TABLES, "\n".join((f"{first}\n", headline_markdown(summary), *judged)))
     return run / PAGE
 
 

@@ -60,7 +60,7 @@ def watched(
     here = tuple(twin for twin in condition.twins if twin in twins)
     settings = {
         "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.told(robot),
-        "condition": condition.name,
+        "condition": condition.name, "one_draw_is_all": condition.one_draw_is_all,
     }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
     wanted = description("study", settings | {"robot": condition.robot}, [policy, *fleets, *robot.files])

@@ -14,6 +14,7 @@ from motorprior.report.study_tables import (
     measure_tables,
     percent,
     place_title,
+    standing_table,
     step_tables,
     twin_table,
     verdict_table,
@@ -77,8 +78,8 @@ def _beside_the_gait(summary: Summary) -> list[str]:
 def _targets(summary: Summary) -> Section:
     caption = (
         "The prior: sampled or adapted, and one of the two has all that is asked. Better than a PD: with "
-        f"p < {SURE:g} on {TWINS_WON} twins, and worse on none. P values are corrected by Holm's procedure over all "
-        "that is compared."
+        f"p < {SURE:g} on {TWINS_WON} twins, and worse on none. P values are of permutations of the policies, after "
+        "Holm over all these comparisons; to be worse is told by those before the correction."
     )
     table = verdict_table(summary.targets, "target", caption)
     return Section("Targets", "What was aimed at, and what was found.", tables=(table,))
@@ -103,7 +104,7 @@ def _speeds(table: WalkTable, summary: Summary) -> Section:
         "Every policy walks the same draws of motors and conditions at a place, but the adapted prior, whose policies "
         "meet the robot that they were adapted to. An interval resamples policies and draws together.",
     )
-    tables = (headline_table(summary), *(twin_table(summary, twin) for twin in twins))
+    tables = (headline_table(summary), standing_table(summary), *(twin_table(summary, twin) for twin in twins))
     return Section("Speed", "How fast every policy is on robots it never saw.", body, tuple(pictures), tables)
 
 
@@ -141,8 +142,8 @@ def _measures(summary: Summary, legs: list[str]) -> Section:
 
 def _claims(summary: Summary) -> Section:
     caption = (
-        "Policies of the paper's recipe, or of its loss on our data where the recipe does not walk, against those "
-        "of the ideal PD; p of each claim alone."
+        "Policies of the paper's recipe against those of the ideal PD. Steps and feet are told of its loss on our data "
+        "where the recipe's robot falls. P values of a permutation of the policies, after Holm over the claims."
     )
     table = verdict_table(summary.claims, "the paper says", caption)
     return Section("The paper's claims", "What the paper says of its learned motors.", tables=(table,))
@@ -161,6 +162,6 @@ def _gaits(summary: Summary, traces: Mapping[str, np.ndarray], robot: Robot, con
             for image in gait_pictures(robot, trace, control_dt, name, where, place == filmed and name in _FILMED)
         ]
         if pictures:
-            lead = "The walk of the median speed of each condition: frames, and which foot is on the ground when."
+            lead = "The walk of median speed of each condition's first policy: frames, and which foot is on the ground."
             found.append(Section(f"Gaits: {title}", lead, pictures=tuple(pictures)))
     return found

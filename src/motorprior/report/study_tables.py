@@ -9,7 +9,17 @@ from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import COMPARED, MEASURES, PRIOR, STEPS, SURE, Pairing, Verdict, better
+from motorprior.transfer.study_verdicts import (
+    COMPARED,
+    LEAST_UPRIGHT,
+    MEASURES,
+    PRIOR,
+    STEPS,
+    SURE,
+    Pairing,
+    Verdict,
+    better,
+)
 from motorprior.transfer.walk_table import OWN
 
 PLACES = {
@@ -37,7 +47,8 @@ def headline_caption() -> str:
         "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, share of the time upright, and "
         "how far to the side of its way a walk ends [m], interquartile mean. "
         f"{LESS} less, {MORE} more than that of the sampled prior there with p < {SURE:g}, corrected; the adapted "
-        "prior is compared on the robots that it was adapted to."
+        "prior is compared on the robots that it was adapted to, and the gait is not compared. Way to the side: of "
+        "walks without a fall."
     )
 
 
@@ -82,9 +93,23 @@ def twin_table(summary: Summary, twin: str) -> Table:
     caption = (
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
         "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
-        "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, after Holm over all "
-        "twins, conditions and measures that are compared. The adapted prior is compared on the robots that it was "
-        "adapted to."
+        "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, by permutation of the "
+        "policies, after Holm over all that is compared for the same purpose. The adapted prior is compared on the "
+        "robots that it was adapted to."
+    )
+    return Table(columns, rows, caption)
+
+
+def standing_table(summary: Summary) -> Table:
+    """How many policies stand at every place: what an interquartile mean leaves out."""
+    columns = ("trained on", *(place_title(place) for place in summary.places()))
+    rows = tuple(
+        (_name(name), *(_percent_or_none(summary.standing.get((place, name))) for place in summary.places()))
+        for name in summary.conditions()
+    )
+    caption = (
+        f"Share of the policies that are upright for {100 * LEAST_UPRIGHT:.0f} % of the time: an interquartile mean "
+        "hides that one policy of eight fell."
     )
     return Table(columns, rows, caption)
 
@@ -126,13 +151,13 @@ def step_tables(summary: Summary) -> list[Table]:
 
 
 def _step(summary: Summary, pairing: Pairing) -> str | None:
-    compared = summary.steps.get(pairing)
+    compared = summary.comparisons.get(pairing)
     if compared is None or not math.isfinite(compared.difference.value):
         return None
     factor, digits = (100.0, 1) if COMPARED[pairing.measure].unit == "points" else (1.0, 3)
     gain = better(pairing.measure, compared.difference)
     value, low, high = (_signed(factor * each, digits) for each in _ends(gain))
-    mark = "*" if summary.steps_corrected[pairing] < SURE else ""
+    mark = "*" if summary.corrected[pairing] < SURE else ""
     return f"{value}{mark} [{low},{_NO_BREAK}{high}]"
 
 
@@ -208,6 +233,10 @@ def percent(value: float) -> str:
     """99.6 is not 100: only what is whole is called so."""
     whole = f"{math.floor(100.0 * value + 1e-9):.0f}" if value > 0.99 else f"{100.0 * value:.0f}"
     return f"{whole}{_NO_BREAK}%"
+
+
+def _percent_or_none(share: float | None) -> str | None:
+    return None if share is None else percent(share)
 
 
 def _metres(value: float) -> str:

@@ -7,16 +7,19 @@ import numpy as np
 from motorprior.results import Result, Results
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import COMPARED, MEASURES, Pairing, better
+from motorprior.transfer.study_verdicts import ADAPTED, COMPARED, MEASURES, PRIOR, RIVALS, STEPS, better
+
+_STEPPED = {(before, after) for before, after, _ in STEPS}
 
 
 def study_results(summary: Summary) -> Results:
     """Rows whose names as figures are PLACE/CONDITION/MEASURE, with /low and /high ends of the 95 % interval.
 
     Besides MEASURES there are ratio, to the speed where a policy was trained, and regret, to the oracle's speed [m/s];
-    MEASURE_p_against_ONE, corrected, and MEASURE_improved_by_ONE, the probability that ONE is better; ONE is the
-    prior or, beside its rivals, the adapted prior. MEASURE_gain_over_BEFORE, of each of STEPS, is how much better a
-    condition is than the one before it, with its interval, and MEASURE_p_over_BEFORE, corrected for all steps.
+    policies_upright, the share of policies that are upright for 90 % of the time; MEASURE_p_against_ONE, corrected, and
+    MEASURE_improved_by_ONE, the probability that ONE is better; ONE is the prior or, beside its rivals, the adapted
+    prior. MEASURE_gain_over_BEFORE, of each of STEPS, is how much better a condition is than the one before it, with
+    its interval, and MEASURE_p_over_BEFORE, corrected for all steps.
     """
     ratios = {(*pair, "ratio"): each for pair, each in summary.ratios.items()}
     regrets = {(*pair, "regret"): each for pair, each in summary.regrets.items()}
@@ -24,16 +27,19 @@ def study_results(summary: Summary) -> Results:
     for (place, condition, measure), found in {**summary.estimates, **ratios, **regrets}.items():
         name, unit = f"{place}/{condition}/{measure}", units.get(measure, units["foot_lift_mm"])  # of one leg
         rows += with_interval(name, unit, found)
-    for (place, one, other, measure), compared in summary.comparisons.items():
-        p = summary.corrected[Pairing(place, one, other, measure)]
-        rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
-        more = compared.improvement if COMPARED[measure].sign > 0 else 1.0 - compared.improvement
-        rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", more))
-    for pairing, compared in summary.steps.items():
+    for (place, condition), share in summary.standing.items():
+        rows.append(Result(f"{place}/{condition}/policies_upright", "1", share))
+    for pairing, compared in summary.comparisons.items():
         place, one, other, measure = pairing
-        name, gain = f"{place}/{one}/{measure}", better(measure, compared.difference)
-        rows += with_interval(f"{name}_gain_over_{other}", MEASURES[measure], gain)
-        rows.append(Result(f"{name}_p_over_{other}", "1", summary.steps_corrected[pairing]))
+        p = summary.corrected[pairing]
+        if (other, one) in _STEPPED:
+            name, gain = f"{place}/{one}/{measure}", better(measure, compared.difference)
+            rows += with_interval(f"{name}_gain_over_{other}", MEASURES[measure], gain)
+            rows.append(Result(f"{name}_p_over_{other}", "1", p))
+        if one == PRIOR or (one == ADAPTED and other in RIVALS):
+            rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
+            more = compared.improvement if COMPARED[measure].sign > 0 else 1.0 - compared.improvement
+            rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", more))
     return Results.of(rows)
 
 

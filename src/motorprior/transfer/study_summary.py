@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.transfer.places import ABROAD, TWINS
-from motorprior.transfer.statistics import Comparison, Estimate, compare_scores, estimate, holm, iqm, iqms, means, ratio
+from motorprior.transfer.statistics import (
+    Comparison,
+    Estimate,
+    Statistic,
+    compare_scores,
+    estimate,
+    holm,
+    iqm,
+    means,
+    permutation_p,
+    ratio,
+)
+from motorprior.transfer.study_claims import claims
 from motorprior.transfer.study_verdicts import (
     ADAPTED,
     COMPARED,
     CONDITIONS,
     LEAST_SPEED,
-    MEANS,
+    LEAST_UPRIGHT,
     ORACLE,
     PRIOR,
     RIVALS,
@@ -25,16 +37,15 @@ from motorprior.transfer.study_verdicts import (
     Pairing,
     Peer,
     Verdict,
-    claims,
     in_order,
+    statistic_of,
     targets,
     twins_in,
 )  # fmt: skip
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
 
 ENOUGH_POLICIES = 8
-"""Of a condition. The bootstrap of fewer finds differences that are not there: of pairs of equal conditions it calls
-4 % different (p < 0.05) with 8 policies each, 8 % with 4, and 22 % with 2."""
+"""Of a condition, to decide anything. The exact test of 6 against 6 can no more be sure after its correction."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +56,9 @@ class Summary:
         estimates: (place, condition, measure) -> interquartile mean, of a share its mean, with interval.
         ratios: (twin, condition) -> speed there over the speed where it was trained; NaN where it does not walk there.
         regrets: (twin, condition) -> speed that the oracle walks faster [m/s]; the oracle has none.
-        comparisons: of the measures COMPARED; of the prior with every condition, of the adapted prior with its RIVALS.
-        corrected: likewise, p by Holm over all comparisons.
-        steps: of the measures COMPARED, of each of STEPS on every twin where both its ends walked.
-        steps_corrected: likewise, p by Holm over all of them.
+        standing: (place, condition) -> share of the policies that are upright for LEAST_UPRIGHT of the time there.
+        comparisons: of the measures COMPARED, see `families`; of the prior with the adapted one both ways.
+        corrected: likewise, p by Holm over the family.
         targets: of the study.
         claims: of the paper.
         policies: fewest policies of a trained condition at a place.
@@ -57,10 +67,9 @@ class Summary:
     estimates: Mapping[tuple[str, str, str], Estimate]
     ratios: Mapping[tuple[str, str], Estimate]
     regrets: Mapping[tuple[str, str], Estimate]
+    standing: Mapping[tuple[str, str], float]
     comparisons: Mapping[Pairing, Comparison]
     corrected: Mapping[Pairing, float]
-    steps: Mapping[Pairing, Comparison]
-    steps_corrected: Mapping[Pairing, float]
     targets: tuple[Verdict, ...]
     claims: tuple[Verdict, ...]
     policies: int
@@ -98,7 +107,7 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
     homes = {pair: cells[home] for pair in cells if pair[0] != OWN and (home := home_of(*pair, cells)) in cells}
     cells = {pair: cell for pair, cell in cells.items() if pair[0] != OWN_ABROAD}
     estimates = {
-        (place, condition, measure): estimate(scores, means if measure in MEANS else iqms)
+        (place, condition, measure): estimate(scores, statistic_of(measure))
         for (place, condition), cell in cells.items()
         for measure in cell.measures()
         for scores in (cell.scores(place, condition, measure),)
@@ -109,25 +118,47 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
         (pairing.place, pairing.other): _compare(pairing, cells, alone).difference
         for pairing in _pairings(ORACLE, cells, ("speed",))
     }
-    pairings = [*_pairings(PRIOR, cells), *(each for each in _pairings(ADAPTED, cells) if each.other in RIVALS)]
-    comparisons = {pairing: _compare(pairing, cells, alone) for pairing in pairings}
-    corrected = holm({pairing: each.p for pairing, each in comparisons.items()})
-    steps = {
-        each: _compare(each, cells, alone)
-        for before, after, _ in STEPS
-        for each in _pairings(after, cells)
-        if each.other == before
-    }
-    judged = targets(Facts(estimates, comparisons, corrected, _peers(cells)))
+    standing = {pair: _standing(*pair, cell) for pair, cell in cells.items() if "upright" in cell.measures()}
+    comparisons, corrected = _compared(cells, alone)
     trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
     policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
-    steps_corrected = holm({pairing: each.p for pairing, each in steps.items()})
-    return Summary(
-        estimates, ratios, regrets, comparisons, corrected, steps, steps_corrected, judged, claims(table), policies
-    )
+    aims, said = targets(Facts(estimates, comparisons, corrected, _peers(cells))), claims(table)
+    if policies < ENOUGH_POLICIES:
+        aims, said = (tuple(replace(each, holds=None) for each in verdicts) for verdicts in (aims, said))
+    return Summary(estimates, ratios, regrets, standing, comparisons, corrected, aims, said, policies)
 
 
 Cells = Mapping[tuple[str, str], WalkTable]
+
+
+def _standing(place: str, condition: str, cell: WalkTable) -> float:
+    return float(np.mean(cell.scores(place, condition, "upright").mean(axis=1) >= LEAST_UPRIGHT))
+
+
+def _compared(cells: Cells, alone: frozenset[str]) -> tuple[dict[Pairing, Comparison], dict[Pairing, float]]:
+    """Comparisons of all families, and their p values, each corrected within its family."""
+    comparisons, corrected = {}, {}
+    for family in families(cells):
+        found = {pairing: _compare(pairing, cells, alone) for pairing in family}
+        comparisons |= found
+        corrected |= holm({pairing: each.p for pairing, each in found.items()})
+    for pairing in [each for each in comparisons if (each.one, each.other) == (ADAPTED, PRIOR)]:
+        turned = Pairing(pairing.place, PRIOR, ADAPTED, pairing.measure)
+        comparisons[turned], corrected[turned] = comparisons[pairing].turned(), corrected[pairing]
+    return comparisons, corrected
+
+
+def families(cells: Cells) -> tuple[list[Pairing], list[Pairing], list[Pairing]]:
+    """What is compared, on every twin where both walked, and what is corrected together.
+
+    First what targets are judged by: the prior, sampled or adapted, with its RIVALS. Then each of STEPS with the one
+    before it. Then the sampled prior with all other conditions that were trained.
+    """
+    steps = {(after, before) for before, after, _ in STEPS}
+    targeted = [each for one in (PRIOR, ADAPTED) for each in _pairings(one, cells) if each.other in RIVALS]
+    stepped = [each for _, one, _ in STEPS for each in _pairings(one, cells) if (each.one, each.other) in steps]
+    told = {*RIVALS, UNTRAINED, *(other for one, other in steps if one == PRIOR), ADAPTED}
+    return targeted, stepped, [each for each in _pairings(PRIOR, cells) if each.other not in told]
 
 
 def _pairings(one: str, cells: Cells, measures: Iterable[str] = COMPARED) -> list[Pairing]:
@@ -143,23 +174,47 @@ def _pairings(one: str, cells: Cells, measures: Iterable[str] = COMPARED) -> lis
 
 def _compare(pairing: Pairing, cells: Cells, alone: frozenset[str]) -> Comparison:
     place, one, other, measure = pairing
-    mine, theirs = cells[place, one], cells[place, other]
+    mine, theirs, statistic = cells[place, one], cells[place, other], statistic_of(measure)
     shared = not alone & {one, other} and mine.distinct("draw") == theirs.distinct("draw")
-    first, second = mine.scores(place, one, measure), theirs.scores(place, other, measure)
     if one == ADAPTED:
-        second = second[:, _same_robots(mine, theirs)]
+        mine, theirs = _on_the_same_robots(mine, theirs)
     elif other == ADAPTED:
-        first = first[:, _same_robots(theirs, mine)]
-    return compare_scores(first, second, shared, means if measure in MEANS else iqms)
+        theirs, mine = _on_the_same_robots(theirs, mine)
+    first, second = mine.scores(place, one, measure), theirs.scores(place, other, measure)
+    compared = compare_scores(first, second, shared, statistic)
+    if ADAPTED not in (one, other):
+        return compared
+    adapted, others = (first, second) if one == ADAPTED else (second, first)
+    return replace(compared, p=_p_without_luck(adapted, others, statistic))
 
 
-def _same_robots(adapted: WalkTable, there: WalkTable) -> list[bool]:
-    """Of the draws of others at a place, which are on robots that the adapted policies walk; all if none is.
+def _on_the_same_robots(adapted: WalkTable, others: WalkTable) -> tuple[WalkTable, WalkTable]:
+    """Those of the walks of the adapted policies and of others that are on robots of both; all if there is none.
 
     Seed k of the adapted prior walks robot k, and so does draw k of everybody else.
     """
-    walked = [draw in adapted.distinct("seed") for draw in there.distinct("draw")]
-    return walked if any(walked) else [True] * len(walked)
+    robots = set(adapted.distinct("seed")) & set(others.distinct("draw"))
+    if not robots:
+        return adapted, others
+    return (
+        WalkTable.of(walk for walk in adapted.walks if walk.seed in robots),
+        WalkTable.of(walk for walk in others.walks if walk.draw in robots),
+    )
+
+
+def _p_without_luck(adapted: np.ndarray, others: np.ndarray, statistic: Statistic) -> float:
+    """`permutation_p` of policies that walk one robot each against policies that walk all of them.
+
+    What the others do on a robot, less what they do on all, is the robot's luck; the score of an adapted policy is told
+    without it. An approximation: the luck is known from one walk of every other policy.
+
+    Args:
+        adapted: (robots, draws) scores of the policy of every robot.
+        others: (policies, robots) scores.
+        statistic: of the scores of a policy, or of a robot.
+    """
+    luck = statistic(others.T) - statistic(others.ravel()) if len(adapted) == others.shape[1] else 0.0
+    return permutation_p(statistic(adapted) - luck, statistic(others))
 
 
 def _peers(cells: Cells) -> dict[str, Peer]:
@@ -167,9 +222,8 @@ def _peers(cells: Cells) -> dict[str, Peer]:
     found = {}
     for (place, condition), cell in cells.items():
         if condition == ADAPTED and place != OWN and (place, ORACLE) in cells:
-            there = cells[place, ORACLE]
-            robots = _same_robots(cell, there)
-            speed, upright = (there.scores(place, ORACLE, name)[:, robots] for name in ("speed", "upright"))
+            there = _on_the_same_robots(cell, cells[place, ORACLE])[1]
+            speed, upright = (there.scores(place, ORACLE, name) for name in ("speed", "upright"))
             found[place] = Peer(iqm(speed), float(means(upright.ravel())))
     return found
 

@@ -19,11 +19,10 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
     """Measures of one walk straight ahead.
 
     speed is the way forward of the start over the whole time, also after a fall [m/s]; upright the share of the time
-    before it; distance the way along the robot's own heading before it [m]; drift |way to the left| at the end [m];
-    torque_beyond the share of joints and time at which a joint carries more than the torque limit of the robot's
-    description. The rest is
-    `gait_quality`'s. In an engine that tells no velocities they come from the differences of the poses, and what
-    needs torques is NaN.
+    before it; distance the way along the robot's own heading before it [m]; drift |way to the left| at the end [m], NaN
+    after a fall, since who lies drifts no further; torque_beyond the share of joints and time at which a joint carries
+    more than the torque limit of the robot's description. The rest is that of `gait_quality`. In an engine that tells
+    no velocities they come from the differences of the poses, and what needs torques is NaN.
 
     Args:
         robot: that walked.
@@ -38,13 +37,14 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
     shared = ("heading_deg_per_m", "lateral_share", "slip", "transport", "step_frequency", "body_rate")
     limit = np.array([joint.torque_limit for joint in robot.joints])
     torque = np.abs(moved.motion[:, 6 + robot.num_joints :])
+    upright = share_upright(episode, steps)
     found = {
         "speed": float(episode.displacement[0]) / (steps * robot.control_dt),
-        "upright": share_upright(episode, steps),
+        "upright": upright,
         "distance": way_along(
             episode.trace[:, :2], np.array([roll_pitch_yaw(quat)[2] for quat in episode.trace[:, 3:7]])
         ),
-        "drift": abs(float(episode.displacement[1])),
+        "drift": abs(float(episode.displacement[1])) if upright == 1.0 else float("nan"),
         **{name: float(quality[name]) for name in shared},
         "torque_beyond": float(np.mean(torque > limit)),
         "foot_lift_mm": float(np.mean(lifts)),

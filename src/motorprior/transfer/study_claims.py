@@ -1,0 +1,113 @@
+"""Whether what the paper says of its learned actuator holds on a table of walks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from motorprior.transfer.statistics import compare_scores, holm, iqm
+from motorprior.transfer.study_verdicts import (
+    BASELINE,
+    IN_WORDS,
+    LEAST_SPEED,
+    MEASURES,
+    PAPER,
+    PAPER_WIDE,
+    SURE,
+    Verdict,
+    number_text,
+    percent_text,
+    statistic_of,
+    twins_in,
+)
+from motorprior.transfer.walk_table import OWN, WalkTable
+
+
+class Claim(NamedTuple):
+    """What is said of the paper's learned motors against the ideal PD.
+
+    Attributes:
+        said: in words.
+        at_home: where policies were trained, or else on the first twin.
+        measure: that shows it.
+        sign: of the difference from the ideal PD.
+        needs_walk: it is about how the robot steps, so that nothing can be said of one that falls at once.
+    """
+
+    said: str
+    at_home: bool
+    measure: str
+    sign: int
+    needs_walk: bool
+
+
+CLAIMS = (
+    Claim("it walks worse where it was trained", True, "speed", -1, False),
+    Claim("its steps are less frequent", True, "step_frequency", -1, True),
+    Claim("its feet lift higher", True, "foot_lift_mm", 1, True),
+    Claim("it walks faster where it was not trained", False, "speed", 1, False),
+    Claim("the body shakes less where it was not trained", False, "body_rate", -1, True),
+    Claim("it falls less where it was not trained: it acts as a regulariser", False, "upright", 1, False),
+)
+_RECIPES = (PAPER, PAPER_WIDE)
+
+
+class _Tested(NamedTuple):
+    """Attributes: p of no difference; difference times the claim's sign; what was found."""
+
+    p: float
+    agrees: float
+    found: str
+
+
+def claims(table: WalkTable) -> tuple[Verdict, ...]:
+    """What the paper says of its learned actuator against the ideal PD.
+
+    Of the paper's recipe. How the robot steps is told of the paper's loss on our data where the robot of the recipe
+    does not walk in the simulation that it was trained in, and of neither where that one does not walk either. A claim
+    is decided where the difference has p < SURE, by Holm over the claims.
+    """
+    tested = {claim: _test(claim, table) for claim in CLAIMS}
+    corrected = holm({claim: each.p for claim, each in tested.items() if isinstance(each, _Tested)})
+    return tuple(_verdict(claim, each, corrected.get(claim, 1.0)) for claim, each in tested.items())
+
+
+def _verdict(claim: Claim, tested: _Tested | str, p: float) -> Verdict:
+    """Whether a claim holds, by its corrected p."""
+    if isinstance(tested, str):
+        return Verdict(claim.said, None, tested)
+    return Verdict(claim.said, tested.agrees > 0.0 if p < SURE else None, f"{tested.found} (p {p:.2g})")
+
+
+def _test(claim: Claim, table: WalkTable) -> _Tested | str:
+    """A claim against the numbers, or why there is nothing to test."""
+    place = OWN if claim.at_home else next(iter(twins_in(table.distinct("place"))), None)
+    tried = [name for name in _RECIPES if len(table.at(OWN, name))]
+    if place is None or not tried:
+        return "not measured"
+    recipe = next((name for name in tried if _walks(table, name)), None) if claim.needs_walk else tried[0]
+    if recipe is None:
+        return f"{_own_walk(table, tried[0])}: nothing can be told of its steps"
+    measure, pair = claim.measure, (recipe, BASELINE)
+    scores = [table.at(place, name).scores(place, name, measure) for name in pair]
+    if not all(np.isfinite(each).any() for each in scores):
+        return "not measured"
+    statistic = statistic_of(measure)
+    compared = compare_scores(*scores, shared=False, statistic=statistic)
+    paper, pd = (number_text(float(statistic(each.ravel())), ".3g") for each in scores)
+    unit = "" if MEASURES[measure] == "1" else f" {MEASURES[measure]}"
+    found = f"{place}: {paper}{unit} after {IN_WORDS[recipe]}, {pd}{unit} after the ideal PD"
+    return _Tested(compared.p, claim.sign * compared.difference.value, found)
+
+
+def _walks(table: WalkTable, condition: str) -> bool:
+    """Whether policies of a condition walk where they were trained."""
+    return iqm(table.scores(OWN, condition, "speed")) >= LEAST_SPEED
+
+
+def _own_walk(table: WalkTable, condition: str) -> str:
+    """How policies walk where they were trained."""
+    speed, upright = (table.scores(OWN, condition, measure) for measure in ("speed", "upright"))
+    found = f"{number_text(iqm(speed), '.2f')} m/s, {percent_text(float(upright.mean()))} upright"
+    return f"the robot does not walk in its own simulation ({found})"
