@@ -354,6 +354,13 @@ def test_a_measure_that_is_not_known_leaves_the_others_alone():
     assert ("own", "prior", "slip") not in half.estimates
 
 
+def test_who_always_falls_has_no_drift_to_compare():
+    summary = summarise(study(measures={("fleet", "paper"): {"drift": float("nan"), "upright": 0.1}}))
+    figures = study_results(summary).to_figures()
+    assert all(np.isfinite(list(figures.values())))
+    assert "fleet/paper/drift_improved_by_prior" not in figures and figures["fleet/paper/drift_p_against_prior"] == 1.0
+
+
 def test_a_few_walks_that_tell_a_measure_are_enough():
     walks = list(study(("own",), {"prior": 0.4}).walks)
     walks = [replace(w, measures={**w.measures, "slip": 0.2 if i == 5 else np.nan}) for i, w in enumerate(walks)]

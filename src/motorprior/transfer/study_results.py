@@ -39,7 +39,8 @@ def study_results(summary: Summary) -> Results:
         if one == PRIOR or (one == ADAPTED and other in RIVALS):
             rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
             more = compared.improvement if COMPARED[measure].sign > 0 else 1.0 - compared.improvement
-            rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", more))
+            if np.isfinite(more):  # of drift, where all fell
+                rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", more))
     return Results.of(rows)
 
 
