@@ -4,7 +4,8 @@
 
 Policies are trained as in the study on its PD with friction, all constants ± WIDTH, other seeds, and walk on the
 physical motors of a validation fleet, which is none of the study's twins'. Writes tables.md, and figures.json with
-WIDTH/PLACE/MEASURE, where PLACE is own or the fleet's name. Finished policies are kept. Ten minutes on two cores.
+WIDTH/PLACE/MEASURE, where PLACE is own or the fleet's name. Finished policies are kept. A quarter of an hour on two
+cores.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Settings:
     """Folder of a study, whose fitted PD is varied."""
     out: Path
     """Run folder."""
-    widths: tuple[float, ...] = (0.1, 0.2, 0.3)
+    widths: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4)
     """Shares by which every constant varies."""
     validation: str = "mixed"
     """Fleet whose motors the policies walk on."""

@@ -28,7 +28,7 @@ from motorprior.transfer.study_verdicts import ADAPTED, ORACLE, ROBUST_PRIOR, UN
 from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 FITS = "fits.json"
-RANDOMISED_BY = 0.1
+RANDOMISED_BY = 0.3
 """Share by which a randomised PD's constants vary, chosen by `benchmarks/pd_spread.py` (docs/transfer.md)."""
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
