@@ -6,7 +6,8 @@
 ARS V1, V1-t, V2, V2-t, diagonal CMA-ES (pycma), PGPE with ClipUp (EvoTorch) and PPO (Stable-Baselines3) train on the
 same task, that of `motorprior transfer --study`: straight on, half as fast again as the robot usually walks, on draws
 of the prior. The searches walk the same number of episodes, with linear policies that answer a mirrored observation
-with the mirrored action; PPO takes as many steps as these episodes have where nobody falls, with a layer of tanh and no
+with the mirrored action; both candidates of a pair of ARS and PGPE meet the same motors, and all of an iteration of
+CMA-ES; PPO takes as many steps as these episodes have where nobody falls, with a layer of tanh and no
 symmetry. Every tenth iteration the running average of a search's center challenges the best so far, on the same draws
 for all; PPO's policy does likewise. The policies are watched as in the study. Writes walks.csv, figures.json with
 METHOD/PLACE/MEASURE, METHOD/seconds and METHOD/return (of the contests, of the policy that is kept), and tables.md.
@@ -31,7 +32,7 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import description, is_finished, seconds_of, working
+from motorprior.pipeline.stage import UNFINISHED, description, is_finished, remove, seconds_of, working
 from motorprior.pipeline.study_conditions import Condition
 from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.study_watch import twins_here, watched
@@ -60,7 +61,7 @@ from motorprior.transfer.study_results import with_interval
 from motorprior.transfer.study_verdicts import MEASURES as UNITS
 from motorprior.transfer.study_verdicts import statistic_of
 from motorprior.transfer.walk_table import WalkTable
-from searches import Cma, Pgpe, Search
+from searches import Cma, Pgpe, Ppo, Search
 
 PROGRESS = Lines(sys.stderr)
 POPULATION, EPISODE_STEPS = 32, 500
@@ -73,12 +74,9 @@ ARS = {
 """Settings of the search that are not the default."""
 SEARCHES: dict[str, Callable[[int, int, int], Search]] = {"cma": Cma, "pgpe": Pgpe}
 PPO = "ppo"
+"""Name of the method that is no search."""
 METHODS = (*ARS, *SEARCHES, PPO)
 MEASURES = ("speed", "upright", "drift")
-UNITS_OF_PPO = 32
-"""Hidden units of PPO's policy."""
-ENVIRONMENTS, ROUND = 8, 512
-"""Of PPO, and steps of each between updates."""
 
 
 @dataclass(frozen=True)
@@ -184,41 +182,15 @@ def searched(walker: Walker, search: Search, seed: int, executor: Executor) -> C
 
 
 def learned_by_ppo(walker: Walker, seed: int, executor: Executor) -> Champion:
-    """The best policy of PPO, settings of examples/train_ppo.py but for the net: one layer of tanh."""
-    import torch
-    from stable_baselines3 import PPO as Ppo
-    from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.vec_env import VecNormalize
-
-    from motorprior.environments import make_env
-
-    torch.set_num_threads(1)
+    """The best policy of PPO."""
     motors = walker.motors.drawer(walker.robot)
-    options = {"commands": walker.walk.commands, "episode_steps": EPISODE_STEPS}
-    envs = VecNormalize(make_vec_env(lambda: make_env(walker.robot, motors, **options), n_envs=ENVIRONMENTS, seed=seed))
-    net = {"log_std_init": -1.5, "net_arch": {"pi": [UNITS_OF_PPO], "vf": [64, 64]}}
-    model = Ppo(
-        "MlpPolicy", envs, n_steps=ROUND, batch_size=512, gamma=0.98, policy_kwargs=net, seed=seed, device="cpu"
-    )
-    champion = the_gait(walker, seed, executor)
-    for iteration in range(CONTEST_EVERY, walker.settings.iterations + CONTEST_EVERY, CONTEST_EVERY):
-        done = min(iteration, walker.settings.iterations)
-        wanted = done * POPULATION * EPISODE_STEPS - model.num_timesteps
-        if wanted > 0:
-            model.learn(wanted, reset_num_timesteps=False)
-        champion = challenge(executor, seed, arrays_of(model.policy, envs), done, champion)
+    ppo = Ppo(walker.robot, motors, seed, commands=walker.walk.commands, episode_steps=EPISODE_STEPS)
+    champion, iterations = the_gait(walker, seed, executor), walker.settings.iterations
+    for iteration in range(CONTEST_EVERY, iterations + CONTEST_EVERY, CONTEST_EVERY):
+        done = min(iteration, iterations)
+        ppo.learn_until(done * POPULATION * EPISODE_STEPS)
+        champion = challenge(executor, seed, ppo.policy(), done, champion)
     return champion
-
-
-def arrays_of(net: Any, envs: Any) -> PolicyArrays:
-    """The mean action of PPO's net, with its observations normalised, as a policy of ours."""
-    layer, head = net.mlp_extractor.policy_net[0], net.action_net
-    hidden = np.column_stack([layer.weight.detach().numpy(), layer.bias.detach().numpy()]).astype(np.float64)
-    weights = np.zeros((head.out_features, hidden.shape[1]))
-    weights[:, -1] = head.bias.detach().numpy()
-    seen = envs.obs_rms
-    readout = np.ascontiguousarray(head.weight.detach().numpy().T.astype(np.float64))
-    return PolicyArrays(weights, hidden, readout, seen.mean.copy(), np.sqrt(seen.var + envs.epsilon))
 
 
 def train(walker: Walker, condition: Condition, seed: int) -> Path:
@@ -246,6 +218,7 @@ def train(walker: Walker, condition: Condition, seed: int) -> Path:
         return folder
     PROGRESS.note(f"{method} {seed} ...")
     executor = walker.executor()
+    remove(folder, UNFINISHED)  # none of these goes on: the seconds of an interrupted training do not count
     try:
         with working(folder, wanted):
             if method == PPO:

@@ -11,7 +11,7 @@ cores.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
@@ -46,7 +46,11 @@ class Settings:
     widths: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4)
     """Shares by which every constant varies."""
     validation: str = "mixed"
-    """Fleet whose motors the policies walk on."""
+    """Fleet whose motors the policies walk on; none of the study's twins'."""
+    fleet: str | None = None
+    """Fleet of the study."""
+    speed: float | None = None
+    """Commanded in the study [m/s]; its default if not given."""
     seeds: int = 3
     """Policies per width."""
     draws: int = 32
@@ -61,18 +65,17 @@ def measured(settings: Settings) -> WalkTable:
     """Every walk of every policy, in its own simulation and on the validation fleet."""
     constants = read_json(settings.study / "fits" / FITS)[PD_FRICTION]["constants"]
     study = Study(
-        settings.out, foreign=settings.validation, seeds=settings.seeds, draws=settings.draws, seed=settings.seed,
-        workers=settings.workers,
-    )  # fmt: skip
-    cells = [
-        (
-            Condition(f"{width:g}", MotorChoice("pd", spread=width, name=f"{width:g}", **constants), twins=(ABROAD,)),
-            seed,
-        )
-        for seed in range(settings.seeds)
+        settings.out, settings.fleet, seeds=settings.seeds, draws=settings.draws, speed=settings.speed,
+        validation=settings.validation, seed=settings.seed, workers=settings.workers,
+    ).sized()  # fmt: skip
+    pd = MotorChoice("pd", fleet=settings.fleet, **constants)
+    conditions = [
+        Condition(f"{width:g}", replace(pd, spread=width, name=f"{width:g}"), twins=(ABROAD,))
         for width in settings.widths
     ]
-    return walk_table(study.sized(), cells, Lines(sys.stderr))
+    cells = [(condition, seed) for seed in range(settings.seeds) for condition in conditions]
+    there = replace(study, foreign=settings.validation, validation=None)  # contests are won at home, as in the study
+    return walk_table(there, cells, Lines(sys.stderr))
 
 
 def figures_of(table: WalkTable, validation: str) -> dict[str, float]:

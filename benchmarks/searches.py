@@ -1,4 +1,4 @@
-"""Searches of other libraries behind one interface, for benchmarks/optimisers.py. All maximise."""
+"""Searches of other libraries behind one interface, and PPO, for benchmarks/optimisers.py. All maximise."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from motorprior.locomotion.policy import PolicyArrays
+from motorprior.robots.robot import Robot
+from motorprior.simulation.mujoco_backend import DrawMotors
+
 CMA_STEP = 0.03
 """Standard deviation of CMA-ES at its start [-]."""
 PGPE_SPEED, PGPE_DEVIATION = 0.06, 0.03
 """Most that PGPE's center moves in an iteration, in Euclidean norm, and its standard deviation at the start [-]."""
+PPO_UNITS, PPO_ENVIRONMENTS, PPO_ROUND = 32, 8, 512
+"""Hidden units of its policy; environments; steps of each between updates."""
 
 
 class Search(Protocol):
@@ -99,3 +105,52 @@ class Pgpe:
 
         self._state = pgpe_tell(self._state, self._asked, torch.as_tensor(returns))
         self._iteration += 1
+
+
+class Ppo:
+    """PPO by Stable-Baselines3, with the settings of examples/train_ppo.py but for the net: one layer of tanh.
+
+    Args:
+        robot: that walks.
+        motors: draws the motors of an episode.
+        seed: of everything; two seeds share no episode.
+        options: further ones of `make_env`.
+    """
+
+    def __init__(self, robot: Robot, motors: DrawMotors, seed: int, **options: Any):
+        import torch
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.env_util import make_vec_env
+        from stable_baselines3.common.vec_env import VecNormalize
+
+        from motorprior.environments import make_env
+
+        torch.set_num_threads(1)
+        first = PPO_ENVIRONMENTS * seed  # environment k is seeded with this and k
+        envs = make_vec_env(lambda: make_env(robot, motors, **options), n_envs=PPO_ENVIRONMENTS, seed=first)
+        self._envs, net = VecNormalize(envs), {"pi": [PPO_UNITS], "vf": [64, 64]}
+        self._model = PPO(
+            "MlpPolicy", self._envs, n_steps=PPO_ROUND, batch_size=512, gamma=0.98, seed=first, device="cpu",
+            policy_kwargs={"log_std_init": -1.5, "net_arch": net},
+        )  # fmt: skip
+
+    def learn_until(self, steps: int) -> None:
+        """Go on until so many control steps were taken since the beginning, in whole rounds."""
+        left = steps - self._model.num_timesteps
+        if left > 0:
+            self._model.learn(left, reset_num_timesteps=False)
+
+    def policy(self) -> PolicyArrays:
+        """Its mean action, as a policy of ours."""
+        return arrays_of(self._model.policy, self._envs)
+
+
+def arrays_of(net: Any, envs: Any) -> PolicyArrays:
+    """The mean action of PPO's net, with its observations normalised, as a policy of ours."""
+    layer, head = net.mlp_extractor.policy_net[0], net.action_net
+    hidden = np.column_stack([layer.weight.detach().numpy(), layer.bias.detach().numpy()]).astype(np.float64)
+    weights = np.zeros((head.out_features, hidden.shape[1]))
+    weights[:, -1] = head.bias.detach().numpy()
+    seen = envs.obs_rms
+    readout = np.ascontiguousarray(head.weight.detach().numpy().T.astype(np.float64))
+    return PolicyArrays(weights, hidden, readout, seen.mean.copy(), np.sqrt(seen.var + envs.epsilon))

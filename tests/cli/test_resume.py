@@ -261,7 +261,8 @@ def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
     package = Path(stage_module.__file__).parents[1]
     code = {}
     parts = ("actuator/physical.py", "pipeline/adapt.py", "pipeline/training.py")
-    for changed in (*parts, "cli/console.py", "report/plots_style.py"):
+    judges = tuple(f"transfer/study_{name}.py" for name in ("summary", "verdicts", "claims", "results"))
+    for changed in (*parts, *judges, "cli/console.py", "report/plots_style.py"):
         copy = tmp_path / "package" / changed.replace("/", "-")
         for path in package.rglob("*.py"):
             target = copy / path.relative_to(package)
@@ -272,4 +273,4 @@ def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
     assert [a == b for a, b in zip(code["actuator/physical.py"], now, strict=True)] == [False, False, False]
     assert [a == b for a, b in zip(code["pipeline/adapt.py"], now, strict=True)] == [True, False, True]
     assert [a == b for a, b in zip(code["pipeline/training.py"], now, strict=True)] == [True, True, False]
-    assert code["cli/console.py"] == code["report/plots_style.py"] == now
+    assert all(code[each] == now for each in (*judges, "cli/console.py", "report/plots_style.py"))

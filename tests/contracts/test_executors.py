@@ -232,8 +232,8 @@ def test_a_fault_cancels_what_is_left_and_a_failure_of_ray_is_a_fault(ray, tmp_p
 @pytest.mark.slow
 def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, tmp_path):
     config = Walk(tmp_path, MotorChoice("fleet"), episode_steps=30)
-    draws = config.motors.drawer(PUPPER_V2)
-    make = scene(config, PUPPER_V2, config.motors, draws).simulator  # what the command line sends to Ray
+    draws, physics_dt = config.motors.drawer(PUPPER_V2), config.motors.physics_dt(PUPPER_V2)
+    make = scene(config, PUPPER_V2, draws, physics_dt).simulator  # what the command line sends to Ray
     monkeypatch.setenv("RAY_ADDRESS", cluster.address)
     executor = make_executor(make, 3, "ray")
     try:

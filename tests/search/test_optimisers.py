@@ -8,15 +8,16 @@ import pytest
 from study_walks import PLACES, invented
 
 import optimisers
+import searches
 from motorprior.locomotion.policy import PolicyArrays, act, zero_policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.results import Result, Results
 from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, Champion, episode_seed
-from searches import Cma, Pgpe
+from searches import Cma, Pgpe, arrays_of
 
 
 class Climbs:
-    """A search of the gait itself and one mirrored pair beside it; notes what it is told."""
+    """A search that goes up by a fixed step; notes what it is told."""
 
     pairs = True
 
@@ -24,11 +25,12 @@ class Climbs:
         self.center, self.told = np.zeros(size), []
 
     def ask(self) -> np.ndarray:
-        step = np.full_like(self.center, 1e-3)
+        step = np.full_like(self.center, 1e-2)
         return np.array([self.center + step, self.center - step])
 
     def tell(self, returns: np.ndarray) -> None:
         self.told.append(returns)
+        self.center = self.center + 1e-2
 
 
 @pytest.fixture
@@ -46,7 +48,10 @@ def test_a_search_is_told_returns_and_the_best_has_the_score_of_its_contest(walk
         seeds = [episode_seed(3, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
         alone = executor.map(optimisers.run_policy, None, [(champion.policy, seed) for seed in seeds])
         executor.close()
-        assert champion.iteration in (0, 2) and champion.score == np.mean([each.total for each in alone])
+        shown = champion.policy.weights[:, :-1]
+        steps = optimisers.AVERAGING * 1e-2 * np.array([1.0, 2.0 - optimisers.AVERAGING]).sum()  # the average's way
+        assert champion.iteration == 0 or np.abs(shown).max() == pytest.approx(steps, rel=1e-6)
+        assert champion.score == np.mean([each.total for each in alone])
         assert np.array(search.told).shape == (2, 2) and np.std(search.told) > 0.0
         found.append((champion.score, np.array(search.told)))
     np.testing.assert_array_equal(found[0][1], found[1][1])
@@ -95,14 +100,14 @@ def test_a_net_of_ppo_acts_like_the_policy_that_is_made_of_it():
     normalised = torch.as_tensor((seen - Envs.obs_rms.mean) / np.sqrt(Envs.obs_rms.var + 1e-8), dtype=torch.float32)
     wanted = Net.action_net(Net.mlp_extractor.policy_net(normalised)).detach().numpy()
     out = np.empty(actions)
-    policy: PolicyArrays = optimisers.arrays_of(Net, Envs)
+    policy: PolicyArrays = arrays_of(Net, Envs)
     act(policy, seen, out)
     np.testing.assert_allclose(out, np.clip(wanted, -1.0, 1.0), atol=1e-6)
 
 
 def test_the_table_has_a_row_per_method_with_the_medians_of_its_trainings():
     trainings = Results.of(
-        Result(f"{method}/{quantity}", unit, 10.0 * number + seed, seed=seed)
+        Result(f"{method}/{quantity}", unit, 10.0 * number + seed**2, seed=seed)
         for number, method in enumerate(optimisers.METHODS)
         for quantity, unit in (("seconds", "s"), ("return", "m"))
         for seed in range(3)
@@ -120,11 +125,11 @@ def test_ppo_trains_a_policy_that_walks_in_contests(walker: optimisers.Walker, m
     for library in ("torch", "stable_baselines3"):
         pytest.importorskip(library, reason=f"{library} is not installed: pip install 'motorprior[optimisers]'")
     monkeypatch.setattr(optimisers, "EPISODE_STEPS", 8)
-    monkeypatch.setattr(optimisers, "ROUND", 64)
+    monkeypatch.setattr(searches, "PPO_ROUND", 64)
     executor = walker.executor()
     champion = optimisers.learned_by_ppo(walker, 0, executor)
     executor.close()
-    assert champion.policy.hidden.shape[0] in (0, optimisers.UNITS_OF_PPO) and np.isfinite(champion.score)
+    assert champion.policy.hidden.shape[0] in (0, searches.PPO_UNITS) and np.isfinite(champion.score)
 
 
 def test_an_unknown_method_is_refused(tmp_path: Path, monkeypatch):

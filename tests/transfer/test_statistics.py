@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import permutation_test, trim_mean
 
 from motorprior.transfer.statistics import (
+    compare_on_robots,
     compare_scores,
     estimate,
     holm,
@@ -140,6 +141,17 @@ def test_the_smallest_p_value_survives_the_correction_of_a_study():
     found = compare_scores(np.ones((8, 32)), np.zeros((8, 32)))
     comparisons_of_targets = 2 * 2 * 3 * 4  # ways to use the prior, rivals, measures, twins
     assert comparisons_of_targets * found.p < 0.05
+
+
+def test_robots_of_adapted_policies_are_resampled_with_those_of_others():
+    rng = np.random.default_rng(0)
+    robots = rng.uniform(0.0, 1.0, 8)
+    adapted, others = robots[:, None] + np.zeros((8, 4)) + 0.1, robots + np.zeros((5, 8))
+    found = compare_on_robots(adapted, others, means)
+    assert [found.difference.low, found.difference.value, found.difference.high] == pytest.approx([0.1] * 3)
+    assert found.p == pytest.approx(2 / 1287, rel=0.51), "8 of one, 5 of the other"
+    with pytest.raises(ValueError, match="8 robots against 3"):
+        compare_on_robots(adapted, np.zeros((5, 3)))
 
 
 def test_scores_that_are_not_known_decide_nothing():

@@ -63,7 +63,10 @@ _NO_NUMBERS = (
     ),
     *("pipeline/train_policy.py", "pipeline/comparison.py", "pipeline/tensorboard.py"),
     *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),
-    *(f"transfer/{name}.py" for name in ("statistics", "study_summary", "study_verdicts", "study_results")),  # judges
+    *(
+        f"transfer/{name}.py"
+        for name in ("statistics", "study_summary", "study_verdicts", "study_claims", "study_results")
+    ),  # judges
     *(
         f"pipeline/{name}.py"
         for name in ("play", "walk_film", "schedule_file", "robustness", "walk_report", "walk_metrics", "walk_seeds")

@@ -16,6 +16,7 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
@@ -96,7 +97,7 @@ class Walk:
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> None:
-    """Train, resume, or do nothing if the folder holds this very policy.
+    """Train, resume, or, if the folder holds this very policy, do no more than to write events that are asked for.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
@@ -140,7 +141,7 @@ def _write_events(folder: Path) -> None:
         ArtifactError: see `read_metrics`.
     """
     told = read_metrics(folder)
-    with events(folder / EVENTS) as add:
+    with taken(folder), events(folder / EVENTS) as add:
         for place in range(len(told["iteration"])):
             add({name: values[place].item() for name, values in told.items()})
 
@@ -182,7 +183,7 @@ class _Plan:
             ConfigError: see `scene`.
         """
         motors = [self.motors, *([] if self.judges is None else [self.judges])]
-        return [scene(self.config, self.robot, each.choice, each.draws) for each in motors]
+        return [scene(self.config, self.robot, each.draws, each.choice.physics_dt(self.robot)) for each in motors]
 
 
 @contextmanager
@@ -248,15 +249,15 @@ def _judges(validation: str, robot: Robot) -> _Motors:
         raise type(error)(problem, where=error.where, remedy=error.remedy, argument="validation") from error
 
 
-def scene(config: Walk, robot: Robot, motors: MotorChoice, draws: DrawMotors) -> Scene:
-    """What a worker simulates on motors that are drawn so.
+def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> Scene:
+    """What a worker simulates on motors that are drawn so, at a step of ``physics_dt`` [s].
 
     Raises:
         ConfigError: the engine is not installed, or cannot do what is asked.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
     terrain = Terrain(config.roughness)
-    return Scene(robot, config.engine, draws, motors.physics_dt(robot), walk, terrain)
+    return Scene(robot, config.engine, draws, physics_dt, walk, terrain)
 
 
 def _policy(plan: _Plan, champion: Champion) -> Policy:

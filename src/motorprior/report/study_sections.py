@@ -20,9 +20,9 @@ from motorprior.report.study_tables import (
     verdict_table,
 )
 from motorprior.robots.robot import Robot
-from motorprior.transfer.statistics import iqm
+from motorprior.transfer.statistics import SURE, iqm
 from motorprior.transfer.study_summary import ENOUGH_POLICIES, Summary, home_of
-from motorprior.transfer.study_verdicts import ORACLE, PRIOR, RIVALS, SURE, TWINS_WON, UNTRAINED
+from motorprior.transfer.study_verdicts import ORACLE, PRIOR, RIVALS, TWINS_WON, UNTRAINED
 from motorprior.transfer.walk_table import OWN, WalkTable
 
 _FILMED = (PRIOR, RIVALS[-1], ORACLE)
@@ -78,8 +78,8 @@ def _beside_the_gait(summary: Summary) -> list[str]:
 def _targets(summary: Summary) -> Section:
     caption = (
         "The prior: sampled or adapted, and one of the two has all that is asked. Better than a PD: with "
-        f"p < {SURE:g} on {TWINS_WON} twins, and worse on none. P values are of permutations of the policies, after "
-        "Holm over all these comparisons; to be worse is told by those before the correction."
+        f"p < {SURE:g} on {TWINS_WON} twins, by permutation of the policies and after Holm over all these comparisons, "
+        f"with 0 outside of the interval; and worse on none, where p < {SURE:g} without any correction is a loss."
     )
     table = verdict_table(summary.targets, "target", caption)
     return Section("Targets", "What was aimed at, and what was found.", tables=(table,))
@@ -104,7 +104,8 @@ def _speeds(table: WalkTable, summary: Summary) -> Section:
         "Every policy walks the same draws of motors and conditions at a place, but the adapted prior, whose policies "
         "meet the robot that they were adapted to. An interval resamples policies and draws together.",
     )
-    tables = (headline_table(summary), standing_table(summary), *(twin_table(summary, twin) for twin in twins))
+    standing = (standing_table(summary),) if summary.standing else ()
+    tables = (headline_table(summary), *standing, *(twin_table(summary, twin) for twin in twins))
     return Section("Speed", "How fast every policy is on robots it never saw.", body, tuple(pictures), tables)
 
 
@@ -142,8 +143,9 @@ def _measures(summary: Summary, legs: list[str]) -> Section:
 
 def _claims(summary: Summary) -> Section:
     caption = (
-        "Policies of the paper's recipe against those of the ideal PD. Steps and feet are told of its loss on our data "
-        "where the recipe's robot falls. P values of a permutation of the policies, after Holm over the claims."
+        "Policies of the paper's recipe against those of the ideal PD. How the robot steps and shakes is told of the "
+        "paper's loss on our data where the recipe's robot does not walk at home. P values by permutation of the "
+        "policies, after Holm over the claims."
     )
     table = verdict_table(summary.claims, "the paper says", caption)
     return Section("The paper's claims", "What the paper says of its learned motors.", tables=(table,))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
-from motorprior.transfer.statistics import Estimate
+from motorprior.transfer.statistics import SURE, Estimate
 from motorprior.transfer.study_summary import Summary
 from motorprior.transfer.study_verdicts import (
     COMPARED,
@@ -15,10 +15,8 @@ from motorprior.transfer.study_verdicts import (
     MEASURES,
     PRIOR,
     STEPS,
-    SURE,
     Pairing,
     Verdict,
-    better,
 )
 from motorprior.transfer.walk_table import OWN
 
@@ -46,9 +44,10 @@ def headline_caption() -> str:
     return (
         "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, share of the time upright, and "
         "how far to the side of its way a walk ends [m], interquartile mean. "
-        f"{LESS} less, {MORE} more than that of the sampled prior there with p < {SURE:g}, corrected; the adapted "
-        "prior is compared on the robots that it was adapted to, and the gait is not compared. Way to the side: of "
-        "walks without a fall."
+        f"{LESS} less, {MORE} more than that of the sampled prior there: p < {SURE:g}, corrected, and 0 outside of "
+        "the difference's interval; the adapted prior is compared on the robots that it was adapted to, the gait not "
+        "at all. The way to the side is that of walks without a fall, and not compared: who falls more keeps easier "
+        "walks."
     )
 
 
@@ -94,8 +93,8 @@ def twin_table(summary: Summary, twin: str) -> Table:
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
         "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
         "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, by permutation of the "
-        "policies, after Holm over all that is compared for the same purpose. The adapted prior is compared on the "
-        "robots that it was adapted to."
+        "policies, after Holm over its family: what targets ask, the steps of “What counts”, or all other conditions. "
+        "The adapted prior is compared on the robots that it was adapted to."
     )
     return Table(columns, rows, caption)
 
@@ -144,8 +143,8 @@ def step_tables(summary: Summary) -> list[Table]:
         ]
         if rows:
             columns = ("step", *(place_title(twin) for twin in twins))
-            better_by = f"How much {told.better} [{told.unit}], with 95 % interval"
-            caption = f"{better_by}; * with p < {SURE:g}, corrected over all steps."
+            more = f"How much {told.more} [{told.unit}], with 95 % interval"
+            caption = f"{more}; * where that is without 0 and p < {SURE:g}, corrected over all steps."
             found.append(Table(columns, tuple(rows), caption))
     return found
 
@@ -155,9 +154,8 @@ def _step(summary: Summary, pairing: Pairing) -> str | None:
     if compared is None or not math.isfinite(compared.difference.value):
         return None
     factor, digits = (100.0, 1) if COMPARED[pairing.measure].unit == "points" else (1.0, 3)
-    gain = better(pairing.measure, compared.difference)
-    value, low, high = (_signed(factor * each, digits) for each in _ends(gain))
-    mark = "*" if summary.corrected[pairing] < SURE else ""
+    value, low, high = (_signed(factor * each, digits) for each in _ends(compared.difference))
+    mark = "*" if compared.is_sure(summary.corrected[pairing]) else ""
     return f"{value}{mark} [{low},{_NO_BREAK}{high}]"
 
 
@@ -198,7 +196,7 @@ def _sign(summary: Summary, place: str, condition: str, measure: str) -> str:
     """Whether it is beyond doubt less or more than the prior's."""
     pairing = Pairing(place, PRIOR, condition, measure)
     compared = summary.comparisons.get(pairing)
-    if compared is None or summary.corrected[pairing] >= SURE:
+    if compared is None or not compared.is_sure(summary.corrected[pairing]):
         return ""
     return LESS if compared.difference.value > 0.0 else MORE
 

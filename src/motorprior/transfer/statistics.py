@@ -23,7 +23,8 @@ import numpy as np
 RESAMPLES = 2000
 SPLITS = 20_000
 """Most ways to deal the policies of two conditions that a test tries; of more it draws so many."""
-LEVEL = 0.95
+LEVEL, SURE = 0.95, 0.05
+"""Of intervals; p value below which a difference is no accident."""
 _SEED = 0x57A7
 _CHUNK = 1000
 """Resamples in memory at a time."""
@@ -42,10 +43,6 @@ class Estimate:
     low: float
     high: float
 
-    def negated(self) -> Estimate:
-        """Of the negative."""
-        return Estimate(-self.value, -self.high, -self.low)
-
 
 @dataclass(frozen=True)
 class Comparison:
@@ -61,9 +58,14 @@ class Comparison:
     improvement: float
     p: float
 
+    def is_sure(self, p: float) -> bool:
+        """Whether there is a difference beyond doubt: by a corrected p, and 0 is not in the interval."""
+        return p < SURE and not self.difference.low <= 0.0 <= self.difference.high
+
     def turned(self) -> Comparison:
         """The other against the one."""
-        return Comparison(self.difference.negated(), 1.0 - self.improvement, self.p)
+        there = self.difference
+        return Comparison(Estimate(-there.value, -there.high, -there.low), 1.0 - self.improvement, self.p)
 
 
 def iqm(scores: np.ndarray) -> float:
@@ -130,6 +132,38 @@ def compare_scores(
     value = statistic(one.ravel()) - statistic(other.ravel())
     difference = _with_interval(value, _bootstrap(sampled, resamples))
     return Comparison(difference, improvement(one, other, shared), permutation_p(statistic(one), statistic(other)))
+
+
+def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statistic = iqms) -> Comparison:
+    """Compare policies that walk one robot each with policies that walk all of these robots.
+
+    The interval resamples robots, the same ones of both, and the other policies. For the test, what the others do on a
+    robot less what they do on all, the robot's luck, is taken off the score of its policy. That is known from one walk
+    of every other policy, so that p is approximate; where adapted policies always stand and others fall on some robots,
+    it is too large.
+
+    Args:
+        adapted: (robots, draws) scores of the policy of every robot.
+        others: (policies, robots) scores, in the same order of robots.
+        statistic: whose difference is told.
+
+    Raises:
+        ValueError: no scores, or another number of robots.
+    """
+    _require_scores(adapted, others)
+    if len(adapted) != others.shape[1]:
+        raise ValueError(f"{len(adapted)} robots against {others.shape[1]}")
+
+    def sampled(rng: np.random.Generator, count: int) -> np.ndarray:
+        robots, policies = _places(rng, count, len(adapted)), _places(rng, count, len(others))
+        mine = _taken(adapted, robots, _places(rng, count, adapted.shape[1]))
+        return statistic(mine) - statistic(_taken(others, policies, robots))
+
+    value = statistic(adapted.ravel()) - statistic(others.ravel())
+    luck = statistic(others.T) - statistic(others.ravel())
+    p = permutation_p(statistic(adapted) - luck, statistic(others))
+    difference = _with_interval(value, _bootstrap(sampled, RESAMPLES))
+    return Comparison(difference, improvement(adapted, others, shared=False), p)
 
 
 def permutation_p(one: np.ndarray, other: np.ndarray) -> float:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motorprior.transfer.statistics import compare_scores, holm, iqm
+from motorprior.transfer.statistics import Comparison, compare_scores, holm, iqm
 from motorprior.transfer.study_verdicts import (
     BASELINE,
     IN_WORDS,
@@ -14,7 +14,6 @@ from motorprior.transfer.study_verdicts import (
     MEASURES,
     PAPER,
     PAPER_WIDE,
-    SURE,
     Verdict,
     number_text,
     percent_text,
@@ -54,10 +53,10 @@ _RECIPES = (PAPER, PAPER_WIDE)
 
 
 class _Tested(NamedTuple):
-    """Attributes: p of no difference; difference times the claim's sign; what was found."""
+    """Attributes: the comparison with the ideal PD; sign of the claim; what was found."""
 
-    p: float
-    agrees: float
+    compared: Comparison
+    sign: int
     found: str
 
 
@@ -66,10 +65,10 @@ def claims(table: WalkTable) -> tuple[Verdict, ...]:
 
     Of the paper's recipe. How the robot steps is told of the paper's loss on our data where the robot of the recipe
     does not walk in the simulation that it was trained in, and of neither where that one does not walk either. A claim
-    is decided where the difference has p < SURE, by Holm over the claims.
+    is decided where the difference is sure, by Holm over the claims.
     """
     tested = {claim: _test(claim, table) for claim in CLAIMS}
-    corrected = holm({claim: each.p for claim, each in tested.items() if isinstance(each, _Tested)})
+    corrected = holm({claim: each.compared.p for claim, each in tested.items() if isinstance(each, _Tested)})
     return tuple(_verdict(claim, each, corrected.get(claim, 1.0)) for claim, each in tested.items())
 
 
@@ -77,7 +76,8 @@ def _verdict(claim: Claim, tested: _Tested | str, p: float) -> Verdict:
     """Whether a claim holds, by its corrected p."""
     if isinstance(tested, str):
         return Verdict(claim.said, None, tested)
-    return Verdict(claim.said, tested.agrees > 0.0 if p < SURE else None, f"{tested.found} (p {p:.2g})")
+    holds = tested.sign * tested.compared.difference.value > 0.0 if tested.compared.is_sure(p) else None
+    return Verdict(claim.said, holds, f"{tested.found} (p {p:.2g})")
 
 
 def _test(claim: Claim, table: WalkTable) -> _Tested | str:
@@ -98,7 +98,7 @@ def _test(claim: Claim, table: WalkTable) -> _Tested | str:
     paper, pd = (number_text(float(statistic(each.ravel())), ".3g") for each in scores)
     unit = "" if MEASURES[measure] == "1" else f" {MEASURES[measure]}"
     found = f"{place}: {paper}{unit} after {IN_WORDS[recipe]}, {pd}{unit} after the ideal PD"
-    return _Tested(compared.p, claim.sign * compared.difference.value, found)
+    return _Tested(compared, claim.sign, found)
 
 
 def _walks(table: WalkTable, condition: str) -> bool:

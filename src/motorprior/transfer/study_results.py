@@ -7,7 +7,7 @@ import numpy as np
 from motorprior.results import Result, Results
 from motorprior.transfer.statistics import Estimate
 from motorprior.transfer.study_summary import Summary
-from motorprior.transfer.study_verdicts import ADAPTED, COMPARED, MEASURES, PRIOR, RIVALS, STEPS, better
+from motorprior.transfer.study_verdicts import ADAPTED, MEASURES, PRIOR, RIVALS, STEPS
 
 _STEPPED = {(before, after) for before, after, _ in STEPS}
 
@@ -16,10 +16,10 @@ def study_results(summary: Summary) -> Results:
     """Rows whose names as figures are PLACE/CONDITION/MEASURE, with /low and /high ends of the 95 % interval.
 
     Besides MEASURES there are ratio, to the speed where a policy was trained, and regret, to the oracle's speed [m/s];
-    policies_upright, the share of policies that are upright for 90 % of the time; MEASURE_p_against_ONE, corrected, and
-    MEASURE_improved_by_ONE, the probability that ONE is better; ONE is the prior or, beside its rivals, the adapted
-    prior. MEASURE_gain_over_BEFORE, of each of STEPS, is how much better a condition is than the one before it, with
-    its interval, and MEASURE_p_over_BEFORE, corrected for all steps.
+    policies_upright, the share of policies that are upright for 90 % of the time; MEASURE_p_against_ONE, corrected
+    within its family, and MEASURE_improved_by_ONE, the probability that ONE has more; ONE is the prior or, beside its
+    rivals, the adapted prior. MEASURE_gain_over_BEFORE, of each of STEPS, is how much more a condition has than the one
+    before it, with its interval, and MEASURE_p_over_BEFORE, corrected for all steps. See `study_summary.families`.
     """
     ratios = {(*pair, "ratio"): each for pair, each in summary.ratios.items()}
     regrets = {(*pair, "regret"): each for pair, each in summary.regrets.items()}
@@ -33,14 +33,12 @@ def study_results(summary: Summary) -> Results:
         place, one, other, measure = pairing
         p = summary.corrected[pairing]
         if (other, one) in _STEPPED:
-            name, gain = f"{place}/{one}/{measure}", better(measure, compared.difference)
-            rows += with_interval(f"{name}_gain_over_{other}", MEASURES[measure], gain)
+            name = f"{place}/{one}/{measure}"
+            rows += with_interval(f"{name}_gain_over_{other}", MEASURES[measure], compared.difference)
             rows.append(Result(f"{name}_p_over_{other}", "1", p))
         if one == PRIOR or (one == ADAPTED and other in RIVALS):
             rows.append(Result(f"{place}/{other}/{measure}_p_against_{one}", "1", p))
-            more = compared.improvement if COMPARED[measure].sign > 0 else 1.0 - compared.improvement
-            if np.isfinite(more):  # of drift, where all fell
-                rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", more))
+            rows.append(Result(f"{place}/{other}/{measure}_improved_by_{one}", "1", compared.improvement))
     return Results.of(rows)
 
 

@@ -12,13 +12,12 @@ from motorprior.transfer.places import ABROAD, TWINS
 from motorprior.transfer.statistics import (
     Comparison,
     Estimate,
-    Statistic,
+    compare_on_robots,
     compare_scores,
     estimate,
     holm,
     iqm,
     means,
-    permutation_p,
     ratio,
 )
 from motorprior.transfer.study_claims import claims
@@ -45,7 +44,7 @@ from motorprior.transfer.study_verdicts import (
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
 
 ENOUGH_POLICIES = 8
-"""Of a condition, to decide anything. The exact test of 6 against 6 can no more be sure after its correction."""
+"""Of a condition, to decide anything: as many as the study asks for."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Summary:
         corrected: likewise, p by Holm over the family.
         targets: of the study.
         claims: of the paper.
-        policies: fewest policies of a trained condition at a place.
+        policies: fewest policies of one of CONDITIONS at a place, but the gait.
     """
 
     estimates: Mapping[tuple[str, str, str], Estimate]
@@ -120,8 +119,8 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
     }
     standing = {pair: _standing(*pair, cell) for pair, cell in cells.items() if "upright" in cell.measures()}
     comparisons, corrected = _compared(cells, alone)
-    trained = (cell for (_, condition), cell in cells.items() if condition != UNTRAINED)
-    policies = min((len(cell.distinct("seed")) for cell in trained), default=0)
+    judged = (cell for (_, condition), cell in cells.items() if condition in CONDITIONS and condition != UNTRAINED)
+    policies = min((len(cell.distinct("seed")) for cell in judged), default=0)
     aims, said = targets(Facts(estimates, comparisons, corrected, _peers(cells))), claims(table)
     if policies < ENOUGH_POLICIES:
         aims, said = (tuple(replace(each, holds=None) for each in verdicts) for verdicts in (aims, said))
@@ -181,40 +180,27 @@ def _compare(pairing: Pairing, cells: Cells, alone: frozenset[str]) -> Compariso
     elif other == ADAPTED:
         theirs, mine = _on_the_same_robots(theirs, mine)
     first, second = mine.scores(place, one, measure), theirs.scores(place, other, measure)
-    compared = compare_scores(first, second, shared, statistic)
-    if ADAPTED not in (one, other):
-        return compared
-    adapted, others = (first, second) if one == ADAPTED else (second, first)
-    return replace(compared, p=_p_without_luck(adapted, others, statistic))
+    if one == ADAPTED and _common_robots(mine, theirs):
+        return compare_on_robots(first, second, statistic)
+    if other == ADAPTED and _common_robots(theirs, mine):
+        return compare_on_robots(second, first, statistic).turned()
+    return compare_scores(first, second, shared, statistic)
+
+
+def _common_robots(adapted: WalkTable, others: WalkTable) -> set[int]:
+    """Seed k of the adapted prior walks robot k, and so does draw k of everybody else."""
+    return set(adapted.distinct("seed")) & set(others.distinct("draw"))
 
 
 def _on_the_same_robots(adapted: WalkTable, others: WalkTable) -> tuple[WalkTable, WalkTable]:
-    """Those of the walks of the adapted policies and of others that are on robots of both; all if there is none.
-
-    Seed k of the adapted prior walks robot k, and so does draw k of everybody else.
-    """
-    robots = set(adapted.distinct("seed")) & set(others.distinct("draw"))
+    """Those of the walks of the adapted policies and of others that are on robots of both; all if there is none."""
+    robots = _common_robots(adapted, others)
     if not robots:
         return adapted, others
     return (
         WalkTable.of(walk for walk in adapted.walks if walk.seed in robots),
         WalkTable.of(walk for walk in others.walks if walk.draw in robots),
     )
-
-
-def _p_without_luck(adapted: np.ndarray, others: np.ndarray, statistic: Statistic) -> float:
-    """`permutation_p` of policies that walk one robot each against policies that walk all of them.
-
-    What the others do on a robot, less what they do on all, is the robot's luck; the score of an adapted policy is told
-    without it. An approximation: the luck is known from one walk of every other policy.
-
-    Args:
-        adapted: (robots, draws) scores of the policy of every robot.
-        others: (policies, robots) scores.
-        statistic: of the scores of a policy, or of a robot.
-    """
-    luck = statistic(others.T) - statistic(others.ravel()) if len(adapted) == others.shape[1] else 0.0
-    return permutation_p(statistic(adapted) - luck, statistic(others))
 
 
 def _peers(cells: Cells) -> dict[str, Peer]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.transfer.places import TWINS
-from motorprior.transfer.statistics import Comparison, Estimate, Statistic, iqms, means
+from motorprior.transfer.statistics import SURE, Comparison, Estimate, Statistic, iqms, means
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD
 
 MEASURES = {
@@ -35,29 +35,19 @@ HARD = "hard"
 
 
 class Compared(NamedTuple):
-    """How a measure is told. Attributes: better in words; +1 if more of it is better, else -1; its unit."""
+    """How a measure is told. Attributes: more of it in words; its unit."""
 
-    better: str
-    sign: int
+    more: str
     unit: str
 
 
-COMPARED = {
-    "speed": Compared("faster", 1, "m/s"),
-    "upright": Compared("upright for longer", 1, "points"),
-    "drift": Compared("straighter", -1, "m"),
-}
-"""Measures that conditions are compared by."""
+COMPARED = {"speed": Compared("faster", "m/s"), "upright": Compared("upright for longer", "points")}
+"""Measures that conditions are compared by. Drift is none: it is known of who does not fall."""
 
 
 def statistic_of(measure: str) -> Statistic:
     """What scores of a measure are summarised by."""
     return means if measure in _MEANS else iqms
-
-
-def better(measure: str, difference: Estimate) -> Estimate:
-    """A difference of a measure as how much better the first is."""
-    return difference if COMPARED[measure].sign > 0 else difference.negated()
 
 
 STEPS = (
@@ -68,8 +58,6 @@ STEPS = (
     (ADAPTED, ORACLE, "true motors of other robots"),
 )
 """What each step from the tuned PD to the oracle changes: from, to, what it is."""
-SURE = 0.05
-"""P value below which a difference is no accident."""
 IN_WORDS = {
     PRIOR: "sampled", ADAPTED: "adapted", PD_FRICTION: "a PD with friction", PD_RANDOMISED: "a randomised PD",
     PAPER: "the paper's recipe", PAPER_WIDE: "the paper's loss on our data",
@@ -168,21 +156,26 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
         each_holds.append(bool(share >= ENOUGH_SPEED and upright >= ENOUGH_UPRIGHT))
         found.append(f"{stands}, {percent_text(share)} of the speed")
     said = f"{place}: the prior has {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
-    holds = True if True in each_holds else None if None in each_holds or not each_holds else False
-    return Verdict(f"{said} and is {100 * ENOUGH_UPRIGHT:.0f} % upright", holds, "; ".join(found) or "not measured")
+    said = f"{said} and is {100 * ENOUGH_UPRIGHT:.0f} % upright"
+    return Verdict(said, _either(each_holds), "; ".join(found) or "not measured")
+
+
+def _either(each_holds: list[bool | None]) -> bool | None:
+    """Whether one of two ways holds; None where none does, and one cannot be told."""
+    if True in each_holds:
+        return True
+    return None if None in each_holds or not each_holds else False
 
 
 def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
     """One of the two ways of using the prior must be better on enough twins and worse on none, both beyond doubt."""
     ways = {name: [Pairing(place, name, rival, measure) for place in twins] for name in (PRIOR, ADAPTED)}
-    met = {name: [pairing for pairing in ways[name] if pairing in facts.comparisons] for name in ways}
-    won = [_wins(facts, pairings) for pairings in met.values()]
-    said = f"the prior is {COMPARED[measure].better} than {IN_WORDS[rival]}"
-    found = "; ".join(
-        f"{IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items() if pairings
-    )
-    known = [each for each in won if each is not None]
-    return Verdict(said, any(known) if known else None, found or "not measured")
+    met = {
+        name: known for name in ways if (known := [pairing for pairing in ways[name] if pairing in facts.comparisons])
+    }
+    said = f"the prior is {COMPARED[measure].more} than {IN_WORDS[rival]}"
+    found = "; ".join(f"{IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items())
+    return Verdict(said, _either([_wins(facts, each) for each in met.values()]), found or "not measured")
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
@@ -190,13 +183,15 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
 
     A single twin may show a loss, never a win. A correction makes a win harder to claim; a loss it would hide.
     """
-    won = sum(_is_sure(facts, each) and _gain(facts, each) > 0.0 for each in pairings)
-    lost = any(_is_loss(facts, each) for each in pairings)
-    return (won >= TWINS_WON and not lost) if lost or len(pairings) >= TWINS_WON else None
+    if any(_is_loss(facts, each) for each in pairings):
+        return False
+    if len(pairings) < TWINS_WON:
+        return None
+    return sum(_is_sure(facts, each) and _gain(facts, each) > 0.0 for each in pairings) >= TWINS_WON
 
 
 def _is_sure(facts: Facts, pairing: Pairing) -> bool:
-    return facts.corrected[pairing] < SURE
+    return facts.comparisons[pairing].is_sure(facts.corrected[pairing])
 
 
 def _is_loss(facts: Facts, pairing: Pairing) -> bool:
@@ -205,8 +200,8 @@ def _is_loss(facts: Facts, pairing: Pairing) -> bool:
 
 
 def _gain(facts: Facts, pairing: Pairing) -> float:
-    """How much better the first of a pair is, in the measure's unit."""
-    return better(pairing.measure, facts.comparisons[pairing].difference).value
+    """How much more the first of a pair has, in the measure's unit."""
+    return facts.comparisons[pairing].difference.value
 
 
 def _differences(facts: Facts, pairings: list[Pairing]) -> str:
