@@ -89,12 +89,17 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
 def test_a_study_without_twins_has_a_page_too(tmp_path: Path):
     write_study(tmp_path, table_of({("own", "prior"): [[0.1, 0.2]]}), {})
     text = build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
-    assert "4 of 4 targets cannot be told" in text and "What counts" not in text and "not measured" in text
+    assert (
+        "it has 1 of 8 policies per condition" in text
+        and "cannot be told" in text
+        and "What counts" not in text
+        and "not measured" in text
+    )
 
 
 def test_a_study_of_few_policies_says_so_first():
     words = first_paragraph(summarise(invented(("prior", "oracle"), ("own", "fleet"), seeds=3)))
-    assert words.startswith("This study decides nothing: it has 3 policies per condition, not 8. ")
+    assert words.startswith("This study decides nothing: it has 3 of 8 policies per condition. ")
 
 
 def test_the_page_has_the_settings_and_the_command(page: Path):

@@ -51,12 +51,14 @@ def study_sections(
 def first_paragraph(summary: Summary) -> str:
     """Which targets do not hold, then which cannot be told, both with what was found, then which hold.
 
-    A study of few policies says that before.
+    Of a study of few policies only that it decides nothing.
     """
     if not summary.targets:
         return "There is no target to judge."
-    few = f"This study decides nothing: it has {summary.policies} policies per condition, not {ENOUGH_POLICIES}."
-    parts = [few] if summary.policies < ENOUGH_POLICIES else []
+    if summary.policies < ENOUGH_POLICIES:
+        few = f"This study decides nothing: it has {summary.policies} of {ENOUGH_POLICIES} policies per condition."
+        return " ".join((few, "What they did is told below.", *_beside_the_gait(summary)))
+    parts = []
     for holds, words in ((False, "do not hold"), (None, "cannot be told"), (True, "hold")):
         found = [each for each in summary.targets if each.holds is holds]
         if found:
