@@ -51,11 +51,19 @@ def test_a_machine_stood_still_for_long_or_for_a_share_of_the_test(found: Machin
 
 
 @pytest.fixture
-def session(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Iterator:
+def waits() -> list[int]:
+    """An entry for every time that a session waited for the machine."""
+    return []
+
+
+@pytest.fixture
+def session(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, waits: list[int]) -> Iterator:
     """Run tests on a machine that was late by these times [s], attempt by attempt, then by the last of them."""
 
-    def run(*worst: float, tests: str = TESTS) -> tuple[dict[str, int], str, int]:
+    def run(*worst: float, tests: str = TESTS, most: float = 1.0) -> tuple[dict[str, int], str, int]:
         late = iter(worst)
+        monkeypatch.setattr(standstill, "MOST", most)
+        monkeypatch.setattr(standstill, "_wait_until_well", lambda stash: waits.append(1))
         monkeypatch.setattr(
             standstill, "BareTimers", lambda: SimpleNamespace(stop=lambda: report(next(late, worst[-1])))
         )
@@ -86,10 +94,13 @@ def test_only_a_failure_in_real_time_while_the_machine_stands_still_is_a_skip(se
     [((STALLED, STALLED, QUIET, STALLED, STALLED), True), ((STALLED, QUIET, QUIET, STALLED, STALLED), False)],
     ids=["once", "twice"],
 )
-def test_of_five_attempts_one_may_fail_while_the_machine_is_well(session, worst: tuple[float, ...], excused: bool):
+def test_of_five_attempts_one_may_fail_while_the_machine_is_well(
+    session, waits: list[int], worst: tuple[float, ...], excused: bool
+):
     tests = TESTS.split("@pytest.mark.real_time\n@pytest.mark.flaky(1)")[0].replace("reruns=1", "reruns=4")
     found, _, code = session(*worst, tests=tests)
     assert (found["rerun"], found.get("skipped", 0), code) == (4, int(excused), int(not excused))
+    assert len(waits) == worst[:-1].count(STALLED), "once after each attempt that the machine spoiled"
 
 
 BREAKS_LATER = """
@@ -113,9 +124,34 @@ def test_a_teardown_after_a_failure_is_judged_as_the_failure(session, worst: flo
     assert {name: found.get(name, 0) for name in outcomes} == outcomes and code == int(not excused)
 
 
-def test_a_session_in_which_next_to_nothing_was_judged_has_failed(session, monkeypatch: pytest.MonkeyPatch):
+def test_a_session_in_which_next_to_nothing_was_judged_has_failed(session):
     tests = TESTS.split("@pytest.mark.real_time\n@pytest.mark.flaky(1)")[0]
     assert session(STALLED, tests=tests)[2] == 0
-    monkeypatch.setattr(standstill, "MOST", 0)
-    _, said, code = session(STALLED, tests=tests)
-    assert code == 1 and "1 tests were not judged, this machine stood still; more than 0" in said
+    _, said, code = session(STALLED, tests=tests, most=0.5)
+    assert code == 1 and "1 of 1 tests were not judged, this machine stood still; more than 50%" in said
+
+
+@pytest.mark.parametrize(
+    ("worst", "looks"),
+    [((STALLED, STALLED, QUIET), 3), ((QUIET,), 1), ((STALLED,), 4)],
+    ids=["soon", "at once", "never"],
+)
+def test_before_it_repeats_a_session_waits_for_the_machine_but_not_for_ever(
+    monkeypatch: pytest.MonkeyPatch, worst: tuple[float, ...], looks: int
+):
+    now, looked = [0.0], []
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+        looked.append(seconds)
+
+    late = iter(worst)
+    monkeypatch.setattr(standstill, "time", SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    monkeypatch.setattr(standstill, "BareTimers", lambda: SimpleNamespace(stop=lambda: report(next(late, worst[-1]))))
+    monkeypatch.setattr(standstill, "PATIENCE", 4 * standstill.LOOK)
+    stash = pytest.Stash()
+    standstill._wait_until_well(stash)
+    assert len(looked) == looks
+    monkeypatch.setattr(standstill, "PATIENCE_IN_ALL", now[0])
+    standstill._wait_until_well(stash)
+    assert len(looked) == looks, "all that the session waits for has been waited for"

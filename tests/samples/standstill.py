@@ -2,8 +2,9 @@
 
 A host of virtual machines that lends a core to others for a second makes a robot's telemetry stale, and no test of a
 robot in real time can be judged there. Such a test is run again; where it never passes, but the machine stood still in
-(nearly) every attempt, it is skipped and says for how long, and what failed. On a machine that did not stand still it
-has failed, and so have errors of the program's text on any machine, and a session with too many such skips.
+(nearly) every attempt, it is skipped and says for how long, and what failed. The next attempt waits a while for the
+machine to be well again. On a machine that did not stand still the test has failed, and so have errors of the program's
+text on any machine, and a session with too many such skips.
 """
 
 from __future__ import annotations
@@ -25,14 +26,19 @@ SHORT = 0.005
 """Lateness [s] that does not count for the share: any busy machine has it."""
 WELL = 4
 """One attempt in so many may fail while the machine did not stand still: a fault of the program fails in all."""
-MOST = 15
-"""Skips of a session: on a machine that spoils more than one test in eight nothing was tested."""
+MOST = 0.5
+"""Share of the tests in real time that may be skipped: on a machine that spoils more of them little was tested."""
+LOOK, PATIENCE, PATIENCE_IN_ALL = 2.0, 20.0, 600.0
+"""Before it repeats what the machine spoiled, a session looks for so long [s] whether it is well, waits for that for so
+long, and so long for all its tests together."""
 _NEVER = (ImportError, NameError, SyntaxError)
 """Errors that no machine makes."""
-_TIMERS, _REASONS, _SKIPS = (
+_TIMERS, _REASONS, _SKIPS, _RUN, _WAITED = (
     pytest.StashKey["_Timed | None"](),
     pytest.StashKey[list[str | None]](),
     pytest.StashKey[set[str]](),
+    pytest.StashKey[set[str]](),
+    pytest.StashKey[float](),
 )
 
 
@@ -50,10 +56,24 @@ class _Timed:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
-    """Begin to time."""
+    """Begin to time, after what the machine spoiled not before it is well again."""
     if item.get_closest_marker("real_time"):
+        item.config.stash.setdefault(_RUN, set()).add(item.nodeid)
+        if any(item.stash.get(_REASONS, [])[-1:]):
+            _wait_until_well(item.config.stash)
         item.stash[_TIMERS] = _Timed()
     return (yield)
+
+
+def _wait_until_well(stash: pytest.Stash) -> None:
+    begun, waited = time.monotonic(), stash.get(_WAITED, 0.0)
+    give_up = begun + min(PATIENCE, PATIENCE_IN_ALL - waited)
+    while time.monotonic() < give_up:
+        timed = _Timed()
+        time.sleep(LOOK)
+        if timed.end() is None:
+            break
+    stash[_WAITED] = waited + time.monotonic() - begun
 
 
 @pytest.hookimpl(wrapper=True)
@@ -84,17 +104,24 @@ def _is_excused(reasons: list[str | None]) -> bool:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail where next to nothing could be judged."""
-    if len(session.config.stash.get(_SKIPS, ())) > MOST:
+    """Fail where too little could be judged."""
+    if _judged_too_little(session.config):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def _judged_too_little(config: pytest.Config) -> bool:
+    return len(config.stash.get(_SKIPS, ())) > MOST * len(config.stash.get(_RUN, ()))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     """Say how many were not judged."""
     skips = config.stash.get(_SKIPS, ())
     if skips:
-        judged = f"more than {MOST}: the session has failed" if len(skips) > MOST else "run these on a quiet machine"
-        terminalreporter.write_line(f"{len(skips)} tests were not judged, this machine stood still; {judged}")
+        said = (
+            f"more than {MOST:.0%}: the session has failed" if _judged_too_little(config) else "run them on a quiet one"
+        )
+        every = len(config.stash[_RUN])
+        terminalreporter.write_line(f"{len(skips)} of {every} tests were not judged, this machine stood still; {said}")
 
 
 def stood_still(machine: MachineReport | None, duration: float) -> str | None:
