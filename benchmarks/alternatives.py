@@ -49,7 +49,8 @@ from motorprior.results import Result, Results
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.robot_fidelity import STEPS, trot_targets
 
 TAPS = (0, 1, 2, 4, 6, 9, 13, 20)

@@ -32,7 +32,8 @@ from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200

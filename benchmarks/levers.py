@@ -25,7 +25,8 @@ from motorprior.simulation import build_model, timed_paths
 from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.mj_call import library
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 MOTORS = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.008)
 UNDAMPED = IdealPd.uniform(12, kp=4.0, kd=0.0, torque_limit=1.26, armature=0.003)

@@ -32,7 +32,8 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import UNFINISHED, description, is_finished, remove, seconds_of, working
+from motorprior.pipeline.stage import description, is_finished, remove, seconds_of, working
+from motorprior.pipeline.stopwatch import UNFINISHED
 from motorprior.pipeline.study_conditions import Condition
 from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.study_watch import twins_here, watched

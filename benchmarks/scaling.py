@@ -23,7 +23,7 @@ from motorprior.search.executor_ray import chunk_size
 from motorprior.search.policy_search import Round, Task, advance, episode_seed, new_search, run_task
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 EPISODE_STEPS, REPEATS = 250, 9

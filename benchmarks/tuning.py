@@ -26,7 +26,8 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.identification.bench_fidelity import bench_errors
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.stage import RESULTS, code_digest, digest, fleet_files, read_results, write_results
+from motorprior.pipeline.digests import code_digest, digest
+from motorprior.pipeline.stage import RESULTS, fleet_files, read_results, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

@@ -40,7 +40,7 @@ from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.gait_quality import gait_quality
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED

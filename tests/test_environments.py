@@ -24,7 +24,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 ID = "motorprior/Walk-v0"
 ERRING = Randomization(gyro_bias=0.05, rate_noise=0.02, sensor_delay=(0.0, 0.03), command_delay=(0.0, 0.02))

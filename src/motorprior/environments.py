@@ -37,7 +37,7 @@ from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.vector_env import WalkVectorEnv
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 ENV_ID = "motorprior/Walk-v0"
 _FILES = ("prior", "posterior")

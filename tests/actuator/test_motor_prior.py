@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.copula import SCORES
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import SCHEMA_VERSION, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import CENTRAL_MOTOR, check_central_motor
 from motorprior.actuator.servo_terms import FAINT, SIGNED, TERMS

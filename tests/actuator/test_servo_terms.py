@@ -6,16 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import (
+from motorprior.actuator.geared_motor_constants import (
     BASE_CONSTANTS,
-    MotorState,
     StepConstants,
-    array_arithmetic,
     decode,
     parameters_of,
-    step,
     step_constants,
 )
+from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.servo_terms import ABSENT, SIGNED, TERMS, constants_of, in_order
 from motorprior.actuator.torque_law import reset_actuator, step_actuator

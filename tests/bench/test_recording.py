@@ -10,7 +10,8 @@ from motorprior.bench import excitation
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, bench_preset, record
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import channels, checked
+from motorprior.logs.motor_log import channels
+from motorprior.logs.validity import checked
 
 FLEET = load_fleet("pupper_v2")
 MOTORS = FLEET.sample(3, np.random.default_rng(0))

@@ -15,7 +15,8 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.posture import with_posture
 
 ROOT = Path(__file__).resolve().parents[2]

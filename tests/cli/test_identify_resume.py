@@ -14,7 +14,8 @@ from motorprior.artifacts import read_json, read_tensors, write_json
 from motorprior.pipeline import identify
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import CHECKPOINT, PRIOR
-from motorprior.pipeline.stage import MARKER, UNFINISHED, seconds_of
+from motorprior.pipeline.stage import MARKER, seconds_of
+from motorprior.pipeline.stopwatch import UNFINISHED
 
 Command = Callable[..., Any]
 STEPS = 1200

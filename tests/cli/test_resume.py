@@ -17,8 +17,8 @@ from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.fleet import fleet_path
 from motorprior.bench.recording import PRESETS as bench_presets
 from motorprior.identification.presets import PRESETS as identification_presets
+from motorprior.pipeline import digests, training, walk
 from motorprior.pipeline import stage as stage_module
-from motorprior.pipeline import training, walk
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
@@ -258,7 +258,7 @@ def test_a_changed_recipe_or_code_runs_it_again(
 
 
 def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
-    package = Path(stage_module.__file__).parents[1]
+    package = Path(digests.__file__).parents[1]
     code = {}
     parts = ("actuator/physical.py", "pipeline/adapt.py", "pipeline/training.py")
     judges = tuple(f"transfer/study_{name}.py" for name in ("summary", "verdicts", "claims", "results"))
@@ -268,8 +268,8 @@ def test_the_code_of_a_stage_is_what_its_numbers_depend_on(tmp_path: Path):
             target = copy / path.relative_to(package)
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(path.read_bytes() + (b"#" if path == package / changed else b""))
-        code[changed] = [stage_module.package_digest(stage, copy) for stage in ("bench", "validate", "walk")]
-    now = [stage_module.package_digest(stage, package) for stage in ("bench", "validate", "walk")]
+        code[changed] = [digests.package_digest(stage, copy) for stage in ("bench", "validate", "walk")]
+    now = [digests.package_digest(stage, package) for stage in ("bench", "validate", "walk")]
     assert [a == b for a, b in zip(code["actuator/physical.py"], now, strict=True)] == [False, False, False]
     assert [a == b for a, b in zip(code["pipeline/adapt.py"], now, strict=True)] == [True, False, True]
     assert [a == b for a, b in zip(code["pipeline/training.py"], now, strict=True)] == [True, True, False]

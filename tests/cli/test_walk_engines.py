@@ -19,7 +19,7 @@ from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.timed_paths import TimedPath, measure
-from motorprior.simulation.world import FAULTS
+from motorprior.simulation.world_step import FAULTS
 from motorprior.transfer import study
 
 Command = Callable[..., Any]

@@ -8,7 +8,7 @@ import pytest
 from motorprior.actuator.foreign import ForeignActuator, ForeignMotors
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import PhysicalActuator

@@ -22,7 +22,7 @@ from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 MUJOCO, BULLET = WorldConfig.of(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=0.001)
 

@@ -17,7 +17,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation import rollout
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 KP, KD = 9.0, 0.8
 READS_MORE = 0.01

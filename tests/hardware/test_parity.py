@@ -19,7 +19,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.mujoco_backend import MujocoBackend
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 WIRE = PUPPER_V2.require_wire()
 SIZES = Sizes.of(PUPPER_V2)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.identification.felt import felt_constants
 from motorprior.identification.initial_motor import INITIAL_MOTOR, encoded, with_motor
 from motorprior.identification.presets import PRESETS

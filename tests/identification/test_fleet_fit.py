@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification import fleet_fit
 from motorprior.identification.fleet_fit import (

@@ -14,15 +14,14 @@ from series import complete
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import DAMPING, FILTERED_VEL, JOINT_VEL, ROTOR_VEL, TARGET
+from motorprior.actuator.geared_motor_constants import RESOLVED, step_constants
 from motorprior.actuator.geared_motor_step import (
     BASE_STATE,
     EXTRA_DAMPING,
-    RESOLVED,
     STRIBECK_VELOCITY,
     MotorState,
     array_arithmetic,
     step,
-    step_constants,
 )
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.servo_terms import TERMS

@@ -7,7 +7,7 @@ import pytest
 
 from closing_the_loop import record
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
+from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Distribution, load_fleet
 from motorprior.identification.latent_fit import Posterior, adapt

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_step import PARAMETERS, MotorState
+from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import MotorState
 from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.servo_terms import TERMS

@@ -10,7 +10,7 @@ import pytest
 from series import complete
 
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run

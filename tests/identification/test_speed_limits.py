@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.identification.speed_limits import MARGIN, held_speed, least_outputs
 
 PERIOD, ROWS = 0.002, 500

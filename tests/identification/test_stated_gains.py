@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.closed_loop import closed_loop

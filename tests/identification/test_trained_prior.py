@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import geared

@@ -13,7 +13,8 @@ from motorprior.locomotion.trajectory_generator import add_support, foot_path, h
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 BODY = body_of(PUPPER_V2)
 FREQUENCY, LIFT = BODY.frequency, BODY.swing_height

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import channels, checked
+from motorprior.logs.motor_log import channels
+from motorprior.logs.validity import checked
 
 
 def test_a_good_log_passes_unchanged(full_log):

@@ -7,10 +7,11 @@ import pytest
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import SimulationFault
-from motorprior.pipeline import stage
+from motorprior.pipeline import digests, stopwatch
 from motorprior.pipeline.demo import _Stages
 from motorprior.pipeline.report import STAGES, belonging_stages, seconds_by_kind
-from motorprior.pipeline.stage import MARKER, UNFINISHED, is_finished, seconds_of, working
+from motorprior.pipeline.stage import MARKER, is_finished, seconds_of, working
+from motorprior.pipeline.stopwatch import UNFINISHED
 
 WANTED = {"stage": "walk", "config": {"seed": 0}}
 
@@ -28,7 +29,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(stage, "time", clock)
+    monkeypatch.setattr(stopwatch, "time", clock)
     return clock
 
 
@@ -137,5 +138,5 @@ def test_the_marker_says_what_was_asked_and_how_long_it_took(tmp_path: Path, clo
 
 
 def test_every_pattern_of_code_that_no_number_depends_on_matches_a_file():
-    package = Path(stage.__file__).parents[1]
-    assert [pattern for pattern in stage._NO_NUMBERS if not list(package.glob(pattern))] == []
+    package = Path(digests.__file__).parents[1]
+    assert [pattern for pattern in digests._NO_NUMBERS if not list(package.glob(pattern))] == []

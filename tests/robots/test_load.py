@@ -16,7 +16,8 @@ from motorprior.robots.robot import Gait, Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 ARM = """<mujoco><worldbody><body name="base"><geom size="0.1" mass="1"/>
   <body name="upper" pos="0 0 0.1"><joint name="shoulder" axis="0 1 0" range="-90 90" armature="0.5"

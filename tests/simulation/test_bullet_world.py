@@ -16,7 +16,9 @@ from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.playback import replay
 from motorprior.simulation.terrain import Terrain, heights
-from motorprior.simulation.world import World, WorldConfig, physics_step
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import physics_step
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 

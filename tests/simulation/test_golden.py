@@ -20,7 +20,7 @@ from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 HOLDS_FOR = {
     "mujoco": "4.0.0",

@@ -12,7 +12,8 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.hung_load import with_loads
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 RECIPE = PRESETS["rollout"]
 

@@ -8,7 +8,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, torchscript_torque
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 
 def motors(period: float) -> LatentActuator:

@@ -21,7 +21,9 @@ from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig, control_steps_late, hold_target, physics_step, read_joints
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import control_steps_late, hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,

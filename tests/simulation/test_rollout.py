@@ -11,7 +11,7 @@ import pytest
 from policies import random_policy
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import measure_joint_pos, step_actuator
@@ -31,7 +31,8 @@ from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 STEPS = 120
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)

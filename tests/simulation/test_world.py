@@ -21,7 +21,9 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import FAULTS, World, WorldConfig, hold_target, physics_step
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import FAULTS, hold_target, physics_step
 
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)

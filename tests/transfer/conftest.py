@@ -7,10 +7,12 @@ import pytest
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet, load_fleet
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.validity import checked
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.real_replay import COMMAND_PERIOD
 
 STEPS = 600

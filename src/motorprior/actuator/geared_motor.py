@@ -19,17 +19,15 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
-from motorprior.actuator.geared_motor_step import (
+from motorprior.actuator.geared_motor_constants import (
     BASE_CONSTANTS,
-    BASE_STATE,
     LOG_REACH,
     LONGEST_DELAY,
-    MotorState,
     StepConstants,
     decode,
-    step,
     step_constants,
 )
+from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit

@@ -24,7 +24,7 @@ from motorprior.actuator.actuator import ActuatorArrays, require_step
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
-from motorprior.actuator.geared_motor_step import with_stated_gains
+from motorprior.actuator.geared_motor_constants import with_stated_gains
 from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.lanes import LANES

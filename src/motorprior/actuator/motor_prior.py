@@ -11,7 +11,7 @@ import numpy as np
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
 from motorprior.actuator.servo_terms import TERMS, in_order

@@ -21,7 +21,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LONGEST_DELAY, MotorState, with_stated_gains
+from motorprior.actuator.geared_motor_constants import LONGEST_DELAY, with_stated_gains
+from motorprior.actuator.geared_motor_step import MotorState
 from motorprior.actuator.latent import scaled_torque
 from motorprior.bench.loaded_joint import next_velocity
 from motorprior.identification.motor_dynamics import Constants, advance, at_rest, decode, delayed

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.initial_motor import sized_center, states_kd, with_motor
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit

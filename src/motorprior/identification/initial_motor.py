@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, SIGNED
 from motorprior.identification.motor_fit import MotorFit

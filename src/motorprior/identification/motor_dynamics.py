@@ -9,15 +9,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from motorprior.actuator import geared_motor_step
-from motorprior.actuator.geared_motor_step import (
-    LOG_REACH,
-    MotorState,
-    array_arithmetic,
-    parameters_of,
-    step,
-    step_constants,
-)
+from motorprior.actuator import geared_motor_constants
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of, step_constants
+from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.identification.network import Parameters
 
 LARGEST_SENSITIVITY = 3.0
@@ -69,7 +63,7 @@ def decode(
     raw, warmth = _bounded_gradient(raw) if bounded else raw, 0.0
     if "heat" in terms:
         warmth = 1.0 - jnp.exp(-seconds / jnp.exp(raw[:, parameters_of(terms).index("heat_time")]))
-    return geared_motor_step.decode(raw, jnp, terms, warmth)
+    return geared_motor_constants.decode(raw, jnp, terms, warmth)
 
 
 def at_rest(

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latent_fit import adapt
 from motorprior.identification.presets import Preset

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.grey_box import SCALES
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
 HELD_SECONDS = 0.1

@@ -22,7 +22,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import wilcoxon
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order
 from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, weak_belief

@@ -19,7 +19,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_step import StepConstants
+from motorprior.actuator.geared_motor_constants import StepConstants
 from motorprior.actuator.grey_box import SCALES as BOX_ROWS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.torque_law import reset_actuator, step_actuator

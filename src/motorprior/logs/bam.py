@@ -24,8 +24,9 @@ from motorprior.bounds import is_number
 from motorprior.exceptions import LogError
 from motorprior.logs.held_runs import runs_of
 from motorprior.logs.log_reader import LogReader
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_text
+from motorprior.logs.validity import checked
 
 ENDINGS = (".json", ".json.gz")
 GRAVITY = 9.81

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, checked
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels
+from motorprior.logs.validity import checked
 
 
 def joined(logs: Sequence[MotorLog]) -> MotorLog:

@@ -14,10 +14,11 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
 from motorprior.logs.growing_array import GrowingArray
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_pages import COPY_AGAIN, MAX_NUMBERS
 from motorprior.logs.table_columns import CORRECT, table_columns
 from motorprior.logs.tensor_file import tensor_columns
+from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]

@@ -17,8 +17,9 @@ import numpy as np
 from motorprior.artifacts import atomic_path, parse_json, require_keys
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import LogReader
-from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked
+from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
 from motorprior.logs.parquet_pages import MAX_NUMBERS, require_parquet, require_small_pages
+from motorprior.logs.validity import checked
 from motorprior.outside_files import require_file
 
 SCHEMA_VERSION = 3

@@ -15,9 +15,10 @@ from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, shown
 from motorprior.logs.checks import require_plausible_angles
 from motorprior.logs.log_reader import LogReader, require_given
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_number_table
 from motorprior.logs.restricted_unpickler import load_plain
+from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"

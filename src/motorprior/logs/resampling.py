@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, time_steps
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, time_steps
+from motorprior.logs.validity import checked
 
 HELD = ("position_target", "load_inertia", "stated_kp", "stated_kd", *CODES)
 """Channels that keep their value until the next row; the others are interpolated."""

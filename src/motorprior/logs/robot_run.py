@@ -14,8 +14,9 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader, require_given
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_number_table
+from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 _GAP = 0.055

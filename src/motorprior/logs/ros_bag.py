@@ -20,8 +20,9 @@ from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.mapped_table import if_it_has
 from motorprior.logs.mcap_chunks import mcap_messages, mcap_summary
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.table_columns import unreadable
+from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

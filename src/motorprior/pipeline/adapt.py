@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import with_stated_gains
+from motorprior.actuator.geared_motor_constants import with_stated_gains
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, stated_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
+from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.prior_file import prior_and_robot
 from motorprior.pipeline.progress import SILENT, Progress

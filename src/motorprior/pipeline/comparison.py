@@ -16,7 +16,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.study import DRAWS, evaluate
 from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, together, twin_simulator
 

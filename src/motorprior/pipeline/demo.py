@@ -15,6 +15,7 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.demo_settings import Demo, comparison_of, require_settings, that_walks
+from motorprior.pipeline.digests import digest
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice
@@ -24,7 +25,8 @@ from motorprior.pipeline.replay import Replay, run_replay
 from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report, seconds_by_kind
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
-from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, seconds_in_stages, write_results
+from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, write_results
+from motorprior.pipeline.stopwatch import seconds_in_stages
 from motorprior.pipeline.transfer import Transfer, run_transfer
 from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
 from motorprior.pipeline.walk import Walk, run_walk

@@ -20,7 +20,8 @@ from motorprior.identification.bench_fidelity import (
 )
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
 TORQUE_STREAM, TROT_STREAM = 41, 43

@@ -13,16 +13,17 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.facts import FACTS, LOG, read_bench
-from motorprior.bench.recording import BENCH, bench_names
+from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import MotorLog, checked, log_digest, stated_gains_of
-from motorprior.logs.parquet_io import read_parquet
+from motorprior.logs.motor_log import MotorLog, log_digest, stated_gains_of
+from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import Stopwatch, description, is_finished, remove, working
+from motorprior.pipeline.stage import description, is_finished, remove, working
+from motorprior.pipeline.stopwatch import Stopwatch
+from motorprior.pipeline.training_log import Origin, training_log
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.fit_quality import FitQuality
@@ -95,7 +96,7 @@ def fit_recipe(
         LogError, ArtifactError: see `fit_prior`.
     """
     recipe = _for_stated_gains(recipe, log)
-    job = _Job(log, log.source, preset, recipe, seed, _Origin(log.robot, log.motor, {"log": log.source}))
+    job = _Job(log, log.source, preset, recipe, seed, Origin(log.robot, log.motor, {"log": log.source}))
     if out is None:
         return _fitted(job, _data(job), progress, None)
     wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
@@ -110,22 +111,13 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     """
     _require_numbers(config.steps, config.seed)
     recipe = _recipe(config.preset, config.steps)
-    log, inputs, origin = _training_log(config.bench)
+    log, inputs, origin = training_log(config.bench)
     recipe = _for_stated_gains(recipe, log)
     settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # the inputs speak for it
     wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
     job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
     _fitted_in(config.out, wanted, job, progress)
-
-
-@dataclass(frozen=True)
-class _Origin:
-    """Whose motors these are, and what the prior will say about it."""
-
-    robot: str
-    motor: str
-    provenance: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -137,7 +129,7 @@ class _Job:
     preset: str
     recipe: Preset
     seed: int
-    origin: _Origin
+    origin: Origin
 
 
 def _require_numbers(steps: int | None, seed: int) -> None:
@@ -247,39 +239,6 @@ def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQu
 def _as_json(recipe: Preset) -> dict[str, Any]:
     """With lists in place of tuples, as JSON gives them back."""
     return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(recipe).items()}
-
-
-def _training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], _Origin]:
-    """The log of a bench's folder, or all logs as one; the files that the prior depends on, the log first.
-
-    Raises:
-        ConfigError: nothing is given, or a folder among several.
-        LogError, ArtifactError: missing, truncated or inconsistent files.
-    """
-    paths = [given] if isinstance(given, Path) else list(given)
-    if not paths:
-        raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
-    paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
-    if not any(path.is_dir() for path in paths):
-        log = joined([read_parquet(path) for path in paths])
-        if log.robot == BENCH:
-            raise LogError(
-                f"the log of a bench without its {FACTS}, which says of which robot its motors are", where=paths[0],
-                remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
-            )  # fmt: skip
-        return log, paths, _Origin(log.robot, log.motor, {"log": log.source})
-    if len(paths) > 1:
-        folder = next(path for path in paths if path.is_dir())
-        raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
-    path = paths[0]
-    if not any((path / name).is_file() for name in (LOG, FACTS)):
-        raise LogError(
-            f"a folder without {LOG}", where=path,
-            remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
-        )  # fmt: skip
-    log, facts = read_bench(path)
-    origin = _Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
-    return log, [path / LOG, path / FACTS], origin
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import MotorLog, checked, time_steps
+from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import resample
 from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
+from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import ArtifactError

@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.pipeline.stage import MARKER, RESULTS, digest, read_results, seconds_of
+from motorprior.pipeline.digests import digest
+from motorprior.pipeline.stage import MARKER, RESULTS, read_results, seconds_of
 from motorprior.robots.load import load_robot
 
 PAGE, SETTINGS, STAGES, CURVE = "report.html", "demo.json", "stages.json", "curve.json"

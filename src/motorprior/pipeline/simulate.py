@@ -10,8 +10,9 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.excitation import excitation_named
 from motorprior.bounds import generator_of, require_finite, require_number, require_seed
-from motorprior.logs.motor_log import MotorLog, checked
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import write_log
+from motorprior.logs.validity import checked
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, working
@@ -20,7 +21,8 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.hung_load import with_loads
 from motorprior.simulation.playback import Replay, replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 LOG = "log.parquet"
 LONGEST, LARGEST = 3600.0, 3.0

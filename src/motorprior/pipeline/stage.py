@@ -8,86 +8,23 @@ where it stopped. No path is part of it: a folder that was moved or copied is st
 
 from __future__ import annotations
 
-import hashlib
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 from motorprior import __version__
 from motorprior.artifacts import read_json, remove_half_written, write_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ArtifactError
+from motorprior.pipeline.digests import code_digest, digest
 from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.stopwatch import SHARED_TIME, UNFINISHED, Stopwatch, is_duration, seconds_of_same
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
 RESULTS, FIGURES = "results.json", "figures.json"
-MARKER, UNFINISHED = "stage.json", "unfinished.json"
-"""The second holds the seconds of a stage that was interrupted."""
-_STAGES = (
-    "bench",
-    "calibrate",
-    "identify",
-    "adapt",
-    "validate",
-    "simulate",
-    "replay",
-    "real_motors",
-    "walk",
-    "transfer",
-    "study",
-)
-_NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify"), "study": ("transfer",)}
-"""Stages whose own module another one's numbers depend on."""
-_PARTS = {"study": ("study_watch",), "walk": ("training", "trained_policy")}
-"""Modules that belong to one stage."""
-_NO_NUMBERS = (
-    *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
-    *(
-        f"pipeline/{name}.py"
-        for name in (
-            "progress",
-            "time_left",
-            "side_by_side",
-            "stage",
-            "folder_lock",
-            "demo",
-            "demo_settings",
-            "report",
-            "speed",
-        )
-    ),
-    *("pipeline/train_policy.py", "pipeline/comparison.py", "pipeline/tensorboard.py"),
-    *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),
-    *(
-        f"transfer/{name}.py"
-        for name in ("statistics", "study_summary", "study_verdicts", "study_claims", "study_results")
-    ),  # judges
-    *(
-        f"pipeline/{name}.py"
-        for name in ("play", "walk_film", "schedule_file", "robustness", "walk_report", "walk_metrics", "walk_seeds")
-    ),
-    *("simulation/render*.py", "simulation/viewer.py", "simulation/camera.py"),
-    *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
-)
-"""What no stage computes with; a robot, real or virtual, is not part of any."""
-
-
-def digest(path: Path) -> str:
-    """SHA-256 of a file.
-
-    Raises:
-        ArtifactError: it cannot be read.
-    """
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+MARKER = "stage.json"
 
 
 def description(
@@ -109,26 +46,6 @@ def description(
         "recipe": _plain(recipe or {}),
         "inputs": [f"{path.name} {digest(path)}" for path in inputs],
     }
-
-
-@cache
-def code_digest(stage: str) -> str:
-    """SHA-256 of the modules that the results of a stage can depend on, shortened."""
-    return package_digest(stage, Path(__file__).parents[1])
-
-
-def package_digest(stage: str, package: Path) -> str:
-    """`code_digest` of the package in some folder."""
-    needed = (stage, *_NEEDS.get(stage, ()))
-    others = [
-        f"pipeline/{name}.py" for other in _STAGES if other not in needed for name in (other, *_PARTS.get(other, ()))
-    ]
-    parts = []
-    for path in sorted(package.rglob("*.py")):
-        inner = path.relative_to(package)
-        if not any(inner.match(pattern) for pattern in (*_NO_NUMBERS, *others)):
-            parts.append(f"{inner.as_posix()} {digest(path)}")
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
 def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
@@ -170,7 +87,7 @@ def _is_place(value: Any) -> bool:
 
 def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
     """Whether ``folder`` holds the result of exactly this stage."""
-    return _seconds_of(folder / MARKER, wanted) is not None
+    return seconds_of_same(folder / MARKER, wanted) is not None
 
 
 def seconds_of(folder: Path) -> float:
@@ -181,79 +98,9 @@ def seconds_of(folder: Path) -> float:
     """
     marker = read_json(folder / MARKER)
     seconds = marker.get("seconds") if isinstance(marker, dict) else None
-    if seconds is None or not _is_duration(seconds):
+    if seconds is None or not is_duration(seconds):
         raise ArtifactError("it does not say how long the stage took", where=folder / MARKER, remedy="run it again")
     return seconds
-
-
-def _seconds_of(path: Path, wanted: dict[str, Any]) -> float | None:
-    """Seconds in a file of this very stage; None if it is another one's, or none that can be read."""
-    try:
-        found = read_json(path)
-    except ArtifactError:
-        return None
-    seconds = found.pop("seconds", None) if isinstance(found, dict) else None
-    return seconds if found == wanted and _is_duration(seconds) else None
-
-
-def _is_duration(seconds: Any) -> bool:
-    return type(seconds) is float and 0.0 <= seconds < 1e12
-
-
-class _SharedTime:
-    """Time [s] that passes at 1/n of the clock while n stages run side by side: their seconds add up to the clock's."""
-
-    def __init__(self):
-        self._lock, self._running, self._seconds, self._read = Lock(), 0, 0.0, time.monotonic()
-        self.busy = 0.0
-        """Seconds of the clock with at least one stage."""
-
-    def now(self) -> float:
-        """So far."""
-        return self.change(0)
-
-    def change(self, more: int) -> float:
-        """Let ``more`` stages begin, or end if negative; returns the time."""
-        with self._lock:
-            now = time.monotonic()
-            self._seconds += (now - self._read) / max(1, self._running)
-            self.busy += (now - self._read) * (self._running > 0)
-            self._read, self._running = now, self._running + more
-            return self._seconds
-
-
-_SHARED_TIME = _SharedTime()
-
-
-def seconds_in_stages() -> float:
-    """Seconds of this process in which at least one stage was at work: what the seconds of its stages add up to."""
-    _SHARED_TIME.now()
-    return _SHARED_TIME.busy
-
-
-class Stopwatch:
-    """Seconds of a stage over all interruptions, see `_SharedTime`; a kill loses those since the last `note`."""
-
-    def __init__(self, folder: Path, wanted: dict[str, Any], since: float | None = None):
-        """Go on from what an interrupted run of this very stage noted; begin at 0 otherwise.
-
-        Args:
-            folder: of the stage.
-            wanted: its `description`.
-            since: time.monotonic() when the work began; now if not given.
-        """
-        self._path, self._wanted = folder / UNFINISHED, wanted
-        earlier = 0.0 if since is None else time.monotonic() - since
-        self._started = _SHARED_TIME.now() - earlier
-        self._before = _seconds_of(self._path, wanted) or 0.0
-
-    def seconds(self) -> float:
-        """So far."""
-        return self._before + _SHARED_TIME.now() - self._started
-
-    def note(self) -> None:
-        """Write down the seconds so far."""
-        write_json(self._path, self._wanted | {"seconds": self.seconds()})
 
 
 @contextmanager
@@ -271,7 +118,7 @@ def working(folder: Path, wanted: dict[str, Any], since: float | None = None) ->
     with taken(folder):
         begin(folder)
         clock = Stopwatch(folder, wanted, since)
-        _SHARED_TIME.change(1)
+        SHARED_TIME.change(1)
         try:
             yield clock
             seconds = clock.seconds()
@@ -279,7 +126,7 @@ def working(folder: Path, wanted: dict[str, Any], since: float | None = None) ->
             clock.note()
             raise
         finally:
-            _SHARED_TIME.change(-1)
+            SHARED_TIME.change(-1)
         write_json(folder / MARKER, wanted | {"seconds": seconds})
         remove(folder, UNFINISHED)
 

@@ -15,7 +15,8 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import Progress
-from motorprior.pipeline.stage import Stopwatch, remove
+from motorprior.pipeline.stage import remove
+from motorprior.pipeline.stopwatch import Stopwatch
 from motorprior.pipeline.tensorboard import EVENTS, events
 from motorprior.pipeline.walk_metrics import Extent, Metrics
 from motorprior.search.ars import Ars, ArsConfig
@@ -23,7 +24,7 @@ from motorprior.search.executor import Executor
 from motorprior.search.policy_search import Champion, Iteration, contest, is_settled, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.fatal_errors import saved_on_fatal_error
-from motorprior.simulation.world import FAULTS
+from motorprior.simulation.world_step import FAULTS
 
 CHECKPOINT = "search.safetensors"
 _SAVING_SHARE = 0.5

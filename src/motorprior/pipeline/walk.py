@@ -16,12 +16,13 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.digests import digest
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
-from motorprior.pipeline.stage import description, digest, is_finished, remove, working
+from motorprior.pipeline.stage import description, is_finished, remove, working
 from motorprior.pipeline.tensorboard import EVENTS, events, require_tensorboard
 from motorprior.pipeline.trained_policy import judge_faults, policy_of
 from motorprior.pipeline.training import Checkpoint, Training

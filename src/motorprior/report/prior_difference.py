@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors
 

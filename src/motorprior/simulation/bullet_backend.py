@@ -12,7 +12,8 @@ from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Conditions, Randomization, nominal_conditions
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import WorldConfig, control_steps_late, has_broken_down
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import control_steps_late, has_broken_down
 
 
 class PybulletBackend:

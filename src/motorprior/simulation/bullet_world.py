@@ -35,7 +35,7 @@ from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.scratch import scratch_folder
 from motorprior.simulation.randomization import Conditions, nominal_conditions
 from motorprior.simulation.terrain import Terrain, heights
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 PHYSICS_DT = 0.001
 """Step of PyBullet [s] (puppersim)."""

@@ -14,7 +14,7 @@ from motorprior.simulation.bullet_world import PHYSICS_DT, import_bullet
 from motorprior.simulation.mujoco_backend import DrawMotors, MujocoBackend
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 Engine = Literal["mujoco", "pybullet"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)

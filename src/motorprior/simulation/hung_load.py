@@ -30,7 +30,8 @@ import mujoco
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
+from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog
+from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import build_model
 

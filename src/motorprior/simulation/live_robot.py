@@ -14,7 +14,9 @@ from motorprior.compiled import njit
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.build_model import FLOOR
-from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step, read_joints
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints
 
 IMU_NOISE = (0.002, 0.01)
 """Standard deviations of the noise on attitude [rad] and on rates [rad/s]; assumed for a MEMS sensor at 100 Hz."""

@@ -11,7 +11,9 @@ from motorprior.backend import BackendState
 from motorprior.bounds import require_finite
 from motorprior.exceptions import ConfigError
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.world import World, WorldConfig, hold_target, read_joints
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import hold_target, read_joints
 
 DrawMotors = Callable[[np.random.Generator], Actuator]
 """Draws the motors of one episode, one per joint."""

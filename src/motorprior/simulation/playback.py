@@ -10,7 +10,8 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.borrowed import borrowed
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
-from motorprior.simulation.world import FAULTS, World, WorldArrays, physics_step, read_joints
+from motorprior.simulation.world import World
+from motorprior.simulation.world_step import FAULTS, WorldArrays, physics_step, read_joints
 
 
 @dataclass(frozen=True)

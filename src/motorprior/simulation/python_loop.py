@@ -21,7 +21,8 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.torque_law import measure_joint_pos
 from motorprior.backend import BackendState
 from motorprior.robots.robot import Robot
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 Torque = Callable[[np.ndarray], np.ndarray]
 """From scaled inputs (joints, 2·taps) to torque (joints,) [N·m]."""

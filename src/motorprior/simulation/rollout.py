@@ -33,7 +33,9 @@ from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.locomotion.timetable import Timetable
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.world import World, WorldArrays, WorldConfig, find_fault, hold_target, read_joints
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import WorldArrays, find_fault, hold_target, read_joints
 
 
 @dataclass(frozen=True)

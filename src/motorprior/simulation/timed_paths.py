@@ -31,7 +31,9 @@ from motorprior.simulation.bullet_world import PHYSICS_DT
 from motorprior.simulation.mj_call import do_nothing_address, mj_step
 from motorprior.simulation.python_loop import PythonLoopBackend, numpy_torque, torchscript_torque
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldArrays, WorldConfig, physics_step
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import WorldArrays, physics_step
 
 STEPS = 500
 """Control steps of a compiled episode."""

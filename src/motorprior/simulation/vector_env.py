@@ -20,7 +20,8 @@ from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.env import observation_bounds
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.rollout import WalkConfig, begin_walk, complete, new_walker, walk_step
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 _MOST = 2**31
 

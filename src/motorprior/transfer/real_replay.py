@@ -13,7 +13,8 @@ from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 COMMAND_PERIOD = 0.002
 """Period of the grid on which commands are held [s]; the rows of the logs are 1.5-10 ms apart."""

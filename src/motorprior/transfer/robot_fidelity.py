@@ -20,7 +20,8 @@ from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Replay, replay
-from motorprior.simulation.world import World, WorldConfig
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
 
 DRAWS = 12
 ROBOT_STREAM = 19

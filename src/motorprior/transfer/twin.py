@@ -16,7 +16,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world import WorldConfig
+from motorprior.simulation.world_config import WorldConfig
 
 TWIN_STREAM = 0x7717
 """Tag of the random stream of the twin's motors, used by no bench and no training episode."""

@@ -1,0 +1,56 @@
+"""The log that a prior is fitted to: a bench's folder, or files of logs as one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from motorprior.bench.facts import FACTS, LOG, read_bench
+from motorprior.bench.recording import BENCH
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.joining import joined
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_parquet
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Whose motors these are, and what the prior will say about it."""
+
+    robot: str
+    motor: str
+    provenance: dict[str, Any]
+
+
+def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], Origin]:
+    """The log of a bench's folder, or all logs as one; the files that the prior depends on, the log first.
+
+    Raises:
+        ConfigError: nothing is given, or a folder among several.
+        LogError, ArtifactError: missing, truncated or inconsistent files.
+    """
+    paths = [given] if isinstance(given, Path) else list(given)
+    if not paths:
+        raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
+    paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
+    if not any(path.is_dir() for path in paths):
+        log = joined([read_parquet(path) for path in paths])
+        if log.robot == BENCH:
+            raise LogError(
+                f"the log of a bench without its {FACTS}, which says of which robot its motors are", where=paths[0],
+                remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
+            )  # fmt: skip
+        return log, paths, Origin(log.robot, log.motor, {"log": log.source})
+    if len(paths) > 1:
+        folder = next(path for path in paths if path.is_dir())
+        raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
+    path = paths[0]
+    if not any((path / name).is_file() for name in (LOG, FACTS)):
+        raise LogError(
+            f"a folder without {LOG}", where=path,
+            remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
+        )  # fmt: skip
+    log, facts = read_bench(path)
+    origin = Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
+    return log, [path / LOG, path / FACTS], origin

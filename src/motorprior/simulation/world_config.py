@@ -1,0 +1,63 @@
+"""How a robot is simulated, in any engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from motorprior.exceptions import ConfigError
+from motorprior.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """How the robot is simulated.
+
+    Attributes:
+        robot: which.
+        physics_dt: step [s]; must divide control_dt.
+        control_dt: time a position target is held [s].
+        foot_friction: sliding friction [-].
+        hung: a free base is fixed in the air.
+    """
+
+    robot: Robot
+    physics_dt: float
+    control_dt: float
+    foot_friction: float
+    hung: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        *,
+        physics_dt: float | None = None,
+        control_dt: float | None = None,
+        foot_friction: float | None = None,
+        hung: bool = False,
+    ) -> WorldConfig:
+        """The robot's own clocks and friction where no others are given."""
+        return cls(
+            robot,
+            robot.physics_dt if physics_dt is None else physics_dt,
+            robot.control_dt if control_dt is None else control_dt,
+            robot.foot_friction if foot_friction is None else foot_friction,
+            hung,
+        )
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the base cannot move."""
+        return self.hung or self.robot.base == "fixed"
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps per control step.
+
+        Raises:
+            ConfigError: physics_dt does not divide control_dt.
+        """
+        count = round(self.control_dt / self.physics_dt)
+        if count < 1 or abs(count * self.physics_dt - self.control_dt) > 1e-9:
+            raise ConfigError(f"physics_dt {self.physics_dt} s does not divide control_dt {self.control_dt} s")
+        return count

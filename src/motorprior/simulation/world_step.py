@@ -1,0 +1,168 @@
+"""Compiled steps of one robot in MuJoCo, on views of the engine's memory."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.torque_law import measure_joint_pos, step_actuator
+from motorprior.compiled import njit
+from motorprior.delay_line import row_of_age, write_line
+from motorprior.simulation.mj_call import mj_step
+
+FAULTS = {
+    1: "a coordinate, speed or acceleration is not finite or huge",
+    2: "MuJoCo ran out of contact or constraint memory",
+    3: "the robot's mass matrix is singular: a link without inertia",
+}
+"""Meaning of the fault numbers of `BackendState`."""
+FURTHEST = 1e3
+"""Base position [m] beyond which a simulation counts as diverged."""
+FASTEST = 1e2
+"""Base speed [m/s] beyond which a simulation counts as diverged."""
+FASTEST_TURN = 1e3
+"""Angular speed of base or joints [rad/s] beyond which a simulation counts as diverged: far above any motion of the
+robot, far below the speeds that a physics step too long for the motors' gains leads to."""
+_WARNING = mujoco.mjtWarning
+_FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
+_SINGULAR = int(_WARNING.mjWARN_INERTIA)
+_BAD = (int(_WARNING.mjWARN_BADQPOS), int(_WARNING.mjWARN_BADQVEL), int(_WARNING.mjWARN_BADQACC))
+
+
+class WorldArrays(NamedTuple):
+    """Addresses and views of one MjModel and MjData, for compiled code."""
+
+    step: int
+    model: int
+    data: int
+    qpos: np.ndarray
+    qvel: np.ndarray
+    applied: np.ndarray
+    """(nv,) generalized force, the last are the joints'"""
+    damping: np.ndarray
+    """(joints,) implicit damping of the joints in the model [N·m·s/rad], a view"""
+    passive: np.ndarray
+    """(joints,) part of the damping that does not come from motors [N·m·s/rad]"""
+    torque: np.ndarray
+    """(joints,) scratch"""
+    encoder_offset: np.ndarray
+    """(joints,) reading of the encoders at true zero [rad]"""
+    commands: np.ndarray
+    """(rows, joints) position targets of the latest control steps, in true angles [rad]: a delay line; state"""
+    clock: np.ndarray
+    """(1,) int64: control steps since reset; state"""
+    delays: np.ndarray
+    """(steps,) or (1,) int64: age of the targets in each control step [physics steps]"""
+    geoms: np.ndarray
+    """(geoms, 3) places of the geoms at the beginning of the last physics step [m], a view"""
+    feet: np.ndarray
+    """(legs,) int64: the feet among the geoms"""
+    warnings: np.ndarray
+    """(kinds of warning,) int32: how often MuJoCo gave each since the reset"""
+    push: np.ndarray
+    """(steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)"""
+    physics_dt: float
+    substeps: int
+
+
+@njit(cache=True, nogil=True, inline="always")
+def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
+    """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
+
+    Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``world.torque``.
+    """
+    total, n = 0.0, target.shape[0]
+    q, dq = world.qpos[world.qpos.shape[0] - n :], world.qvel[world.qvel.shape[0] - n :]
+    applied = world.applied[world.applied.shape[0] - n :]
+    step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
+    for joint in range(n):
+        applied[joint] = world.torque[joint]
+        world.damping[joint] = motors.damping[joint] + world.passive[joint]
+    mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
+    for joint in range(n):
+        world.torque[joint] -= motors.damping[joint] * dq[joint]
+        total += world.torque[joint] * world.torque[joint]
+    return total
+
+
+@njit(cache=True, nogil=True, inline="always")
+def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
+    """Age of the target in force, the newest that has come, in control steps; the same in every engine.
+
+    Args:
+        delays: (steps,) or (1,) how late the target of every control step comes [physics steps].
+        step: control steps since the reset.
+        substep: physics steps since the control step began.
+        substeps: physics steps per control step.
+    """
+    late = 0
+    while late <= step and delays[(step - late) % delays.shape[0]] > late * substeps + substep:
+        late += 1
+    return late
+
+
+@njit(cache=True, nogil=True, inline="always")
+def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
+    """Hold (joints,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
+
+    The motors get the targets as late as ``world.delays`` says, in the angles of their own encoders; a push acts
+    on the origin of the chassis.
+    """
+    step = world.clock[0]
+    newest = write_line(world.commands, 0, step, target)
+    for joint in range(target.shape[0]):
+        world.commands[newest, joint] -= world.encoder_offset[joint]
+    if world.push.shape[0] > 0:
+        here = step % world.push.shape[0]
+        world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
+    total = 0.0
+    for k in range(world.substeps):
+        late = control_steps_late(world.delays, step, k, world.substeps)
+        total += physics_step(world, motors, world.commands[row_of_age(world.commands, 0, newest, late)])
+    world.clock[0] = step + 1
+    return total / world.substeps
+
+
+@njit(cache=True, nogil=True)
+def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
+    """Whether a state is not finite or beyond FURTHEST, FASTEST or FASTEST_TURN: fault 1, in every engine.
+
+    Args:
+        qpos: base position (3,) [m], base quaternion (4,) and joint angles [rad]; only angles for a fixed robot.
+        qvel: base velocity (3,) [m/s], angular velocity (3,) [rad/s] and joint velocities [rad/s]; likewise.
+    """
+    free = qpos.shape[0] > qvel.shape[0]
+    for index in range(qpos.shape[0]):
+        if not np.isfinite(qpos[index]) or (free and index < 3 and abs(qpos[index]) > FURTHEST):
+            return True
+    for index in range(qvel.shape[0]):
+        largest = FASTEST if free and index < 3 else FASTEST_TURN
+        if not abs(qvel[index]) <= largest:  # true for NaN too
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, inline="always")
+def find_fault(world: WorldArrays) -> int:
+    """Key of FAULTS of the fault since the reset, or 0."""
+    if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
+        return 2
+    for kind in _BAD:
+        if world.warnings[kind] > 0:
+            return 1
+    if has_broken_down(world.qpos, world.qvel):
+        return 1
+    return 3 if world.warnings[_SINGULAR] > 0 else 0  # a state that breaks down makes it singular too
+
+
+@njit(cache=True, nogil=True, inline="always")
+def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
+    """(joints,) joint angles [rad] as the encoders report them."""
+    measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
+    for joint in range(out.shape[0]):
+        out[joint] += world.encoder_offset[joint]
