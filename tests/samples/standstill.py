@@ -28,7 +28,7 @@ WELL = 4
 """One attempt in so many may fail while the machine did not stand still: a fault of the program fails in all."""
 MOST = 0.5
 """Share of the tests in real time that may be skipped: on a machine that spoils more of them little was tested."""
-LOOK, PATIENCE, PATIENCE_IN_ALL = 2.0, 20.0, 600.0
+LOOK, PATIENCE, PATIENCE_IN_ALL = 2.0, 20.0, 240.0
 """Before it repeats what the machine spoiled, a session looks for so long [s] whether it is well, waits for that for so
 long, and so long for all its tests together."""
 _NEVER = (ImportError, NameError, SyntaxError)
