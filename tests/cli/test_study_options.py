@@ -17,6 +17,8 @@ from motorprior.pipeline.study_settings import Study
         (("--quick",), ("--quick is for the study",)),
         (("--study", "--engine", "pybullet"), ("trains its own policies", "engine")),
         (("--study", "--draws", 0), ("draws 0", "1")),
+        (("--study", "--conditions", "nobody"), ("no condition 'nobody'", "prior_adapted")),
+        (("--study", "--conditions"), ("conditions are missing", "prior_adapted")),
         (("--study", "--foreign", "nobodys"), ("no fleet", "foreign_direct")),
     ],
     ids=str,
@@ -42,3 +44,5 @@ def test_without_walks_there_is_nothing_to_transfer(motorprior: Callable, tmp_pa
 def test_the_command_of_a_page_has_every_option_that_was_given():
     given = {field.name: field.default for field in fields(Study)} | {"out": Path("a b"), "quick": True, "seeds": 3}
     assert _command(given) == "motorprior transfer --study --out 'a b' --seeds 3 --quick"
+    given |= {"conditions": ("prior", "oracle")}
+    assert _command(given) == "motorprior transfer --study --out 'a b' --conditions prior oracle --seeds 3 --quick"

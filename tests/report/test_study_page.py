@@ -206,7 +206,7 @@ def test_the_headline_has_a_row_per_condition_and_a_cell_per_place():
             ("fleet", "prior"): [[0.4, 0.4]] * 8, ("fleet", "ideal_pd"): [[0.1, 0.1]] * 8,
         }, upright=0.996, drift=0.123,
     )  # fmt: skip
-    rows, beside = headline_rows(summarise(table)), "99\u00a0%, 0.12\u00a0m"
+    rows, beside = headline_rows(summarise(table)), "99\u00a0% [99,\u00a099], 0.12\u00a0m"
     assert rows == [
         ["ideal_pd", f"0.20 [0.20,\u00a00.20], {beside}", f"0.10↓ [0.10,\u00a00.10], {beside}"],
         ["prior", f"0.50 [0.50,\u00a00.50], {beside}", f"0.40 [0.40,\u00a00.40], {beside}"],
@@ -214,7 +214,10 @@ def test_the_headline_has_a_row_per_condition_and_a_cell_per_place():
     ]
     lines = headline_markdown(summarise(table)).splitlines()
     assert lines[0] == "| trained on | own simulation | fleet |" and lines[1] == "| --- | --- | --- |"
-    assert lines[2] == "| ideal PD | 0.20 [0.20, 0.20], 99 %, 0.12 m | 0.10↓ [0.10, 0.10], 99 %, 0.12 m |"
+    assert (
+        lines[2]
+        == "| ideal PD | 0.20 [0.20, 0.20], 99 % [99, 99], 0.12 m | 0.10↓ [0.10, 0.10], 99 % [99, 99], 0.12 m |"
+    )
     assert lines[4].startswith("| my own choice of motors | ") and lines[5] == ""
 
 
@@ -227,7 +230,7 @@ def test_a_twins_table_compares_with_prior_and_oracle():
         }
     )
     rows = {row[0]: row[1:] for row in twin_table(summarise(table), "fleet").rows}
-    assert rows["ideal_pd"][1:3] == (None, "0.50") and rows["ideal_pd"][-2:] == ("100\u00a0%", "< 0.001")
+    assert rows["ideal_pd"][1:3] == (None, "0.50 of 0.20") and rows["ideal_pd"][-2:] == ("100\u00a0%", "< 0.001")
     assert rows["ideal_pd"][3:5] == ("0.35 [0.35,\u00a00.35]", "0.30 [0.30,\u00a00.30]")
     assert rows["oracle"][3] is None and rows["oracle"][4] == "−0.05 [−0.05,\u00a0−0.05]"
     assert rows["prior"][-3:] == (None, None, None)

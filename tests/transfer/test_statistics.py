@@ -150,6 +150,7 @@ def test_robots_of_adapted_policies_are_resampled_with_those_of_others():
     found = compare_on_robots(adapted, others, means)
     assert [found.difference.low, found.difference.value, found.difference.high] == pytest.approx([0.1] * 3)
     assert found.p == pytest.approx(2 / 1287, rel=0.51), "8 of one, 5 of the other"
+    assert found.improvement == 1.0, "on its own robot, however much the robots differ"
     with pytest.raises(ValueError, match="8 robots against 3"):
         compare_on_robots(adapted, np.zeros((5, 3)))
 

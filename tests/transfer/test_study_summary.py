@@ -52,7 +52,9 @@ def test_everything_that_is_aimed_at_can_hold():
         for rival in ("pd_friction", "pd_randomised")
     }
     summary = summarise(study(measures=worse))
-    assert [each.holds for each in summary.targets] == [True] * 7
+    without_pybullet = verdict(summary.targets, "pybullet")
+    assert (without_pybullet.holds, without_pybullet.found) == (None, "not measured")
+    assert [each.holds for each in summary.targets if each is not without_pybullet] == [True] * 7
     assert "sampled 100.0 % upright, 97.6 % of the speed" in verdict(summary.targets, "fleet").found
 
 
@@ -63,7 +65,7 @@ def test_slow_or_fallen_is_not_enough():
     assert verdict(summary.targets, "fleet").holds is False
     assert verdict(summary.targets, "foreign").holds is False
     assert verdict(summary.targets, "hard").holds is False
-    assert verdict(summary.targets, "hard").found == "89.0 % upright"
+    assert verdict(summary.targets, "hard").found == "89.0 % upright (0.0 % of its policies stand)"
 
 
 def test_the_slower_of_two_priors_may_be_the_one_that_holds():

@@ -18,7 +18,7 @@ from motorprior.actuator.kind import ActuatorKind, Model
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
-_KP, _KD, _DELAY, _TORQUE_LIMIT = range(4)
+_KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
 IDEAL_PD_ROWS = 4
 """Of the parameters."""
 
@@ -97,7 +97,7 @@ def step_pd(
     for motor in range(torque.shape[0]):
         target = interpolated(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)
         limit = arrays.parameters[_TORQUE_LIMIT, motor]
-        damping = arrays.parameters[_KD, motor] * joint_vel[motor]
+        damping = arrays.parameters[KD, motor] * joint_vel[motor]
         raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping
         torque[motor] = min(limit, max(-limit, raw)) + damping
 

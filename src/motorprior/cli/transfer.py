@@ -59,6 +59,8 @@ def _command(given: dict) -> str:
         value, option = given[field.name], f"--{field.name.replace('_', '-')}"
         if value is True:
             words.append(option)
+        elif isinstance(value, tuple) and value != field.default:
+            words += [option, *value]
         elif field.default is MISSING or value != field.default:
             words += [option, str(value)]
     return shlex.join(words)

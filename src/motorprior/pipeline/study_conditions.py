@@ -124,11 +124,13 @@ def _fit_pds(config: Study, progress: Progress) -> None:
     ):
         recorded = read_bench(log.parent)[0]
         fits = {name: asdict(fit_to_the_end(recorded, start, free, task.advance)) for name, free in kinds.items()}
+        for name in (name for name, fit in fits.items() if not fit["converged"]):
+            progress.note(f"note: the fit of {name} had not converged when its evaluations were used up")
         write_json(folder / FITS, fits)
 
 
 def conditions(config: Study, seed: int) -> list[Condition]:
-    """The conditions of the policies of a seed, those that take longest first; the first has the gait besides."""
+    """Of ``config.conditions`` those of the policies of a seed, the longest first; only the first has the gait."""
     fits = read_json(config.out / "fits" / FITS)
     learned = {preset: MotorChoice("prior", _prior(config, preset), fleet=config.fleet) for preset in _PRESETS}
     prior = learned["rollout"]
@@ -143,7 +145,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         *([Condition(UNTRAINED, MotorChoice("pd", fleet=config.fleet, name=UNTRAINED))] if seed == 0 else []),
         Condition("pd_randomised", _pd(config, fits, "pd_friction", "pd_randomised", spread=RANDOMISED_BY)),
     ]
-    return made
+    return [each for each in made if each.name in config.conditions]
 
 
 def _named(choice: MotorChoice, name: str, **changes: Any) -> MotorChoice:
@@ -175,6 +177,8 @@ def _posterior(config: Study, population: str, seed: int) -> Path:
 
 def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
     """Record LOG_SECONDS of the motors of the robot of every seed and population, and adapt the prior to them."""
+    if ADAPTED not in config.conditions:
+        return
     robots = [(population, seed) for seed in range(config.seeds) for population in (HOME, ABROAD)]
     with progress.start(f"adapt the prior to {len(robots)} robots", len(robots)) as task:
         side_by_side([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)

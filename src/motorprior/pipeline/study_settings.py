@@ -16,10 +16,13 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.executor import Kind, require_executor
+from motorprior.transfer.study_verdicts import CONDITIONS
 
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
-_QUICK = {"seeds": 2, "draws": 6, "iterations": 10, "adam_steps": 300}
+_QUICK = {
+    "seeds": 2, "draws": 6, "iterations": 10, "motors": 16, "bench_steps": 4000, "adam_steps": 300,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class Study:
     """Population of the bench's motors and of the first twin; the robot's own if not given."""
     foreign: str = "foreign_direct"
     """Population of the twins with motors of another family."""
+    conditions: tuple[str, ...] = CONDITIONS
+    """What policies are trained on; targets about others cannot be told."""
     seeds: int = 8
     """Policies per condition."""
     draws: int = 32
@@ -55,7 +60,8 @@ class Study:
     seed: int = 0
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
-    """Minutes instead: 2 seeds, 6 walks, 10 iterations, 300 Adam steps in place of the defaults. It decides nothing."""
+    """Minutes instead: 2 seeds, 6 walks, 10 iterations, a bench of 16 motors and 4000 samples, 300 Adam steps in place
+    of the defaults. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -90,6 +96,7 @@ class Study:
             config = replace(
                 self, **{name: few for name, few in _QUICK.items() if getattr(self, name) == defaults[name]}
             )
+        _require_conditions(config.conditions)
         robot = load_robot(config.robot)
         robot.require_legs()
         for name in ("seeds", "draws", "iterations"):
@@ -110,3 +117,13 @@ class Study:
                 remedy="give another fleet: what a policy is judged on must not choose it",
             )  # fmt: skip
         return config
+
+
+def _require_conditions(names: tuple[str, ...]) -> None:
+    """Refuse none at all, and names that are no conditions'."""
+    unknown = [name for name in names if name not in CONDITIONS]
+    if unknown or not names:
+        raise ConfigError(
+            f"no condition {unknown[0]!r}" if unknown else "conditions are missing", argument="conditions",
+            remedy=f"use some of {', '.join(CONDITIONS)}",
+        )  # fmt: skip

@@ -20,7 +20,8 @@ from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.transfer import own_scene
 from motorprior.pipeline.walk import POLICY
 from motorprior.robots.robot import Robot
-from motorprior.search.executor import make_executor
+from motorprior.search.executor import Executor, make_executor
+from motorprior.search.executor_process import ProcessExecutor
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
@@ -105,7 +106,7 @@ class _Watch:
         config, condition = self._config, self._condition.name
         draws = 1 if place in (OWN, OWN_ABROAD) and self._condition.one_draw_is_all else config.draws
         at_a_time, rows, traces = config.episodes_at_a_time, [], []
-        executor = make_executor(walks, at_a_time, config.executor, config.ray_address)
+        executor = self._executor(place, walks)
         try:
             with self._progress.start(f"{condition} {self._seed} at {place}", draws) as task:
                 for first in range(0, draws, at_a_time):
@@ -119,6 +120,13 @@ class _Watch:
             executor.close()
         order = np.argsort([row.measures["speed"] for row in rows], kind="stable")
         return rows, traces[int(order[len(order) // 2])]
+
+    def _executor(self, place: str, walks: partial[OwnWalks] | partial[NumberedWalks]) -> Executor:
+        """PyBullet holds the interpreter lock, and would have policies wait for each other."""
+        config = self._config
+        if config.executor != "ray" and place in TWINS and TWINS[place].engine == "pybullet":
+            return ProcessExecutor(walks, config.episodes_at_a_time)
+        return make_executor(walks, config.episodes_at_a_time, config.executor, config.ray_address)
 
 
 def _walk(walks: OwnWalks | NumberedWalks, policy: PolicyArrays, draw: int) -> Episode:

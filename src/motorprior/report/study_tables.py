@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
 from motorprior.transfer.statistics import SURE, Estimate
-from motorprior.transfer.study_summary import Summary
+from motorprior.transfer.study_summary import Summary, home_of
 from motorprior.transfer.study_verdicts import (
     COMPARED,
     LEAST_UPRIGHT,
@@ -18,10 +18,11 @@ from motorprior.transfer.study_verdicts import (
     Pairing,
     Verdict,
 )
-from motorprior.transfer.walk_table import OWN
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD
 
 PLACES = {
-    OWN: "own simulation", "foreign": "foreign motors", "hard": "hard", "pybullet": "PyBullet",
+    OWN: "own simulation", OWN_ABROAD: "own, foreign motors", "foreign": "foreign motors", "hard": "hard",
+    "pybullet": "PyBullet",
 }  # fmt: skip
 """Titles of places; any other place has its own name."""
 LESS, MORE = "↓", "↑"
@@ -42,8 +43,8 @@ def place_title(place: str) -> str:
 def headline_caption() -> str:
     """What the cells of `headline_rows` are."""
     return (
-        "Speed [m/s], interquartile mean of policies and draws with its 95 % interval, share of the time upright, and "
-        "how far to the side of its way a walk ends [m], interquartile mean. "
+        "Speed [m/s], interquartile mean of policies and draws, share of the time upright, both with 95 % intervals, "
+        "and how far to the side of its way a walk ends [m], interquartile mean. "
         f"{LESS} less, {MORE} more than that of the sampled prior there: p < {SURE:g}, corrected, and 0 outside of "
         "the difference's interval; the adapted prior is compared on the robots that it was adapted to, the gait not "
         "at all. The way to the side is that of walks without a fall, and not compared: who falls more keeps easier "
@@ -85,15 +86,16 @@ def headline_table(summary: Summary) -> Table:
 def twin_table(summary: Summary, twin: str) -> Table:
     """All about the speed on one twin."""
     columns = (
-        "trained on", "speed [m/s]", "upright", "of its own speed", "behind the oracle [m/s]",
+        "trained on", "speed [m/s]", "upright", "of its own speed [m/s]", "behind the oracle [m/s]",
         "behind the prior [m/s]", "slower walks", "p",
     )  # fmt: skip
     rows = tuple((_name(name), *_twin_cells(summary, twin, name)) for name in _conditions_at(summary, twin))
     caption = (
-        f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: over the speed where "
-        "it was trained. Behind: how much slower it is. Slower walks: chance that a walk is slower than one of the "
-        "sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, by permutation of the "
-        "policies, after Holm over its family: what targets ask, the steps of “What counts”, or all other conditions. "
+        f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: of that where it was "
+        "trained, on motors of the same population. Behind: how much slower it is. Slower walks: chance that a walk is "
+        "slower than one of the sampled prior on the same draw. p: two-sided, of no difference from the sampled prior, "
+        "by permutation of the policies, after Holm over its family: what targets ask, the steps of “What counts”, or "
+        "all other conditions. "
         "The adapted prior is compared on the robots that it was adapted to."
     )
     return Table(columns, rows, caption)
@@ -101,9 +103,10 @@ def twin_table(summary: Summary, twin: str) -> Table:
 
 def standing_table(summary: Summary) -> Table:
     """How many policies stand at every place: what an interquartile mean leaves out."""
-    columns = ("trained on", *(place_title(place) for place in summary.places()))
+    places = summary.homes() + summary.twins()
+    columns = ("trained on", *(place_title(place) for place in places))
     rows = tuple(
-        (_name(name), *(_percent_or_none(summary.standing.get((place, name))) for place in summary.places()))
+        (_name(name), *(_percent_or_none(summary.standing.get((place, name))) for place in places))
         for name in summary.conditions()
     )
     caption = (
@@ -185,10 +188,11 @@ def _headline(summary: Summary, place: str, condition: str) -> str:
     if speed is None:
         return "–"
     parts = [_with_interval(speed, _sign(summary, place, condition, "speed"))]
-    for measure, said in (("upright", percent), ("drift", _metres)):
-        found = summary.estimates.get((place, condition, measure))
-        if found is not None:
-            parts.append(f"{said(found.value)}{_sign(summary, place, condition, measure)}")
+    upright, drift = (summary.estimates.get((place, condition, measure)) for measure in ("upright", "drift"))
+    if upright is not None:
+        parts.append(_percent_with_interval(upright, _sign(summary, place, condition, "upright")))
+    if drift is not None:
+        parts.append(_metres(drift.value))
     return ", ".join(parts)
 
 
@@ -206,10 +210,13 @@ def _twin_cells(summary: Summary, twin: str, condition: str) -> list[Cell]:
     ratio, regret = summary.ratios.get(pair), summary.regrets.get(pair)
     pairing = Pairing(twin, PRIOR, condition, "speed")
     compared, upright = summary.comparisons.get(pairing), summary.estimates.get((*pair, "upright"))
+    own = summary.estimates.get((*home_of(*pair, {known[:2] for known in summary.estimates}), "speed"))
     return [
         _with_interval(summary.estimates[*pair, "speed"]),
         None if upright is None else percent(upright.value),
-        None if ratio is None or not math.isfinite(ratio.value) else f"{ratio.value:.2f}",
+        None
+        if own is None or ratio is None or not math.isfinite(ratio.value)
+        else f"{ratio.value:.2f} of {own.value:.2f}",
         None if regret is None else _with_interval(regret),
         None if compared is None else _with_interval(compared.difference),
         None if compared is None or not math.isfinite(compared.improvement) else percent(compared.improvement),
@@ -221,6 +228,12 @@ def _with_interval(found: Estimate, sign: str = "") -> str:
     """0.41 [0.38, 0.44], a sign behind the first; the bracket may go to the next line, but not break."""
     value, low, high = (f"{each:.2f}".replace("-0.00", "0.00").replace("-", MINUS) for each in _ends(found))
     return f"{value}{sign} [{low},{_NO_BREAK}{high}]"
+
+
+def _percent_with_interval(found: Estimate, sign: str = "") -> str:
+    """96 %↓ [91, 99]."""
+    low, high = (percent(end).removesuffix(f"{_NO_BREAK}%") for end in (found.low, found.high))
+    return f"{percent(found.value)}{sign} [{low},{_NO_BREAK}{high}]"
 
 
 def _ends(found: Estimate) -> tuple[float, float, float]:

@@ -163,7 +163,7 @@ def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statis
     luck = statistic(others.T) - statistic(others.ravel())
     p = permutation_p(statistic(adapted) - luck, statistic(others))
     difference = _with_interval(value, _bootstrap(sampled, RESAMPLES))
-    return Comparison(difference, improvement(adapted, others, shared=False), p)
+    return Comparison(difference, _share_better(adapted[:, :, None] - others.T[:, None, :]), p)
 
 
 def permutation_p(one: np.ndarray, other: np.ndarray) -> float:
@@ -236,7 +236,13 @@ def improvement(one: np.ndarray, other: np.ndarray, shared: bool = True) -> floa
     Without shared draws every walk of the one meets every walk of the other. Pairs of which one is not known are left
     out; NaN where none is left.
     """
-    gain = one[:, None, :] - other[None, :, :] if shared else np.subtract.outer(one.ravel(), other.ravel())
+    return _share_better(
+        one[:, None, :] - other[None, :, :] if shared else np.subtract.outer(one.ravel(), other.ravel())
+    )
+
+
+def _share_better(gain: np.ndarray) -> float:
+    """Share of the known gains that are above 0, and half of those that are 0."""
     known = gain[np.isfinite(gain)]
     return float(np.mean((known > 0.0) + 0.5 * (known == 0.0))) if len(known) else float("nan")
 

@@ -12,6 +12,7 @@ from motorprior.transfer.study_verdicts import (
     IN_WORDS,
     LEAST_SPEED,
     MEASURES,
+    NOT_MEASURED,
     PAPER,
     PAPER_WIDE,
     Verdict,
@@ -85,16 +86,18 @@ def _test(claim: Claim, table: WalkTable) -> _Tested | str:
     place = OWN if claim.at_home else next(iter(twins_in(table.distinct("place"))), None)
     tried = [name for name in _RECIPES if len(table.at(OWN, name))]
     if place is None or not tried:
-        return "not measured"
+        return NOT_MEASURED
     recipe = next((name for name in tried if _walks(table, name)), None) if claim.needs_walk else tried[0]
     if recipe is None:
         return f"{_own_walk(table, tried[0])}: nothing can be told of its steps"
     measure, pair = claim.measure, (recipe, BASELINE)
-    scores = [table.at(place, name).scores(place, name, measure) for name in pair]
+    walks = [table.at(place, name) for name in pair]
+    scores = [each.scores(place, name, measure) for name, each in zip(pair, walks, strict=True)]
     if not all(np.isfinite(each).any() for each in scores):
-        return "not measured"
+        return NOT_MEASURED
     statistic = statistic_of(measure)
-    compared = compare_scores(*scores, shared=False, statistic=statistic)
+    shared = place != OWN and walks[0].distinct("draw") == walks[1].distinct("draw")
+    compared = compare_scores(*scores, shared=shared, statistic=statistic)
     paper, pd = (number_text(float(statistic(each.ravel())), ".3g") for each in scores)
     unit = "" if MEASURES[measure] == "1" else f" {MEASURES[measure]}"
     found = f"{place}: {paper}{unit} after {IN_WORDS[recipe]}, {pd}{unit} after the ideal PD"

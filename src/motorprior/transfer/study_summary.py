@@ -75,7 +75,11 @@ class Summary:
 
     def places(self) -> list[str]:
         """OWN, then the twins, see `twins_in`."""
-        return in_order((place for place, *_ in self.estimates), (OWN, *self.twins()))
+        return [place for place in self.homes() if place != OWN_ABROAD] + self.twins()
+
+    def homes(self) -> list[str]:
+        """Where policies were trained: OWN, and OWN_ABROAD if some were for foreign motors."""
+        return [place for place in (OWN, OWN_ABROAD) if any(place == known for known, *_ in self.estimates)]
 
     def twins(self) -> list[str]:
         """See `twins_in`."""
@@ -104,7 +108,6 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
         for condition in there.distinct("condition")
     }
     homes = {pair: cells[home] for pair in cells if pair[0] != OWN and (home := home_of(*pair, cells)) in cells}
-    cells = {pair: cell for pair, cell in cells.items() if pair[0] != OWN_ABROAD}
     estimates = {
         (place, condition, measure): estimate(scores, statistic_of(measure))
         for (place, condition), cell in cells.items()
@@ -112,16 +115,17 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
         for scores in (cell.scores(place, condition, measure),)
         if np.isfinite(scores).any()
     }
+    standing = {pair: _standing(*pair, cell) for pair, cell in cells.items() if "upright" in cell.measures()}
+    cells = {pair: cell for pair, cell in cells.items() if pair[0] != OWN_ABROAD}
     ratios = {pair: _ratio(pair, cells[pair], home) for pair, home in homes.items() if pair in cells}
     regrets = {
         (pairing.place, pairing.other): _compare(pairing, cells, alone).difference
         for pairing in _pairings(ORACLE, cells, ("speed",))
     }
-    standing = {pair: _standing(*pair, cell) for pair, cell in cells.items() if "upright" in cell.measures()}
     comparisons, corrected = _compared(cells, alone)
     judged = (cell for (_, condition), cell in cells.items() if condition in CONDITIONS and condition != UNTRAINED)
     policies = min((len(cell.distinct("seed")) for cell in judged), default=0)
-    aims, said = targets(Facts(estimates, comparisons, corrected, _peers(cells))), claims(table)
+    aims, said = targets(Facts(estimates, comparisons, corrected, _peers(cells), standing)), claims(table)
     if policies < ENOUGH_POLICIES:
         aims, said = (tuple(replace(each, holds=None) for each in verdicts) for verdicts in (aims, said))
     return Summary(estimates, ratios, regrets, standing, comparisons, corrected, aims, said, policies)

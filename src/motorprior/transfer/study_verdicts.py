@@ -32,6 +32,7 @@ CONDITIONS = (
 )  # fmt: skip
 """Of a study, in the order of every table and picture."""
 HARD = "hard"
+NOT_MEASURED = "not measured"
 
 
 class Compared(NamedTuple):
@@ -103,6 +104,7 @@ class Facts:
     corrected: Mapping[Pairing, float]
     peers: Mapping[str, Peer]
     """Place -> the oracle on the robots that the adapted policies walk there."""
+    standing: Mapping[tuple[str, str], float]
 
     def value(self, place: str, condition: str, measure: str) -> float:
         """Of an estimate; NaN without one."""
@@ -129,14 +131,21 @@ def in_order(names: Iterable[str], order: Iterable[str]) -> list[str]:
 def targets(facts: Facts) -> tuple[Verdict, ...]:
     """Whether the prior transfers: against the oracle on every twin, against its rivals, and on the hard one."""
     twins = facts.twins()
-    verdicts = [_against_the_oracle(facts, place) for place in twins if place != HARD]
+    verdicts = [_against_the_oracle(facts, place) for place in in_order((*TWINS, *twins), TWINS) if place != HARD]
     verdicts += [_against_a_rival(facts, rival, measure, twins) for measure in COMPARED for rival in RIVALS]
-    if HARD in twins:
-        upright = facts.value(HARD, ROBUST_PRIOR, "upright")
-        said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
-        holds = bool(upright >= UPRIGHT_WHERE_HARD) if np.isfinite(upright) else None
-        verdicts.append(Verdict(said, holds, f"{percent_text(upright)} upright"))
+    upright = facts.value(HARD, ROBUST_PRIOR, "upright")
+    said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
+    measured = bool(np.isfinite(upright))
+    holds = upright >= UPRIGHT_WHERE_HARD if measured else None
+    verdicts.append(Verdict(said, holds, _stands(facts, HARD, ROBUST_PRIOR) if measured else NOT_MEASURED))
     return tuple(verdicts)
+
+
+def _stands(facts: Facts, place: str, condition: str) -> str:
+    """Time upright, and how many policies stand where some do not: do all fall at times, or some all the time?"""
+    upright = f"{percent_text(facts.value(place, condition, 'upright'))} upright"
+    share = facts.standing.get((place, condition), 1.0)
+    return upright if share == 1.0 else f"{upright} ({percent_text(share)} of its policies stand)"
 
 
 def _against_the_oracle(facts: Facts, place: str) -> Verdict:
@@ -147,7 +156,7 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
         oracle = facts.peers.get(place, best) if name == ADAPTED else best
         if not np.isfinite(upright):
             continue
-        stands = f"{IN_WORDS[name]} {percent_text(upright)} upright"
+        stands = f"{IN_WORDS[name]} {_stands(facts, place, name)}"
         if oracle.upright < LEAST_UPRIGHT or not oracle.speed > 0.0:
             each_holds.append(None if upright >= ENOUGH_UPRIGHT else False)
             found.append(f"{stands}; the oracle is no measure of its speed ({percent_text(oracle.upright)} upright)")
@@ -157,7 +166,7 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
         found.append(f"{stands}, {percent_text(share)} of the speed")
     said = f"{place}: the prior has {100 * ENOUGH_SPEED:.0f} % of the oracle's speed"
     said = f"{said} and is {100 * ENOUGH_UPRIGHT:.0f} % upright"
-    return Verdict(said, _either(each_holds), "; ".join(found) or "not measured")
+    return Verdict(said, _either(each_holds), "; ".join(found) or NOT_MEASURED)
 
 
 def _either(each_holds: list[bool | None]) -> bool | None:
@@ -175,7 +184,7 @@ def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -
     }
     said = f"the prior is {COMPARED[measure].more} than {IN_WORDS[rival]}"
     found = "; ".join(f"{IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items())
-    return Verdict(said, _either([_wins(facts, each) for each in met.values()]), found or "not measured")
+    return Verdict(said, _either([_wins(facts, each) for each in met.values()]), found or NOT_MEASURED)
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
