@@ -39,10 +39,10 @@ HARD = replace(
     push_interval=2.0,
 )
 """A twin on unknown ground with an unknown load. Masses and lateness are within what Tan et al. 2018 (RSS,
-"Sim-to-Real: Learning Agile Locomotion For Quadruped Robots", table of randomised parameters) train on: ×0.8-1.2 and 0-40 ms. The
-others are assumptions: a floor more slippery than theirs (the robot's feet have 0.45, theirs 0.5-1.25), a load off its
-place, slopes of a floor at home, a loop on a busy computer, pushes of a hand that change the speed of its 2.1 kg by up
-to 0.14 m/s."""
+"Sim-to-Real: Learning Agile Locomotion For Quadruped Robots", table of randomised parameters) train on: ×0.8-1.2 and
+0-40 ms. The others are assumptions: a floor more slippery than theirs (the robot's feet have 0.45, theirs 0.5-1.25), a
+load off its place, slopes of a floor at home, a loop on a busy computer, pushes of a hand that change the speed of its
+2.1 kg by up to 0.14 m/s."""
 DURATION_STEPS = 500
 """Control steps of a walk of 5 s."""
 
