@@ -62,6 +62,10 @@ class MotorPriorError(Exception):
         self.remedy = None if remedy is None else cut(remedy, LONGEST_REMEDY)
         super().__init__(self._text())
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Between processes it is sent whole, whatever its class asks for."""
+        return _sent, (type(self), self.args, vars(self))
+
     def _text(self, option: bool = False) -> str:
         text = f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
         if option and self.argument is not None:
@@ -75,6 +79,14 @@ class MotorPriorError(Exception):
     def on_command_line(self) -> str:
         """The message for who typed a command: the argument ``task.max_speed`` is the option ``--task.max-speed``."""
         return self._text(option=True)
+
+
+def _sent(kind: type[MotorPriorError], args: tuple[Any, ...], attributes: dict[str, Any]) -> MotorPriorError:
+    """The error that another process sent."""
+    error = kind.__new__(kind)
+    error.args = args
+    vars(error).update(attributes)
+    return error
 
 
 class LogError(MotorPriorError):

@@ -1,6 +1,6 @@
 """A PD with Coulomb friction: the ideal PD less a force against the motion."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -8,19 +8,20 @@ import pytest
 from motorprior.actuator.friction_pd import SLOWEST, FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.torque_law import make_explicit, reset_actuator, step_actuator
-from motorprior.bench.dynamometer import Trial, run
 
-DT, COULOMB = 0.002, 0.12
-PD = IdealPd.uniform(4, kp=8.0, kd=0.5, torque_limit=1.3, armature=0.004, delay=0.003)
+DT, COULOMB = 0.002, 0.26
+PD = IdealPd.uniform(4, kp=8.3, kd=0.73, torque_limit=1.45, armature=0.0015)
+LIGHT = replace(PD, armature=np.full(4, 1e-4), kd=np.full(4, 0.1))
+SPEEDS = np.linspace(-3.0, 3.0, 61)[:, None] * np.array([1.0, 0.1, 0.01, 0.0])
 
 
 def effort(actuator: IdealPd | FrictionPd, velocity: np.ndarray, explicit: bool = False) -> np.ndarray:
-    """(steps, 4) what acts on a joint that keeps its velocity, at position 0 with target 0.1 [N·m]."""
+    """(steps, 4) what acts on a joint that keeps its velocity, where its target is [N·m]."""
     arrays, out = actuator.arrays(DT), np.zeros(velocity.shape)
-    target, pos = np.full(4, 0.1), np.zeros(4)
-    reset_actuator(arrays, target, pos)
+    there = np.zeros(4)
+    reset_actuator(arrays, there, there)
     for step, row in enumerate(velocity):
-        step_actuator(arrays, DT, target, pos, row.copy(), out[step])
+        step_actuator(arrays, DT, there, there, row.copy(), out[step])
         if explicit:
             make_explicit(arrays, row.copy(), out[step])
             np.testing.assert_array_equal(arrays.damping, actuator.damping)
@@ -32,33 +33,58 @@ def friction(pd: IdealPd, velocity: np.ndarray, explicit: bool = False) -> np.nd
     return effort(pd, velocity) - effort(FrictionPd(pd, np.full(4, COULOMB)), velocity, explicit)
 
 
-LIGHT = replace(PD, armature=np.full(4, 1e-4), kd=np.full(4, 0.1))
-SPEEDS = np.linspace(-3.0, 3.0, 61)[:, None] * np.array([1.0, 0.1, 0.01, 0.0])
-
-
 @pytest.mark.parametrize("pd", [PD, LIGHT])
 def test_it_is_against_the_motion_whole_when_fast_and_linear_when_slow(pd: IdealPd):
     np.testing.assert_allclose(friction(pd, SPEEDS), COULOMB * np.clip(SPEEDS / SLOWEST, -1.0, 1.0), atol=1e-12)
 
 
-def test_an_engine_without_implicit_friction_gets_a_flatter_slope_on_a_light_rotor():
-    np.testing.assert_allclose(
-        friction(PD, SPEEDS, explicit=True), COULOMB * np.clip(SPEEDS / SLOWEST, -1.0, 1.0), atol=1e-12
-    )
-    slope = 1e-4 / DT + 0.1
-    np.testing.assert_allclose(
-        friction(LIGHT, SPEEDS, explicit=True), np.clip(slope * SPEEDS, -COULOMB, COULOMB), atol=1e-12
-    )
+def test_an_engine_without_implicit_friction_gets_a_flatter_slope():
+    steepest = 0.0015 / DT
+    found, flat = friction(PD, SPEEDS, explicit=True), np.clip(steepest * SPEEDS, -COULOMB, COULOMB)
+    fast = np.abs(SPEEDS) > COULOMB / steepest
+    np.testing.assert_allclose(found[~fast], flat[~fast], atol=1e-12)
+    np.testing.assert_allclose(found[fast], COULOMB * np.sign(SPEEDS[fast]), atol=1e-12)
 
 
-@pytest.mark.parametrize(("armature", "coulomb"), [(0.004, 0.15), (0.004, 0.3), (0.0, 0.26)])
-def test_a_joint_that_coasts_is_stopped_and_not_turned_round(armature: float, coulomb: float):
-    """No gains, pushed for 0.1 s, then alone."""
-    limp = IdealPd.uniform(1, kp=0.0, kd=0.0, torque_limit=1.0, armature=armature)
-    push = np.zeros((500, 1))
-    push[:50] = 1.0
-    coasting = run(FrictionPd(limp, np.array([coulomb])), Trial(np.zeros((500, 1)), push, np.array([0.002]), DT))
-    speed = coasting.joint_vel[60:, 0]
-    assert speed[0] > 1.0 and abs(speed[-1]) < 0.02 and speed.min() > -0.02
-    free = run(limp, Trial(np.zeros((500, 1)), push, np.array([0.002]), DT)).joint_vel[60:, 0]
-    assert free[-1] == pytest.approx(free[0])
+def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float, h: float, seconds: float):
+    """(steps,) velocity of a joint with a load [kg·m²], as an engine takes torque and damping."""
+    one = IdealPd(*(getattr(pd, field.name)[:1] for field in fields(IdealPd)))
+    actuator = FrictionPd(one, np.array([coulomb]))
+    arrays, inertia = actuator.arrays(h), load + one.armature
+    pos, velocity, torque, found = np.zeros(1), np.array([start]), np.zeros(1), []
+    reset_actuator(arrays, np.array([target]), pos)
+    for _ in range(round(seconds / h)):
+        step_actuator(arrays, h, np.array([target]), pos, velocity, torque)
+        velocity = (inertia * velocity + h * torque) / (inertia + h * arrays.damping)
+        pos = pos + h * velocity
+        found.append(velocity[0])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("kd", [0.0, 0.73])
+@pytest.mark.parametrize("armature", [0.0, 1e-4, 0.0015])
+@pytest.mark.parametrize("load", [3.4e-4, 0.01])
+def test_a_joint_that_coasts_is_stopped_and_not_turned_round(kd: float, armature: float, load: float):
+    limp = IdealPd.uniform(1, kp=0.0, kd=kd, torque_limit=10.0, armature=armature)
+    for start in (0.11, 0.15, 0.19, 0.25, 0.3, 0.4, 1.0):
+        speeds = motion(limp, COULOMB, load, start, 0.0, DT, 0.3)
+        assert np.all(speeds >= 0.0) and np.all(np.diff(speeds) <= 1e-15) and speeds[-1] < 1e-3
+
+
+def taken(load: float, start: float, target: float, h: float, seconds: float) -> float:
+    """Velocity that friction takes from a joint [rad/s]."""
+    free, held = (motion(PD, coulomb, load, start, target, h, seconds)[-1] for coulomb in (0.0, COULOMB))
+    return free - held
+
+
+@pytest.mark.parametrize("load", [3.4e-4, 1e-3, 5e-3, 0.02])
+@pytest.mark.parametrize("target", [0.1, 0.2])
+def test_from_a_start_at_rest_it_takes_what_it_takes_in_a_hundred_times_finer_steps(load: float, target: float):
+    fine = taken(load, 0.0, target, DT / 100, 0.02)
+    assert fine > 0.1 and taken(load, 0.0, target, DT, 0.02) == pytest.approx(fine, rel=0.1)
+
+
+def test_it_helps_the_motor_to_brake_a_heavy_joint():
+    """The motor brakes so hard that its bare rotor would turn round in a step; the load does not."""
+    fine = taken(0.02, 1.0, -0.1, DT / 100, 0.01)
+    assert fine > 0.1 and taken(0.02, 1.0, -0.1, DT, 0.01) == pytest.approx(fine, rel=0.25)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from far_tasks import Counter, count, die, fail, make_walker
+from far_tasks import Counter, count, die, fail, fail_oddly, make_walker
 
 from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -49,13 +49,33 @@ def test_every_process_keeps_its_simulator_and_results_are_in_order(two: Process
 def test_a_fault_reaches_the_caller_and_the_process_goes_on(two: ProcessExecutor):
     with pytest.raises(SimulationFault) as caught:
         two.map(fail, None, [0])
-    assert str(caught.value) == "here: broken down -> mend it"
+    assert type(caught.value) is SimulationFault and caught.value.where == "here"
+    assert str(caught.value) == f"here: broken down {'x' * 300} -> mend it {'y' * 200}"
     assert two.map(count, "x", [1])[0][:2] == ("x", 1)
+
+
+@pytest.mark.parametrize(
+    ("what", "kind", "words"),
+    [("error", SimulationFault, "OddError: odd"), ("result", Exception, "lambda"), ("file", EOFError, "a file ended")],
+)
+def test_what_cannot_be_sent_is_told_and_the_process_goes_on(two: ProcessExecutor, what: str, kind: type, words: str):
+    with pytest.raises(kind, match=words) as caught:
+        two.map(fail_oddly, what, [0])
+    assert what == "error" or "fail_oddly" in "".join(caught.value.__notes__) or "serve" in caught.value.__notes__[0]
+    assert [each[:2] for each in two.map(count, "x", range(4))] == [("x", task) for task in range(4)]
+
+
+def test_a_file_in_the_working_folder_is_no_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "queue.py").write_text("raise SystemExit(1)", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    executor = ProcessExecutor(Counter, 1)
+    assert executor.map(count, "x", [0])[0][:3] == ("x", 0, 1)
+    executor.close()
 
 
 def test_a_process_that_ends_is_named_with_its_task():
     executor = ProcessExecutor(Counter, 1)
-    with pytest.raises(SimulationFault, match="task 7 ended with 3"):
+    with pytest.raises(SimulationFault, match="task 7 ended with 3: the engine is gone"):
         executor.map(die, None, [7])
     executor.close()
 

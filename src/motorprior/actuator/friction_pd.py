@@ -3,12 +3,15 @@
     torque = that of `ideal_pd` - clip(coulomb/SLOWEST·joint_vel, ±coulomb)
 
 Below SLOWEST friction falls with speed, so that it is a force and no constraint of the engine: a joint at rest creeps
-where a real one sticks. A force so steep would turn a light joint round within a physics step. While
+where a real one sticks. So steep a force would turn a light joint round within a step h. Friction is therefore a force
+only where not even the bare rotor, the lightest load there is, would turn round,
 
-    |joint_vel| < coulomb/slope,   slope = min(coulomb/SLOWEST, armature/physics_dt + kd),
+    |v| >= SLOWEST  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0,
 
-it is therefore damping, coulomb/max(|joint_vel|, SLOWEST), that the engine takes implicitly. An engine that cannot
-renew its damping gets clip(slope·joint_vel, ±coulomb), which on a light rotor is whole only at a higher speed.
+and else damping coulomb/w, which the engine takes implicitly: of a moving joint w = |v|, of one slower than SLOWEST the
+speed that the bare rotor reaches within the step, (|armature·v + h·torque| - h·coulomb) / (armature + h·kd), or SLOWEST
+if that is more. So a heavy load that starts, or a bare rotor that turns round, meets too little or too much for a step.
+An engine that cannot renew its damping gets at most armature/h·v instead: it is whole from coulomb·h/armature on.
 """
 
 from __future__ import annotations
@@ -25,7 +28,9 @@ from motorprior.compiled import njit
 
 SLOWEST = 0.1
 """Speed [rad/s] above which friction is whole."""
-_COULOMB, _SLOPE = IDEAL_PD_ROWS, IDEAL_PD_ROWS + 1
+_COULOMB, _ARMATURE, _STEEPEST = range(IDEAL_PD_ROWS, IDEAL_PD_ROWS + 3)
+_TINY = 1e-12
+"""Inertia of a rotor without any [kg·m²]."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class FrictionPd:
     """n motors with a proportional-derivative law and Coulomb friction.
 
     Attributes:
-        pd: the law.
+        pd: the law, with armature; without it friction is too little.
         coulomb: (n,) [N·m].
     """
 
@@ -63,8 +68,8 @@ class FrictionPd:
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         law = self.pd.arrays(physics_dt)
-        slope = np.minimum(self.coulomb / SLOWEST, self.armature / physics_dt + self.damping)
-        return law._replace(law=FRICTION_PD.law, parameters=np.vstack([law.parameters, self.coulomb, slope]))
+        rows = [law.parameters, self.coulomb, self.armature, self.armature / physics_dt]
+        return law._replace(law=FRICTION_PD.law, parameters=np.vstack(rows))
 
 
 @njit(cache=True, nogil=True)
@@ -79,20 +84,26 @@ def _step(
     """Write (n,) torque for the engine [N·m] and ``arrays.damping``."""
     step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     for motor in range(torque.shape[0]):
-        speed, coulomb = abs(joint_vel[motor]), arrays.parameters[_COULOMB, motor]
-        arrays.damping[motor] = arrays.parameters[KD, motor]
-        if arrays.parameters[_SLOPE, motor] * speed < coulomb:
-            arrays.damping[motor] += coulomb / max(speed, SLOWEST)
-        else:
-            torque[motor] -= math.copysign(coulomb, joint_vel[motor])
+        kd, coulomb = arrays.parameters[KD, motor], arrays.parameters[_COULOMB, motor]
+        armature, velocity = arrays.parameters[_ARMATURE, motor], joint_vel[motor]
+        speed, impulse, taken = abs(velocity), physics_dt * torque[motor], physics_dt * coulomb
+        moves = speed >= SLOWEST
+        arrays.damping[motor] = kd
+        if moves and armature * speed + math.copysign(impulse, impulse * velocity) > taken:
+            torque[motor] -= math.copysign(coulomb, velocity)
+            continue
+        if not moves:
+            reached = (abs(armature * velocity + impulse) - taken) / max(armature + physics_dt * kd, _TINY)
+            speed = max(SLOWEST, reached)
+        arrays.damping[motor] += coulomb / speed
 
 
 @njit(cache=True, nogil=True)
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    """Take the friction that is damping as a force, at most as steep as keeps a bare rotor from turning round."""
+    """Take the friction that is damping as a force, no steeper than keeps a rotor without kd from turning round."""
     for motor in range(torque.shape[0]):
         renewed = arrays.damping[motor] - arrays.parameters[KD, motor]
-        torque[motor] -= min(renewed, arrays.parameters[_SLOPE, motor]) * joint_vel[motor]
+        torque[motor] -= min(renewed, arrays.parameters[_STEEPEST, motor]) * joint_vel[motor]
         arrays.damping[motor] = arrays.parameters[KD, motor]
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,20 @@ from motorprior.pipeline.study_settings import Study
 from motorprior.robots.load import load_robot
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
-from motorprior.transfer.study_verdicts import ADAPTED, ORACLE, ROBUST_PRIOR, UNTRAINED
+from motorprior.transfer.study_verdicts import (
+    ADAPTED,
+    BASELINE,
+    ONE_NETWORK,
+    ORACLE,
+    PAPER,
+    PAPER_WIDE,
+    PD_FRICTION,
+    PD_RANDOMISED,
+    PRIOR_MEAN,
+    ROBUST_PRIOR,
+    TUNED_PD,
+    UNTRAINED,
+)
 from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 FITS = "fits.json"
@@ -33,7 +46,9 @@ RANDOMISED_BY = 0.3
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
 _NOTHING = Randomization()
-_PRESETS = ("rollout", "paper", "paper_wide", "one_network")
+_OTHER_PRESETS = (PAPER, PAPER_WIDE, ONE_NETWORK)
+"""Conditions that have the name of the preset of their prior; those of the prior are identified by rollout."""
+_FITTED = (BASELINE, TUNED_PD, PD_FRICTION)
 
 
 @dataclass(frozen=True)
@@ -82,21 +97,37 @@ def fleet_of(config: Study, population: str) -> str | None:
 
 
 def learn(config: Study, threads: int, progress: Progress) -> None:
-    """Record the benches; identify the priors and fit the PDs, side by side, the longest first."""
-    for preset in ("rollout", "paper"):
+    """Record the benches; identify the priors and fit the PDs that are needed, side by side, the longest first."""
+    presets = [preset for preset in ("rollout", *_OTHER_PRESETS) if _needs(config, _conditions_of(preset))]
+    fitted = _needs(config, (*_FITTED, PD_RANDOMISED))
+    benches = [_bench_of(preset) for preset in presets] + ["rollout"] * fitted
+    for name in dict.fromkeys(benches):
         run_bench(
             Bench(
-                config.out / "bench" / preset, config.fleet, preset, config.motors, config.bench_steps, config.seed,
+                config.out / "bench" / name, config.fleet, name, config.motors, config.bench_steps, config.seed,
                 config.robot,
             ),
             progress,
         )  # fmt: skip
-    works = [*(partial(_identify, config, preset) for preset in _PRESETS), partial(_fit_pds, config)]
+    works = [partial(_identify, config, preset) for preset in presets] + [partial(_fit_pds, config)] * fitted
     side_by_side(works, threads, progress)
 
 
+def _needs(config: Study, names: Iterable[str]) -> bool:
+    return any(name in config.conditions for name in names)
+
+
+def _conditions_of(preset: str) -> tuple[str, ...]:
+    """The conditions that a prior is for."""
+    return (preset,) if preset in _OTHER_PRESETS else (PRIOR_MEAN, SAMPLED, ADAPTED, ROBUST_PRIOR)
+
+
+def _bench_of(preset: str) -> str:
+    return "paper" if preset == "paper" else "rollout"
+
+
 def _identify(config: Study, preset: str, progress: Progress) -> None:
-    bench = config.out / "bench" / ("paper" if preset == "paper" else "rollout")
+    bench = config.out / "bench" / _bench_of(preset)
     run_identify(Identify(bench, _prior(config, preset).parent, preset, config.seed, config.adam_steps), progress)
 
 
@@ -114,7 +145,7 @@ def _fit_pds(config: Study, progress: Progress) -> None:
     log = config.out / "bench" / "rollout" / "log.parquet"
     nominal = nominal_pd(fleet, 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
-    kinds = {"ideal_pd": GAINS, "tuned_pd": EVERYTHING, "pd_friction": FRICTION}
+    kinds = dict(zip(_FITTED, (GAINS, EVERYTHING, FRICTION), strict=True))
     wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):
         return
@@ -131,29 +162,34 @@ def _fit_pds(config: Study, progress: Progress) -> None:
 
 def conditions(config: Study, seed: int) -> list[Condition]:
     """Of ``config.conditions`` those of the policies of a seed, the longest first; only the first has the gait."""
-    fits = read_json(config.out / "fits" / FITS)
-    learned = {preset: MotorChoice("prior", _prior(config, preset), fleet=config.fleet) for preset in _PRESETS}
-    prior = learned["rollout"]
-    made = [
-        *(_oracle(config, population) for population in (ABROAD, HOME)),
-        *(_adapted(config, population, seed) for population in (ABROAD, HOME)),
-        Condition(SAMPLED, _named(prior, SAMPLED)),
-        Condition(ROBUST_PRIOR, _named(prior, ROBUST_PRIOR), ROBUST),
-        Condition("prior_mean", _named(prior, "prior_mean", latent_spread=0.0)),
-        *(Condition(name, _named(learned[name], name)) for name in ("paper", "paper_wide", "one_network")),
-        *(Condition(name, _pd(config, fits, name, name)) for name in ("ideal_pd", "tuned_pd", "pd_friction")),
-        *([Condition(UNTRAINED, MotorChoice("pd", fleet=config.fleet, name=UNTRAINED))] if seed == 0 else []),
-        Condition("pd_randomised", _pd(config, fits, "pd_friction", "pd_randomised", spread=RANDOMISED_BY)),
-    ]
-    return [each for each in made if each.name in config.conditions]
+    randomised = partial(_pd, config, PD_FRICTION, PD_RANDOMISED, spread=RANDOMISED_BY)
+    made = {
+        ORACLE: [partial(_oracle, config, population) for population in (ABROAD, HOME)],
+        ADAPTED: [partial(_adapted, config, population, seed) for population in (ABROAD, HOME)],
+        SAMPLED: [partial(_prior_condition, config, SAMPLED)],
+        ROBUST_PRIOR: [partial(_prior_condition, config, ROBUST_PRIOR, ROBUST)],
+        PRIOR_MEAN: [partial(_prior_condition, config, PRIOR_MEAN, latent_spread=0.0)],
+        **{name: [partial(_prior_condition, config, name)] for name in _OTHER_PRESETS},
+        **{name: [partial(_pd, config, name, name)] for name in _FITTED},
+        UNTRAINED: [partial(_untrained, config)] if seed == 0 else [],
+        PD_RANDOMISED: [randomised],
+    }
+    return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
 
-def _named(choice: MotorChoice, name: str, **changes: Any) -> MotorChoice:
-    return replace(choice, name=name, **changes)
+def _prior_condition(config: Study, name: str, randomization: Randomization = _NOTHING, **changes: Any) -> Condition:
+    """A prior's motors, under the name of the condition."""
+    prior = _prior(config, name if name in _OTHER_PRESETS else "rollout")
+    return Condition(name, MotorChoice("prior", prior, fleet=config.fleet, name=name, **changes), randomization)
 
 
-def _pd(config: Study, fits: Mapping, fit: str, name: str, spread: float = 0.0) -> MotorChoice:
-    return MotorChoice("pd", fleet=config.fleet, spread=spread, name=name, **fits[fit]["constants"])
+def _untrained(config: Study) -> Condition:
+    return Condition(UNTRAINED, MotorChoice("pd", fleet=config.fleet, name=UNTRAINED))
+
+
+def _pd(config: Study, fit: str, name: str, spread: float = 0.0) -> Condition:
+    constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
+    return Condition(name, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name, **constants))
 
 
 def _twins_of(population: str) -> tuple[str, ...]:

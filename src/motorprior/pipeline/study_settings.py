@@ -21,8 +21,10 @@ from motorprior.transfer.study_verdicts import CONDITIONS
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
 _QUICK = {
-    "seeds": 2, "draws": 6, "iterations": 10, "motors": 16, "bench_steps": 4000, "adam_steps": 300,
+    "seeds": 2, "draws": 6, "iterations": 10, "bench_steps": 4000, "adam_steps": 300,
 }  # fmt: skip
+_QUICK_MOTORS = 16
+"""Or more, if the robot has more joints."""
 
 
 @dataclass(frozen=True)
@@ -84,18 +86,19 @@ class Study:
         """Of one policy; threads have one each."""
         return self.workers if self.executor == "ray" else 1
 
+    def _quicker(self) -> Study:
+        """With the numbers of a quick study in place of the defaults."""
+        few = _QUICK | {"motors": max(_QUICK_MOTORS, load_robot(self.robot).num_joints)}
+        defaults = {field.name: field.default for field in fields(self)}
+        return replace(self, **{name: few[name] for name in few if getattr(self, name) == defaults[name]})
+
     def sized(self) -> Study:
         """With the numbers of a quick study if it is one.
 
         Raises:
             MotorPriorError: names the setting that is out of range.
         """
-        config = self
-        if self.quick:
-            defaults = {field.name: field.default for field in fields(self)}
-            config = replace(
-                self, **{name: few for name, few in _QUICK.items() if getattr(self, name) == defaults[name]}
-            )
+        config = self._quicker() if self.quick else self
         _require_conditions(config.conditions)
         robot = load_robot(config.robot)
         robot.require_legs()

@@ -53,8 +53,6 @@ def first_paragraph(summary: Summary) -> str:
 
     Of a study of few policies only that it decides nothing.
     """
-    if not summary.targets:
-        return "There is no target to judge."
     if summary.policies < ENOUGH_POLICIES:
         few = f"This study decides nothing: it has {summary.policies} of {ENOUGH_POLICIES} policies per condition."
         return " ".join((few, "What they did is told below.", *_beside_the_gait(summary)))

@@ -21,13 +21,14 @@ MEASURES = {
 _MEANS = frozenset({"upright"})
 """Measures whose mean is reported: the middle half of a share near 1 says nothing of the falls."""
 PRIOR_MEAN, PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE = "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle"
-PAPER, PAPER_WIDE, BASELINE, TUNED_PD = "paper", "paper_wide", "ideal_pd", "tuned_pd"
+PAPER, PAPER_WIDE, ONE_NETWORK = "paper", "paper_wide", "one_network"
+BASELINE, TUNED_PD = "ideal_pd", "tuned_pd"
 RIVALS = PD_FRICTION, PD_RANDOMISED = "pd_friction", "pd_randomised"
 """Conditions that the prior must beat."""
 UNTRAINED = "untrained"
 """The gait itself: one policy, which nothing trained."""
 CONDITIONS = (
-    UNTRAINED, BASELINE, TUNED_PD, *RIVALS, "one_network", PAPER, PAPER_WIDE,
+    UNTRAINED, BASELINE, TUNED_PD, *RIVALS, ONE_NETWORK, PAPER, PAPER_WIDE,
     PRIOR_MEAN, PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE,
 )  # fmt: skip
 """Of a study, in the order of every table and picture."""
@@ -155,6 +156,7 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
         upright, speed = (facts.value(place, name, measure) for measure in ("upright", "speed"))
         oracle = facts.peers.get(place, best) if name == ADAPTED else best
         if not np.isfinite(upright):
+            each_holds.append(None)
             continue
         stands = f"{IN_WORDS[name]} {_stands(facts, place, name)}"
         if oracle.upright < LEAST_UPRIGHT or not oracle.speed > 0.0:
@@ -178,23 +180,26 @@ def _either(each_holds: list[bool | None]) -> bool | None:
 
 def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
     """One of the two ways of using the prior must be better on enough twins and worse on none, both beyond doubt."""
-    ways = {name: [Pairing(place, name, rival, measure) for place in twins] for name in (PRIOR, ADAPTED)}
     met = {
-        name: known for name in ways if (known := [pairing for pairing in ways[name] if pairing in facts.comparisons])
+        name: [each for place in twins if (each := Pairing(place, name, rival, measure)) in facts.comparisons]
+        for name in (PRIOR, ADAPTED)
     }
     said = f"the prior is {COMPARED[measure].more} than {IN_WORDS[rival]}"
-    found = "; ".join(f"{IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items())
+    found = "; ".join(
+        f"{IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items() if pairings
+    )
     return Verdict(said, _either([_wins(facts, each) for each in met.values()]), found or NOT_MEASURED)
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
     """Whether the first of each pair is better on enough twins and worse on none.
 
-    A single twin may show a loss, never a win. A correction makes a win harder to claim; a loss it would hide.
+    A twin where they did not meet may be one where it is worse: then only a loss can be told. A correction makes a win
+    harder to claim; a loss it would hide.
     """
     if any(_is_loss(facts, each) for each in pairings):
         return False
-    if len(pairings) < TWINS_WON:
+    if len({each.place for each in pairings} & set(TWINS)) < len(TWINS):
         return None
     return sum(_is_sure(facts, each) and _gain(facts, each) > 0.0 for each in pairings) >= TWINS_WON
 
