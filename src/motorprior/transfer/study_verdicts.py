@@ -161,7 +161,8 @@ def _against_the_oracle(facts: Facts, place: str) -> Verdict:
         stands = f"{IN_WORDS[name]} {_stands(facts, place, name)}"
         if oracle.upright < LEAST_UPRIGHT or not oracle.speed > 0.0:
             each_holds.append(None if upright >= ENOUGH_UPRIGHT else False)
-            found.append(f"{stands}; the oracle is no measure of its speed ({percent_text(oracle.upright)} upright)")
+            known = f"the oracle is no measure of its speed ({percent_text(oracle.upright)} upright)"
+            found.append(f"{stands}; {known if np.isfinite(oracle.upright) else 'no oracle walks there'}")
             continue
         share = speed / oracle.speed
         each_holds.append(bool(share >= ENOUGH_SPEED and upright >= ENOUGH_UPRIGHT))
