@@ -69,8 +69,9 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
         assert errors["second_order"] < errors["pure_delay"]
         each = found.where(quantity=quantity, model="per_motor", statistic=None)
         assert [row.part for row in each] == ["motor_000", "motor_001", "motor_002"]
-    for coverage in ("coverage90", "whole_run_coverage90"):
-        assert 0.5 < found.where(quantity=coverage).value() <= 1.0
+    for coverage in ("coverage", "whole_run_coverage"):  # how wide the bands of three motors are, rounding decides
+        half, most = (found.where(quantity=f"{coverage}{level}").value() for level in (50, 90))
+        assert 0.0 < half < most <= 1.0 and most > 0.3
     assert sorted(path.name for path in (out / "pictures").iterdir()) == [f"motor_00{n}.png" for n in range(3)]
     others = folder / "new" / "log.parquet"
     words = ("new/log.parquet: joints motor_000", "held_out/log.parquet has", "same joints")
