@@ -155,8 +155,9 @@ def _fit_pds(config: Study, progress: Progress) -> None:
     ):
         recorded = read_bench(log.parent)[0]
         fits = {name: asdict(fit_to_the_end(recorded, start, free, task.advance)) for name, free in kinds.items()}
-        for name in (name for name, fit in fits.items() if not fit["converged"]):
-            progress.note(f"note: the fit of {name} had not converged when its evaluations were used up")
+        for name, fit in fits.items():
+            if not fit["converged"]:
+                progress.note(f"note: the fit of {name} had not converged when its evaluations were used up")
         write_json(folder / FITS, fits)
 
 

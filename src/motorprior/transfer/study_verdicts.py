@@ -106,6 +106,7 @@ class Facts:
     peers: Mapping[str, Peer]
     """Place -> the oracle on the robots that the adapted policies walk there."""
     standing: Mapping[tuple[str, str], float]
+    """(place, condition) -> share of the policies that stand there."""
 
     def value(self, place: str, condition: str, measure: str) -> float:
         """Of an estimate; NaN without one."""
