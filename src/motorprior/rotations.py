@@ -20,3 +20,20 @@ def roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
     pitch = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return roll, pitch, yaw
+
+
+@njit(cache=True)
+def roll_pitch_below(up: np.ndarray, quaternion: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch [rad] of a body whose accelerometer finds ``up``, as `roll_pitch_yaw` has them where up is z.
+
+    u = rotation_base_to_worldᵀ·up, roll = atan2(u_y, u_z), pitch = -asin(u_x).
+
+    Args:
+        up: (3,) unit vector against gravity, in the world.
+        quaternion: (4,) rotation_base_to_world.
+    """
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    forward = up[0] * (1.0 - 2.0 * (y * y + z * z)) + up[1] * 2.0 * (x * y + w * z) + up[2] * 2.0 * (x * z - w * y)
+    left = up[0] * 2.0 * (x * y - w * z) + up[1] * (1.0 - 2.0 * (x * x + z * z)) + up[2] * 2.0 * (y * z + w * x)
+    above = up[0] * 2.0 * (x * z + w * y) + up[1] * 2.0 * (y * z - w * x) + up[2] * (1.0 - 2.0 * (x * x + y * y))
+    return math.atan2(left, above), -math.asin(min(1.0, max(-1.0, forward)))

@@ -5,13 +5,16 @@ Of friction only the number is compared, as contacts are what the engines differ
 
 import json
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
 from policies import random_policy
+from scipy.spatial.transform import Rotation
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -35,6 +38,7 @@ PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 STEPS = 100
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def draw_pd(rng):
@@ -281,19 +285,45 @@ def test_both_engines_fall_along_the_tilted_gravity():
     bullet.close()
 
 
+def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
+    """A rigid body that is turned by the rotation that takes gravity down has the angles of the slope's own frame."""
+    slope, rng = Randomization(gravity_tilt=0.4), np.random.default_rng(5)
+    for seed in range(20):
+        up = slope.sensors(PUPPER_V2, seed, STEPS).up
+        np.testing.assert_allclose(slope.conditions(PUPPER_V2, seed, STEPS).gravity, -9.81 * up, atol=1e-12)
+        body = Rotation.from_euler("ZYX", rng.uniform(-1.0, 1.0, 3))
+        level = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0]
+        _, pitch, roll = (level * body).as_euler("ZYX")
+        observation = np.arange(23.0)
+        sense(perfect_sensors()._replace(up=up), 0, body.as_quat(scalar_first=True), observation)
+        np.testing.assert_allclose(observation, [roll, pitch, *np.arange(2.0, 23.0)], atol=1e-9)
+
+
+def test_on_a_slope_both_engines_begin_with_the_same_tilt():
+    slope = Randomization(gravity_tilt=0.3)
+    seen = []
+    for backend in backends(slope):
+        env = WalkEnv(PUPPER_V2, backend, draw_sensors=partial(slope.sensors, PUPPER_V2))
+        seen.append(env.reset(seed=3)[0][:2])
+        env.close()
+    up = slope.sensors(PUPPER_V2, 3, STEPS).up
+    for tilt in seen:
+        np.testing.assert_allclose(tilt, [np.arctan2(up[1], up[2]), -np.arcsin(up[0])], atol=1e-6)
+
+
 def test_perfect_sensors_tell_the_truth():
     observation = np.arange(23.0)
-    sense(perfect_sensors(), 0, observation)
+    sense(perfect_sensors(), 0, UPRIGHT, observation)
     np.testing.assert_array_equal(observation, np.arange(23.0))
 
 
 @pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
 def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_delayed(delay):
     truth = np.random.default_rng(0).standard_normal((10, 23))
-    sensors = Sensors(np.zeros((0, 17)), np.full(100, delay), np.zeros((int(delay) + 2, 17)))
+    sensors = Sensors(np.zeros((0, 17)), np.full(100, delay), np.zeros((int(delay) + 2, 17)), np.array([0.0, 0.0, 1.0]))
     for count, row in enumerate(truth):
         observation = row.copy()
-        sense(sensors, count, observation)
+        sense(sensors, count, UPRIGHT, observation)
         late = [np.interp(max(count - delay, 0.0), np.arange(10), truth[:, i]) for i in range(17)]
         np.testing.assert_allclose(observation, [*late, *row[17:]], atol=1e-12)
 
@@ -305,7 +335,7 @@ def test_lost_frames_are_the_last_ones_again_and_jitter_is_within_its_range():
     truth, seen = np.arange(2001.0), []
     for count in range(2001):
         observation = np.full(23, truth[count])
-        sense(lossy, count, observation)
+        sense(lossy, count, UPRIGHT, observation)
         seen.append(observation[0])
     came = np.maximum.accumulate(np.where(lost, -1.0, truth))
     np.testing.assert_array_equal(seen, came)

@@ -42,6 +42,12 @@ def test_a_robot_has_the_same_motors_in_every_walk_and_another_has_others():
     assert (one.kp != other.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
 
 
+def test_robots_of_two_fleets_share_nothing():
+    """The files of both fleets begin with the same range of kp."""
+    mixed, foreign = (motors_of_robot(ROBOT, load_fleet(name), 3) for name in ("mixed", "foreign_direct"))
+    assert (mixed.kp != foreign.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def test_what_is_not_known_of_the_center_is_the_same_for_a_robots_motors():
     """Means over robots of 100 motors vary by the center's uncertainty if it is drawn once, and hardly otherwise."""
     spread = FLEET.parameters["kp"].values

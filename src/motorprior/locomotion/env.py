@@ -101,7 +101,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._sensors = self._draw_sensors(drawn, self._episode_steps)
         self._schedule = self._commands.schedule(self._robot, drawn, self._episode_steps)
         self._controller.read(state)
-        return self._observed(), self._info(state)
+        return self._observed(state), self._info(state)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one control step.
@@ -120,7 +120,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         state = self._backend.step(self._controller.command(raw))
         earned, terminated = self._evaluate(state)
         self._steps += 1
-        observation = self._observed() if state.fault == 0 else self._controller.observation.copy()
+        observation = self._observed(state) if state.fault == 0 else self._controller.observation.copy()
         truncated = not terminated and self._steps >= self._episode_steps
         self._running = not (terminated or truncated)
         return observation, earned, terminated, truncated, self._info(state)
@@ -129,9 +129,9 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Close the backend."""
         self._backend.close()
 
-    def _observed(self) -> np.ndarray:
+    def _observed(self, state: BackendState) -> np.ndarray:
         """The observation of this control step, whose readings are true so far."""
-        sense(self._sensors, self._steps, self._controller.observation)
+        sense(self._sensors, self._steps, state.base_quat, self._controller.observation)
         forward, yaw_rate = self._schedule[min(self._steps, self._episode_steps - 1)]
         return self._controller.follow(forward, yaw_rate).copy()
 

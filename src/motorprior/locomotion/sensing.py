@@ -1,4 +1,4 @@
-"""What the policy's sensors make of the truth: late by a fraction of control steps, and noisy."""
+"""What the policy's sensors make of the truth: tilt against gravity, late by a fraction of control steps, noisy."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
+from motorprior.rotations import roll_pitch_below
 
 
 class Sensors(NamedTuple):
@@ -19,25 +20,30 @@ class Sensors(NamedTuple):
     """(observations,) age of the reading in each observation [control steps]"""
     past: np.ndarray
     """(rows, readings) true readings, a delay line; no rows if there is no delay; state"""
+    up: np.ndarray
+    """(3,) unit vector against gravity, in the world: a slope turns it away from the normal of the ground"""
 
 
 def perfect_sensors() -> Sensors:
-    """Neither noise nor delay."""
-    return Sensors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)))
+    """Neither noise nor delay, on level ground."""
+    return Sensors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.array([0.0, 0.0, 1.0]))
 
 
 @njit(cache=True, nogil=True)
-def sense(sensors: Sensors, count: int, observation: np.ndarray) -> None:
+def sense(sensors: Sensors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
     """Turn the true observation number ``count`` of an episode, 0 after the reset, into the observed one.
 
-    A delay between two control steps interpolates linearly between their readings; before the reset
-    everything was as it was then.
+    Roll and pitch, true ones relative to the ground, become those relative to gravity. A delay between two control
+    steps interpolates linearly between their readings; before the reset everything was as it was then.
 
     Args:
         sensors: of this episode.
         count: observations before this one.
+        base_quat: (4,) rotation_base_to_world.
         observation: its readings are overwritten; the phase of the gait is known exactly.
     """
+    if sensors.up[2] < 1.0:
+        observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)
     rows, readings = sensors.past.shape
     if rows > 0:
         if count == 0:

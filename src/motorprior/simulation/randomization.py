@@ -43,7 +43,7 @@ class Randomization:
     """Largest shift of the chassis' centre of mass along each axis [m]."""
     gravity_tilt: float = 0.0
     """Largest angle between gravity and the normal of the ground [rad], which has the effect of a slope. Roll and pitch
-    are still observed relative to the ground."""
+    are observed relative to gravity; reward and fall count them relative to the ground."""
     encoder_offset: float = 0.0
     """Largest error of each encoder's zero [rad]; it also acts in the motor's own control loop."""
     joint_noise: float = 0.0
@@ -98,21 +98,25 @@ class Randomization:
         if self == _NOTHING:
             return nominal_conditions(robot)
         rng = np.random.default_rng([_STREAM, seed])
-        joints, tilt = robot.num_joints, self.gravity_tilt * np.sqrt(rng.uniform())
-        bearing, g = rng.uniform(0.0, 2.0 * np.pi), GRAVITY
-        down = np.array([np.sin(tilt) * np.cos(bearing), np.sin(tilt) * np.sin(bearing), -np.cos(tilt)])
+        joints, up = robot.num_joints, self._up(rng)
         return Conditions(
             armature=rng.uniform(*self.armature, joints),
             damping=rng.uniform(*self.damping, joints),
             friction=float(rng.uniform(*self.friction)),
             mass=rng.uniform(*self.mass, robot.num_links),
             com=rng.uniform(-self.com, self.com, 3),
-            gravity=g * down if self.gravity_tilt else np.array([0.0, 0.0, -g]),
+            gravity=-GRAVITY * up,
             encoder_offset=rng.uniform(-self.encoder_offset, self.encoder_offset, joints),
             command_delay=float(rng.uniform(*self.command_delay)),
             push=self._pushes(rng, robot.control_dt, episode_steps),
             command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
         )
+
+    def _up(self, rng: np.random.Generator) -> np.ndarray:
+        """(3,) unit vector against gravity; the first two numbers of an episode's conditions."""
+        tilt, bearing = self.gravity_tilt * np.sqrt(rng.uniform()), rng.uniform(0.0, 2.0 * np.pi)
+        across = np.sin(tilt)
+        return np.array([-across * np.cos(bearing), -across * np.sin(bearing), np.cos(tilt)])
 
     def _pushes(self, rng: np.random.Generator, control_dt: float, episode_steps: int) -> np.ndarray:
         """(episode_steps, 2) horizontal force [N] of every control step; no rows if there is no push."""
@@ -125,10 +129,11 @@ class Randomization:
         return force
 
     def sensors(self, robot: Robot, seed: int, episode_steps: int) -> Sensors:
-        """Draw the sensor errors in the episode of this seed."""
+        """Draw the sensor errors in the episode of this seed, on the slope of its `conditions`."""
+        level, up = perfect_sensors(), self._up(np.random.default_rng([_STREAM, seed]))
         late = self.sensor_delay[1] or self.sensor_jitter or self.dropped
         if not (late or self.joint_noise or self.tilt_noise or self.rate_noise or self.gyro_bias):
-            return perfect_sensors()
+            return level._replace(up=up)
         count = readings(robot.num_joints)
         deviation = np.full(count, self.joint_noise)
         deviation[:2], deviation[2:TILT_READINGS] = self.tilt_noise, self.rate_noise
@@ -138,7 +143,7 @@ class Randomization:
         noise = deviation * rng.standard_normal((rows, count))
         noise[:, 2:TILT_READINGS] += self.gyro_bias * rng.standard_normal(TILT_READINGS - 2)
         ages = delay + self._lateness(rng, robot.control_dt, episode_steps + 1)
-        return Sensors(noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)))
+        return Sensors(noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)), up)
 
     def _lateness(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
         """(observations,) by jitter and lost frames [control steps]; the first frame of an episode comes."""

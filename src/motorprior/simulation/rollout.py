@@ -113,9 +113,9 @@ def new_walker(num_joints: int, num_legs: int, commands: np.ndarray) -> Walker:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def complete(body: Body, sensors: Sensors, walker: Walker, step: int, control_dt: float) -> None:
+def complete(body: Body, sensors: Sensors, walker: Walker, step: int, base_quat: np.ndarray, control_dt: float) -> None:
     """From true readings of control step ``step`` to the observation."""
-    sense(sensors, step, walker.observation)
+    sense(sensors, step, base_quat, walker.observation)
     row = min(step, walker.commands.shape[0] - 1)
     forward, yaw_rate = walker.commands[row, 0], walker.commands[row, 1]
     follow_command(body, walker.gait, forward, yaw_rate, control_dt, walker.observation)
@@ -129,7 +129,7 @@ def begin_walk(
     begin_gait(body, walker.gait)
     read_joints(world, motors, walker.measured)
     observe(world.qpos[3:7], world.qvel[3:6], walker.measured, body.nominal_pose, walker.observation)
-    complete(body, sensors, walker, 0, control_dt)
+    complete(body, sensors, walker, 0, world.qpos[3:7], control_dt)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -187,7 +187,7 @@ def _episode(
         steps = step + 1
         if ended:
             break
-        complete(body, sensors, s, steps, control_dt)
+        complete(body, sensors, s, steps, world.qpos[3:7], control_dt)
     return total, steps, fault
 
 

@@ -49,7 +49,7 @@ def _step(body, worlds, motors, sensors, walkers, share, actions, control_dt, ta
         phases[index] = walker.gait.scalars[0]
         steps[index] += 1
         if faults[index] == 0:
-            complete(body, borrowed(sensors[index]), walker, steps[index], control_dt)
+            complete(body, borrowed(sensors[index]), walker, steps[index], world.qpos[3:7], control_dt)
         observations[index] = walker.observation
 
 

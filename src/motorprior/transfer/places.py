@@ -5,12 +5,14 @@
     hard      foreign motors; floor, load, slope, late and lost readings, late targets, pushes as in `twin.HARD`
     pybullet  the fleet's motors in the other engine: other contacts, other integration
 
-All have the sensors of `twin.NOISY` at least. Robots are numbered: a robot's motors depend on its number alone.
+All have the sensors of `twin.NOISY` at least. Robots are numbered: a robot's motors depend on its fleet's name and on
+its number alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 
@@ -50,8 +52,12 @@ TWINS = {
 
 
 def motors_of_robot(robot: Robot, fleet: Fleet, number: int) -> TrueMotors:
-    """The motors of robot ``number``: of one robot, see `Fleet.sample`."""
-    return fleet.sample(robot.num_joints, np.random.default_rng([ROBOT_STREAM, number, 0]), of_one_robot=True)
+    """The motors of robot ``number``: of one robot, see `Fleet.sample`.
+
+    Robots of two fleets share nothing: fleets of one motor draw the same parameters in the same order.
+    """
+    stream = [ROBOT_STREAM, number, crc32(fleet.name.encode())]
+    return fleet.sample(robot.num_joints, np.random.default_rng(stream), of_one_robot=True)
 
 
 def walk_seed(draw: int) -> int:
