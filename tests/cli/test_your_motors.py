@@ -10,9 +10,10 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
+from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
-from motorprior.identification import response_fit, term_selection
+from motorprior.identification import load_fit, response_fit, term_selection
 from motorprior.logs.column_map import load_column_map
 from motorprior.pipeline import demo
 
@@ -59,7 +60,9 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for name in ("go2", "so101"):
         shutil.copy(shared_data / "robots" / f"{name}.xml", tmp_path)
         shutil.copy(ROOT / "examples" / "robots" / f"{name}.toml", tmp_path)
+    write_table(swing(4.0), tmp_path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(load_fit, "ROUNDS", 1)
     monkeypatch.setattr(term_selection, "ORDER", ())  # the terms are tested elsewhere, and take minutes
     monkeypatch.setattr(response_fit, "GENERATIONS", 4)
     monkeypatch.setattr(demo, "run_bench", begun)

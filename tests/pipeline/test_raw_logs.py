@@ -1,5 +1,7 @@
 """`logs import` takes every format by its look, and puts any of them on a grid."""
 
+import io
+import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -7,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign_files import ANGLE, JOINTS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
+from swinging_bars import INERTIA, swing, write_table
 
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification import load_fit
+from motorprior.identification.load_fit import FittedLoads
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline import raw_logs
 from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 
 
@@ -68,3 +74,35 @@ def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):
     assert not out.exists()
     import_logs(LogsImport((path,), out))
     assert [file.name for file in out.iterdir()] == [path.name.split(".")[0] + ".parquet"]
+
+
+def test_a_load_that_nobody_weighed_is_fitted_and_told(tmp_path: Path, monkeypatch):
+    """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
+    bars = swing(2.0)
+    table, columns = write_table(bars, tmp_path)
+    deviation, weight = np.array([0.1, 0.4]), bars.gravity
+    found = FittedLoads(INERTIA, deviation, weight, 0.01 * np.abs(weight), np.array([1e-3, 2e-3]))
+    monkeypatch.setattr(load_fit, "fit_loads", lambda log, report: found)
+    said = io.StringIO()
+    import_logs(LogsImport((table,), tmp_path / "out", columns=str(columns), fit_load=True), Lines(said))
+    log = read_parquet(tmp_path / "out" / "swing.parquet")
+    assert log.load_inertia is not None and log.joint_names == ("left", "right")
+    np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
+    np.testing.assert_allclose(np.diff(log.time), 0.002)
+    told = json.loads((tmp_path / "out" / "swing.loads.json").read_text())
+    assert told["left"]["weight_N_m"] == pytest.approx(0.4) and told["left"]["hangs_at_rad"] == pytest.approx(-0.4)
+    assert told["right"]["weight_N_m"] == pytest.approx(0.7) and told["right"]["hangs_at_rad"] == pytest.approx(1.0)
+    lines = said.getvalue().splitlines()
+    assert any("joint left: inertia 0.005 kg·m² (± 10 %), weight 0.4" in line for line in lines)
+    assert [line.startswith("joint right") for line in lines if "as unsure as" in line] == [True]
+
+
+def test_loads_come_one_way(tmp_path: Path):
+    refused = {
+        "two ways to have loads": LogsImport((tmp_path / "any.csv",), tmp_path / "out", hung=True, fit_load=True),
+        "says its load itself": LogsImport((write_bam(tmp_path),), tmp_path / "out", fit_load=True),
+    }
+    for words, config in refused.items():
+        with pytest.raises(ConfigError, match=words) as refusal:
+            import_logs(config)
+        assert refusal.value.argument == "fit_load"

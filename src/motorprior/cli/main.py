@@ -67,7 +67,7 @@ Command = (
 )
 RUN = {
     Demo: partial(demo, started=_STARTED),
-    LogsImportCommand: import_logs,
+    LogsImportCommand: partial(import_logs, progress=TERMINAL),
     LogsCheck: run_logs_check,
     CalibrateCommand: run_calibrate_command,
     Bench: partial(run_bench, progress=TERMINAL),

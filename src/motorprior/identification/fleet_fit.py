@@ -86,7 +86,7 @@ def fit_fleet(
     """
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
-    fit, held = bounded_fit(network, center, terms, runs, chosen), _held(terms, runs)
+    fit, held = bounded_fit(network, center, terms, runs, chosen), held_constants(terms, runs)
     belief, began = weak_belief(len(center)).holding(held), center
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
@@ -170,7 +170,7 @@ def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
     return z
 
 
-def _held(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+def held_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: absent and stated ones, and those that the log's encoders hide."""
     held = runs.preset.lacks + (HIDDEN_FROM_ROTOR if runs.at_rotor else ())
     if runs.gain_unit == PHYSICAL_GAINS:

@@ -16,6 +16,8 @@ from motorprior.logs.resampling import resample
 from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.unknown_load import with_unknown_load
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -49,6 +51,10 @@ class LogsImport:
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
     given."""
+    fit_load: bool = False
+    """A table of motors on a base that stands still, each with a rigid body on its joint that nobody weighed: fit the
+    body's inertia and weight, which needs kp in N·m/rad. They are printed with standard deviations, and kept beside
+    the log. At the robot's physics step unless another period is given."""
     robot: str | None = None
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, logs that do
     not name their joints are of the shipped one, and a table's joints are called as its map calls them."""
@@ -64,17 +70,22 @@ def require_paths(paths: tuple[Path, ...]) -> None:
         raise ConfigError("no log given", remedy="give at least one file")
 
 
-def import_logs(config: LogsImport) -> None:
+def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     """Write one .parquet per raw log, named after it.
 
     Raises:
-        ConfigError: two logs would get the same name, or a period that is out of range, or too short for a log.
+        ConfigError: two logs would get the same name, a period that is out of range, or too short for a log, or two
+            ways to have loads.
         LogError, ArtifactError: a log that cannot be read, a folder that cannot be written, or that another command
             writes to: of two logs of one name only one would be left.
     """
     require_paths(config.paths)
     if config.period is not None:
         require_number("period", config.period, SHORTEST_PERIOD, LONGEST_PERIOD)
+    if config.hung and config.fit_load:
+        raise ConfigError(
+            "hung and fit_load: two ways to have loads", remedy="take the robot's model, or fit", argument="fit_load"
+        )
     robot = load_robot(config.robot or DEFAULT_ROBOT)
     targets: dict[Path, Path] = {}
     for path in config.paths:
@@ -84,7 +95,8 @@ def import_logs(config: LogsImport) -> None:
         targets[target] = path
     with taken(config.out):
         for target, path in targets.items():
-            write_log(target, _imported(path, robot, config))
+            log = _imported(path, robot, config)
+            write_log(target, with_unknown_load(log, target, progress) if config.fit_load else log)
 
 
 def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
@@ -94,21 +106,31 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         ConfigError: loads are asked for that the log has.
         LogError: it cannot be read.
     """
+    given = "hung" if config.hung else "fit_load"
+    loaded = config.hung or config.fit_load
     if config.columns is None and ROBOT_RUN.takes(path):
+        if config.fit_load:
+            raise ConfigError(
+                "fit_load: legs carry one another", where=path, remedy="take the robot's model, with hung",
+                argument="fit_load",
+            )  # fmt: skip
         return _with_gains(_robot_run(path, robot, config), config)
     unnamed = config.robot is None and config.columns is not None and not config.hung
     log = _with_gains(read_log(path, None if unnamed else robot, config.columns), config)
-    if config.period is None and not config.hung:
+    if config.period is None and not loaded:
         return log
     period = config.period or robot.physics_dt
     _require_size(path, log, period)
-    if not config.hung:
+    if not loaded:
         return resample(log, period)
     if log.load_inertia is not None:
-        raise ConfigError("hung: it says its load itself", where=path, remedy="leave hung out", argument="hung")
+        raise ConfigError(f"{given}: it says its load itself", where=path, remedy=f"leave {given} out", argument=given)
+    smooth = smooth_on_grid(log, period)
+    if config.fit_load:
+        return smooth
     from motorprior.simulation.hung_load import with_loads
 
-    return with_loads(smooth_on_grid(log, period), robot)
+    return with_loads(smooth, robot)
 
 
 def _require_size(path: Path, log: MotorLog, period: float) -> None:

@@ -1,0 +1,76 @@
+"""Virtual motors that each swing a bar of known inertia and weight, recorded as a user would: command and angle."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.motors import Motors
+from motorprior.actuator.physical import MotorParameters
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.loaded_joint import next_velocity
+from motorprior.logs.motor_log import MotorLog
+
+INERTIA, WEIGHT, HANGS_AT = np.array([0.005, 0.012]), np.array([0.4, 0.7]), np.array([-0.4, 1.0])
+PERIOD, FINE = 0.002, 8
+SPEED, SIZE = 2.0 * np.pi * np.array([0.3, 0.7, 1.3, 2.2, 3.5]), np.array([0.5, 0.3, 0.2, 0.1, 0.05])
+
+
+@dataclass(frozen=True)
+class Bars:
+    log: MotorLog
+    motors: MotorParameters
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(M, 2): WEIGHT·sin(q - HANGS_AT) = s·sin q + c·cos q."""
+        return np.stack([WEIGHT * np.cos(HANGS_AT), -WEIGHT * np.sin(HANGS_AT)], axis=1)
+
+
+def swing(seconds: float, seed: int = 2) -> Bars:
+    """Sines, then steps; angles with 0.3 mrad of noise."""
+    motors, rng = load_fleet("mixed").sample(2, seed), np.random.default_rng(seed)
+    assert isinstance(motors, MotorParameters)
+    time = PERIOD * np.arange(round(seconds / PERIOD))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (2, len(SPEED)))
+    target = np.einsum("k,tjk->tj", SIZE, np.sin(time[:, None, None] * SPEED + phase))
+    second_half = time >= 0.5 * time[-1]
+    steps = rng.uniform(-0.8, 0.8, (len(time) // 400 + 1, 2)).repeat(400, axis=0)[: len(time)]
+    target[second_half] = steps[second_half]
+    angle = _angles(motors, target)
+    seen = angle + 3e-4 * rng.standard_normal(angle.shape)
+    kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
+    log = MotorLog(
+        time=time, position_target=target, joint_pos=seen, joint_names=("left", "right"), robot="bars", motor="any",
+        source="bars", stated_kp=kp, stated_kd=kd,
+    )  # fmt: skip
+    return Bars(log, motors)
+
+
+def _angles(motors: MotorParameters, target: np.ndarray) -> np.ndarray:
+    q, dq, h = target[0].copy(), np.zeros(2), PERIOD / FINE
+    running, found = Motors(motors.actuator(), h, q), np.empty_like(target)
+    for row, command in enumerate(target):
+        found[row] = q
+        for _ in range(FINE):
+            torque, damping = running.step(command, q, dq)
+            dq = next_velocity(dq, torque, -WEIGHT * np.sin(q - HANGS_AT), INERTIA + running.armature, damping, h)
+            q = q + h * dq
+    return found
+
+
+def write_table(bars: Bars, folder: Path) -> tuple[Path, Path]:
+    """A table in ms and degrees, and its column map, which states the gains."""
+    log, table, columns = bars.log, folder / "swing.csv", folder / "bars.toml"
+    names = [f"{what}_{joint}" for what in ("goal", "angle") for joint in log.joint_names]
+    rows = np.column_stack([1e3 * log.time, np.rad2deg(log.position_target), np.rad2deg(log.joint_pos)])
+    np.savetxt(table, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    joints = [
+        f"[joints.{joint}]\nkp = {kp}\nkd = {kd}\n"
+        for joint, kp, kd in zip(log.joint_names, bars.motors.kp, bars.motors.kd, strict=True)
+    ]
+    columns.write_text(
+        'motor = "any"\nrobot = "bars"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "angle_{joint}"\n'
+        '[units]\ntime = "ms"\nangle = "deg"\n' + "".join(joints)
+    )
+    return table, columns
