@@ -27,7 +27,9 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 
 ID = "motorprior/Walk-v0"
-ERRING = Randomization(gyro_bias=0.05, rate_noise=0.02, sensor_delay=(0.0, 0.03), command_delay=(0.0, 0.02))
+ERRING = Randomization(
+    gyro_bias=0.05, rate_noise=0.02, sensor_delay=(0.0, 0.03), command_delay=(0.0, 0.02), gravity_tilt=0.05
+)
 FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, ACTIONS))), 20, axis=0)
 
 

@@ -4,34 +4,45 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from swinging_bars import HANGS_AT, INERTIA, WEIGHT, swing
+from swinging_bars import HANGS_AT, INERTIA, WEIGHT, Bars, swing
 
 from motorprior.exceptions import LogError
-from motorprior.identification.load_fit import FittedLoads, fit_loads, with_fitted_loads
+from motorprior.identification import load_fit
+from motorprior.identification.load_fit import FittedLoad, fit_loads, with_fitted_loads
 from motorprior.logs.motor_log import POSTURES
 
 
 @pytest.fixture(scope="module")
-def loads() -> FittedLoads:
-    return fit_loads(swing(12.0).log)
+def bars() -> Bars:
+    return swing(12.0)
 
 
-def test_inertia_and_weight_are_found_within_their_deviations(loads: FittedLoads):
-    truth = swing(1.0).gravity
-    off = np.log(loads.inertia / INERTIA)
-    assert np.all(np.abs(off) < np.maximum(3.0 * loads.inertia_deviation, 0.05)) and np.abs(off).max() < 0.3
-    assert np.all(loads.inertia_deviation < 0.5), "the log tells more than nothing"
-    assert np.all(np.abs(loads.gravity - truth) < np.maximum(3.0 * loads.gravity_deviation, 0.02 * WEIGHT[:, None]))
-    assert np.all(loads.gravity_deviation < 0.2 * WEIGHT[:, None])
-    assert np.all(loads.error < 3e-3)
+def test_inertia_and_weight_are_found_within_their_deviations(bars: Bars):
+    for load, inertia, gravity, weight in zip(fit_loads(bars.log), INERTIA, bars.gravity, WEIGHT, strict=True):
+        off = np.log(load.inertia / inertia)
+        assert abs(off) < 3.0 * load.inertia_deviation < 1.0
+        away = load.gravity - gravity
+        assert away @ np.linalg.solve(load.gravity_covariance, away) < 9.0
+        assert np.all(np.sqrt(np.diagonal(load.gravity_covariance)) < 0.2 * weight)
+        assert load.error < 3e-3
+
+
+def test_a_joint_is_fitted_by_itself_and_a_current_says_nothing(bars: Bars, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(load_fit, "ROUNDS", 1)
+    both = fit_loads(bars.log)
+    noise = np.random.default_rng(0).standard_normal(bars.log.joint_pos.shape)
+    (alone,) = fit_loads(replace(bars.log, joint_torque=noise).joint(1))
+    assert alone.inertia == both[1].inertia and alone.error == both[1].error
+    np.testing.assert_array_equal(alone.gravity, both[1].gravity)
 
 
 def test_the_log_carries_the_fitted_loads():
     bars = swing(1.0)
-    log = with_fitted_loads(
-        replace(bars.log, joint_torque=np.zeros_like(bars.log.joint_pos)),
-        FittedLoads(INERTIA, np.zeros(2), bars.gravity, np.zeros((2, 2)), np.zeros(2)),
-    )
+    given = [
+        FittedLoad(inertia, 0.0, 0.0, gravity, np.eye(2), 0.0)
+        for inertia, gravity in zip(INERTIA, bars.gravity, strict=True)
+    ]
+    log = with_fitted_loads(replace(bars.log, joint_torque=np.zeros_like(bars.log.joint_pos)), given)
     assert log.load_inertia is not None and log.external_torque is not None and log.load_stiffness is not None
     np.testing.assert_array_equal(log.load_inertia, np.tile(INERTIA, (log.num_rows, 1)))
     pull = -WEIGHT * np.sin(log.joint_pos - HANGS_AT)
@@ -42,9 +53,15 @@ def test_the_log_carries_the_fitted_loads():
     assert log.posture is not None and np.all(log.posture == POSTURES.index("fixed"))
 
 
-def test_without_a_torque_that_is_known_nothing_can_be_weighed():
+def test_what_shows_no_load_is_refused():
     log = swing(1.0).log
-    for other in (replace(log, stated_kp=None, stated_kd=None), replace(log, gain_unit="firmware")):
-        with pytest.raises(LogError, match="how large a torque is") as refusal:
+    still = log.joint_pos.copy()
+    still[:, 1] = 0.3
+    refused = {
+        "no kp is stated": replace(log, stated_kp=None, stated_kd=None),
+        "in firmware units": replace(log, gain_unit="firmware"),
+        "joint right stood still": replace(log, joint_pos=still),
+    }
+    for words, other in refused.items():
+        with pytest.raises(LogError, match=words):
             fit_loads(other)
-        assert refusal.value.remedy is not None and "state kp" in refusal.value.remedy

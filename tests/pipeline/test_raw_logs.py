@@ -3,7 +3,9 @@
 import io
 import json
 import math
+import shutil
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +13,15 @@ import pytest
 from foreign_files import ANGLE, JOINTS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 from swinging_bars import INERTIA, swing, write_table
 
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.identification import load_fit
-from motorprior.identification.load_fit import FittedLoads
+from motorprior.identification.load_fit import FittedLoad
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline import raw_logs
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.unknown_load import weight_of
 
 
 def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
@@ -76,33 +79,65 @@ def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):
     assert [file.name for file in out.iterdir()] == [path.name.split(".")[0] + ".parquet"]
 
 
-def test_a_load_that_nobody_weighed_is_fitted_and_told(tmp_path: Path, monkeypatch):
+def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: Path, monkeypatch):
     """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
     bars = swing(2.0)
     table, columns = write_table(bars, tmp_path)
-    deviation, weight = np.array([0.1, 0.4]), bars.gravity
-    found = FittedLoads(INERTIA, deviation, weight, 0.01 * np.abs(weight), np.array([1e-3, 2e-3]))
-    monkeypatch.setattr(load_fit, "fit_loads", lambda log, report: found)
-    said = io.StringIO()
-    import_logs(LogsImport((table,), tmp_path / "out", columns=str(columns), fit_load=True), Lines(said))
-    log = read_parquet(tmp_path / "out" / "swing.parquet")
-    assert log.load_inertia is not None and log.joint_names == ("left", "right")
-    np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
-    np.testing.assert_allclose(np.diff(log.time), 0.002)
-    told = json.loads((tmp_path / "out" / "swing.loads.json").read_text())
-    assert told["left"]["weight_N_m"] == pytest.approx(0.4) and told["left"]["hangs_at_rad"] == pytest.approx(-0.4)
-    assert told["right"]["weight_N_m"] == pytest.approx(0.7) and told["right"]["hangs_at_rad"] == pytest.approx(1.0)
+    again = Path(shutil.copy(table, tmp_path / "again.csv"))
+    given = [
+        FittedLoad(inertia, 0.1, armature, gravity, 1e-4 * np.eye(2), 1e-3)
+        for inertia, armature, gravity in zip(INERTIA, (0.1, 0.7), bars.gravity, strict=True)
+    ]
+    rows = []
+    monkeypatch.setattr(load_fit, "fit_loads", lambda log, report: rows.append(log.num_rows) or given)
+    said, out = io.StringIO(), tmp_path / "out"
+    import_logs(LogsImport((table, again), out, columns=str(columns), fit_load=True), Lines(said))
+    total = 0
+    for name in ("swing", "again"):
+        log = read_parquet(out / f"{name}.parquet")
+        assert log.load_inertia is not None and log.joint_names == ("left", "right") and "loads fitted" in log.source
+        np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
+        np.testing.assert_allclose(np.diff(log.time), 0.002)
+        total += log.num_rows
+    assert rows == [total], "both tables together"
+    told = json.loads((out / "loads.json").read_text())
+    assert told["logs"] == ["swing.parquet", "again.parquet"] and told["joints"]["left"]["inertia_kg_m2"] == INERTIA[0]
     lines = said.getvalue().splitlines()
-    assert any("joint left: inertia 0.005 kg·m² (± 10 %), weight 0.4" in line for line in lines)
-    assert [line.startswith("joint right") for line in lines if "as unsure as" in line] == [True]
+    assert any("joint left: inertia 0.005 kg·m², times or over 1.11; weight 0.4 ± 0.01" in line for line in lines)
+    assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]
 
 
-def test_loads_come_one_way(tmp_path: Path):
+def test_a_weight_is_as_unsure_as_its_parts_along_and_across():
+    covariance = np.array([[1.0, -0.9], [-0.9, 1.0]]) * 1e-2
+    load = FittedLoad(0.01, 0.1, 0.1, np.array([1.0, 1.0]), covariance, 0.0)
+    weight, deviation, hangs, of_hangs = weight_of(load)
+    assert (weight, hangs) == (pytest.approx(np.sqrt(2.0)), pytest.approx(-0.25 * np.pi))
+    assert deviation == pytest.approx(np.sqrt(0.001)), "what was swung through"
+    assert of_hangs == pytest.approx(np.sqrt(0.019 / 2.0))
+    draws = np.random.default_rng(0).multivariate_normal(load.gravity, 1e-2 * covariance, 20_000)
+    assert np.hypot(*draws.T).std() == pytest.approx(0.1 * deviation, rel=0.03)
+    assert np.arctan2(-draws[:, 1], draws[:, 0]).std() == pytest.approx(0.1 * of_hangs, rel=0.03)
+
+
+def test_loads_are_not_fitted_where_they_are_known_or_cannot_be(tmp_path: Path):
+    bars = swing(1.0)
+    table, columns = write_table(bars, tmp_path)
+    known = tmp_path / "known.toml"
+    known.write_text('external_torque = "goal_{joint}"\n' + columns.read_text())
+    firmware = tmp_path / "firmware.toml"
+    firmware.write_text(columns.read_text().replace("[units]", '[units]\ngain = "firmware"'))
+    fit = LogsImport((table,), tmp_path / "out", columns=str(columns), fit_load=True)
     refused = {
-        "two ways to have loads": LogsImport((tmp_path / "any.csv",), tmp_path / "out", hung=True, fit_load=True),
-        "says its load itself": LogsImport((write_bam(tmp_path),), tmp_path / "out", fit_load=True),
+        "two ways to have loads": replace(fit, hung=True),
+        "needs columns": replace(fit, columns=None),
+        "the model of 'arm.toml' says the loads": replace(fit, robot="arm.toml"),
+        "loads are fitted at 0.002 s": replace(fit, period=0.005),
+        r"says its load itself \(external_torque\)": replace(fit, columns=str(known)),
     }
     for words, config in refused.items():
         with pytest.raises(ConfigError, match=words) as refusal:
             import_logs(config)
-        assert refusal.value.argument == "fit_load"
+        assert refusal.value.argument in ("fit_load", "period")
+    with pytest.raises(LogError, match="its kp is in firmware units"):
+        import_logs(replace(fit, columns=str(firmware)))
+    assert not list((tmp_path / "out").glob("*")), "nothing is half written"

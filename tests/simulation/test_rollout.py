@@ -144,7 +144,9 @@ def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
         assert episode.count == episode.steps and (episode.steps < STEPS) == falls
 
 
-EVERY = Randomization(sensor_delay=(0.004, 0.025), command_delay=(0.001, 0.018), gyro_bias=0.05, rate_noise=0.05)
+EVERY = Randomization(
+    sensor_delay=(0.004, 0.025), command_delay=(0.001, 0.018), gyro_bias=0.05, rate_noise=0.05, gravity_tilt=0.05
+)
 
 
 @pytest.mark.parametrize("gait", GAITS)

@@ -49,7 +49,7 @@ def against(other: str) -> Pairing:
 def test_everything_that_is_aimed_at_can_hold():
     worse = {
         (place, rival): {"upright": 0.8, "drift": 0.4}
-        for place in ("fleet", "hard")
+        for place in ("fleet", "foreign")
         for rival in ("pd_friction", "pd_randomised")
     }
     summary = summarise(study(measures=worse))
@@ -96,6 +96,12 @@ def test_a_rival_that_wins_anywhere_spoils_the_target():
 def test_a_tie_on_all_but_one_twin_does_not_hold():
     summary = summarise(study(at={(place, "pd_randomised"): 0.40 for place in TWINS if place != "fleet"}))
     assert verdict(summary.targets, "faster than a randomised PD").holds is False
+
+
+def test_the_hard_twin_spoils_and_does_not_decide():
+    tie = {(place, "pd_randomised"): 0.40 for place in ("foreign", "pybullet")}
+    faster = verdict(summarise(study(at=tie)).targets, "faster than a randomised PD")
+    assert faster.holds is False and "fleet +0.2" in faster.found and "hard +0.2" in faster.found
 
 
 def test_one_of_the_two_priors_may_win():

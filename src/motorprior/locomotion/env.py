@@ -41,7 +41,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.
         control_dt: control period [s]; the robot's if not given.
-        draw_sensors: how the sensors err, from the backend's seed and ``episode_steps``; perfect ones if None.
+        draw_sensors: how the sensors err, and which way gravity pulls, from the backend's seed and ``episode_steps``;
+            perfect ones on level ground if None. A backend whose ground slopes needs them.
         commands: drawn by the backend's seed; all that the robot is built for if not given.
         gait: which leg steps when, see `locomotion.gaits`.
     """

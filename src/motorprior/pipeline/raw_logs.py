@@ -17,7 +17,7 @@ from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.unknown_load import with_unknown_load
+from motorprior.pipeline.unknown_load import write_with_unknown_loads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -52,9 +52,9 @@ class LogsImport:
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
     given."""
     fit_load: bool = False
-    """A table of motors on a base that stands still, each with a rigid body on its joint that nobody weighed: fit the
-    body's inertia and weight, which needs kp in N·m/rad. They are printed with standard deviations, and kept beside
-    the log. At the robot's physics step unless another period is given."""
+    """Tables of motors on a base that stands still, each with a rigid body on its joint that nobody weighed, the same
+    in all tables: fit the body's inertia and weight, which needs kp in N·m/rad. They are printed with standard
+    deviations and kept in loads.json. The period is 2 ms. Needs ``columns``, and no robot: a model says the loads."""
     robot: str | None = None
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, logs that do
     not name their joints are of the shipped one, and a table's joints are called as its map calls them."""
@@ -74,18 +74,16 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     """Write one .parquet per raw log, named after it.
 
     Raises:
-        ConfigError: two logs would get the same name, a period that is out of range, or too short for a log, or two
-            ways to have loads.
+        ConfigError: two logs would get the same name, a period that is out of range, or too short for a log, or loads
+            to be fitted that are known, or could be.
         LogError, ArtifactError: a log that cannot be read, a folder that cannot be written, or that another command
             writes to: of two logs of one name only one would be left.
     """
     require_paths(config.paths)
     if config.period is not None:
         require_number("period", config.period, SHORTEST_PERIOD, LONGEST_PERIOD)
-    if config.hung and config.fit_load:
-        raise ConfigError(
-            "hung and fit_load: two ways to have loads", remedy="take the robot's model, or fit", argument="fit_load"
-        )
+    if config.fit_load:
+        config = _to_fit(config)
     robot = load_robot(config.robot or DEFAULT_ROBOT)
     targets: dict[Path, Path] = {}
     for path in config.paths:
@@ -94,9 +92,36 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
     with taken(config.out):
+        if config.fit_load:
+            logs = {target: _imported(path, robot, config) for target, path in targets.items()}
+            write_with_unknown_loads(logs, config.out, progress)
+            return
         for target, path in targets.items():
-            log = _imported(path, robot, config)
-            write_log(target, with_unknown_load(log, target, progress) if config.fit_load else log)
+            write_log(target, _imported(path, robot, config))
+
+
+def _to_fit(config: LogsImport) -> LogsImport:
+    """The settings at the period of the fit.
+
+    Raises:
+        ConfigError: another period, another way to have loads, or no column map.
+    """
+    from motorprior.identification.load_fit import RECIPE
+
+    odd = {
+        "hung and fit_load are two ways to have loads": config.hung,
+        "fit_load needs columns: of other formats the robot's model, or the log, says the loads": not config.columns,
+        f"fit_load with a robot: the model of {config.robot!r} says the loads": config.robot is not None,
+    }
+    for problem in (problem for problem, found in odd.items() if found):
+        remedy = "leave fit_load out and, where the base does not move, give hung"
+        raise ConfigError(problem, remedy=remedy, argument="fit_load")
+    if config.period not in (None, RECIPE.period):
+        raise ConfigError(
+            f"period {config.period:g} s: loads are fitted at {RECIPE.period:g} s", remedy=f"give {RECIPE.period:g}",
+            argument="period",
+        )  # fmt: skip
+    return replace(config, period=RECIPE.period)
 
 
 def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
@@ -106,31 +131,39 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         ConfigError: loads are asked for that the log has.
         LogError: it cannot be read.
     """
-    given = "hung" if config.hung else "fit_load"
-    loaded = config.hung or config.fit_load
     if config.columns is None and ROBOT_RUN.takes(path):
-        if config.fit_load:
-            raise ConfigError(
-                "fit_load: legs carry one another", where=path, remedy="take the robot's model, with hung",
-                argument="fit_load",
-            )  # fmt: skip
         return _with_gains(_robot_run(path, robot, config), config)
     unnamed = config.robot is None and config.columns is not None and not config.hung
     log = _with_gains(read_log(path, None if unnamed else robot, config.columns), config)
-    if config.period is None and not loaded:
+    wanted = "hung" if config.hung else "fit_load" if config.fit_load else ""
+    if config.period is None and not wanted:
         return log
     period = config.period or robot.physics_dt
     _require_size(path, log, period)
-    if not loaded:
+    if not wanted:
         return resample(log, period)
-    if log.load_inertia is not None:
-        raise ConfigError(f"{given}: it says its load itself", where=path, remedy=f"leave {given} out", argument=given)
-    smooth = smooth_on_grid(log, period)
-    if config.fit_load:
-        return smooth
+    _require_no_load(path, log, wanted)
+    return _hung(log, robot, period) if config.hung else _bare(log, period)
+
+
+def _hung(log: MotorLog, robot: Robot, period: float) -> MotorLog:
     from motorprior.simulation.hung_load import with_loads
 
-    return with_loads(smooth, robot)
+    return with_loads(smooth_on_grid(log, period), robot)
+
+
+def _bare(log: MotorLog, period: float) -> MotorLog:
+    from motorprior.identification.load_fit import require_torque
+
+    require_torque(log)
+    return smooth_on_grid(log, period)
+
+
+def _require_no_load(path: Path, log: MotorLog, wanted: str) -> None:
+    for name in ("load_inertia", "external_torque", "load_stiffness"):
+        if getattr(log, name) is not None:
+            problem = f"{wanted}: it says its load itself ({name})"
+            raise ConfigError(problem, where=path, remedy=f"leave {wanted} out", argument=wanted)
 
 
 def _require_size(path: Path, log: MotorLog, period: float) -> None:

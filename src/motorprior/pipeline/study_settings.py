@@ -63,7 +63,7 @@ class Study:
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
     """Minutes instead: 2 seeds, 6 walks, 10 iterations, a bench of 16 motors and 4000 samples, 300 Adam steps in place
-    of the defaults. It decides nothing."""
+    of the defaults, those that were given included. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)

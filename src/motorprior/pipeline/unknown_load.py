@@ -1,72 +1,94 @@
-"""A log whose joints each carry a rigid body that nobody weighed: the load is fitted, told, and kept beside the log."""
+"""Logs whose joints each carry a rigid body that nobody weighed: the load is fitted to all of them, told, and kept."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from motorprior.artifacts import write_json
+from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import write_log
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it compiles
-    from motorprior.identification.load_fit import FittedLoads
+    from motorprior.identification.load_fit import FittedLoad
 
-ENDING = ".loads.json"
-"""Of the file beside the log, after the log's name."""
+LOADS = "loads.json"
+"""File of the loads, beside the logs."""
 UNSURE = 0.3
-"""Standard deviation of the logarithm of an inertia from which on the user is warned."""
+"""Standard deviation of the logarithm of an armature from which on the user is warned."""
 
 
-def with_unknown_load(log: MotorLog, beside: Path, progress: Progress) -> MotorLog:
-    """The log with the loads of `identification.load_fit`.
+def write_with_unknown_loads(logs: Mapping[Path, MotorLog], out: Path, progress: Progress) -> None:
+    """Write recordings of the same motors with the same loads, which are fitted to all of them.
 
     Args:
-        log: without loads, on the grid of a prior.
-        beside: the file that the log will be; what was found goes into one of its name that ends with ENDING.
+        logs: by the file that each becomes, without loads, on the grid of a prior.
+        out: folder for LOADS.
         progress: where the loads are told.
 
     Raises:
-        LogError: gains that are not stated in N·m/rad, another period, or too short a log.
+        LogError: see `identification.load_fit.fit_loads`, or logs of different motors.
+        ArtifactError: a file cannot be written.
     """
     from motorprior.identification.load_fit import ROUNDS, fit_loads, with_fitted_loads
 
-    with progress.start(f"fit the loads of {log.num_joints} joints", ROUNDS) as task:
+    log = joined(list(logs.values()))
+    with progress.start(f"fit the loads of {log.num_joints} joints", ROUNDS * log.num_joints) as task:
         loads = fit_loads(log, task.advance)
-    found = _by_joint(log, loads)
-    for name, load in found.items():
-        progress.note(_sentence(name, load))
-    beside.parent.mkdir(parents=True, exist_ok=True)
-    write_json(beside.with_suffix(ENDING), found)
-    return with_fitted_loads(log, loads)
+    motion = np.std(log.joint_pos, axis=0)
+    for name, load, moved in zip(log.joint_names, loads, motion, strict=True):
+        progress.note(_sentence(name, load, float(moved)))
+    for target, each in logs.items():
+        write_log(target, with_fitted_loads(each, loads))
+    write_json(out / LOADS, _as_json(log.joint_names, loads) | {"logs": [target.name for target in logs]})
 
 
-def _by_joint(log: MotorLog, loads: FittedLoads) -> dict[str, dict[str, float]]:
-    """Joint -> inertia, most torque of the weight and the angle at which the load hangs, with standard deviations."""
-    sine, cosine = loads.gravity.T
-    most = np.hypot(sine, cosine)
-    values = {
-        "inertia_kg_m2": loads.inertia,
-        "inertia_relative_deviation": loads.inertia_deviation,
-        "weight_N_m": most,
-        "weight_deviation_N_m": np.hypot(*(loads.gravity * loads.gravity_deviation).T) / np.maximum(most, 1e-12),
-        "hangs_at_rad": np.arctan2(-cosine, sine),
-        "left_rad": loads.error,
-    }
+def _as_json(names: Sequence[str], loads: Sequence[FittedLoad]) -> dict[str, object]:
     return {
-        name: {what: float(value[joint]) for what, value in values.items()}
-        for joint, name in enumerate(log.joint_names)
+        "joints": {
+            name: {
+                "inertia_kg_m2": load.inertia,
+                "inertia_log_deviation": load.inertia_deviation,
+                "sine_N_m": float(load.gravity[0]),
+                "cosine_N_m": float(load.gravity[1]),
+                "gravity_covariance_N2_m2": load.gravity_covariance.tolist(),
+                "armature_log_deviation": load.armature_deviation,
+                "left_rad": load.error,
+            }
+            for name, load in zip(names, loads, strict=True)
+        }
     }
 
 
-def _sentence(name: str, load: dict[str, float]) -> str:
-    inertia, percent = load["inertia_kg_m2"], 100.0 * load["inertia_relative_deviation"]
-    weight, deviation = load["weight_N_m"], load["weight_deviation_N_m"]
-    warning = "; an armature that is identified from this log is as unsure as this inertia"
+def weight_of(load: FittedLoad) -> tuple[float, float, float, float]:
+    """Most torque W of the weight and its standard deviation [N·m]; angle where it hangs, and that one's [rad].
+
+    W·sin(q - h) = s·sin q + c·cos q, so that W = √(s² + c²) and h = atan2(-c, s); deviations by their derivatives.
+    """
+    sine, cosine = load.gravity
+    weight = float(np.hypot(sine, cosine))
+    along = np.array([sine, cosine]) / max(weight, 1e-12)
+    across = np.array([-along[1], along[0]])
+    deviations = [float(np.sqrt(unit @ load.gravity_covariance @ unit)) for unit in (along, across)]
+    return weight, deviations[0], float(np.arctan2(-cosine, sine)), deviations[1] / max(weight, 1e-12)
+
+
+def _sentence(name: str, load: FittedLoad, motion: float) -> str:
+    """What was found, for a joint whose angle varies by ``motion`` [rad]."""
+    weight, unsure, hangs, unsure_hangs = weight_of(load)
+    pull = f"weight {weight:.2g} ± {unsure:.1g} N·m, hangs at {hangs:.2f} ± {unsure_hangs:.1g} rad"
+    if weight < 2.0 * unsure or unsure_hangs > 1.0:
+        pull = f"no weight beyond {weight + 2.0 * unsure:.1g} N·m"
+    warning = (
+        f"; the armature that is identified from it may be off by a factor of {np.exp(load.armature_deviation):.1f}"
+    )
     return (
-        f"joint {name}: inertia {inertia:.2g} kg·m² (± {percent:.0f} %), weight {weight:.2g} ± {deviation:.1g} N·m, "
-        f"hangs at {load['hangs_at_rad']:.2f} rad, {1e3 * load['left_rad']:.1f} mrad of the motion not explained"
-        + (warning if load["inertia_relative_deviation"] > UNSURE else "")
+        f"joint {name}: inertia {load.inertia:.2g} kg·m², times or over {np.exp(load.inertia_deviation):.2f}; {pull}; "
+        f"{1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion are not explained"
+        + (warning if load.armature_deviation > UNSURE else "")
     )

@@ -33,6 +33,8 @@ CONDITIONS = (
 )  # fmt: skip
 """Of a study, in the order of every table and picture."""
 HARD = "hard"
+DECIDING = tuple(name for name in TWINS if name != HARD)
+"""Twins on which the prior must be better than its rivals; on the hard one, too, it must not be worse."""
 NOT_MEASURED = "not measured"
 
 
@@ -181,7 +183,7 @@ def _either(each_holds: list[bool | None]) -> bool | None:
 
 
 def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
-    """One of the two ways of using the prior must be better on enough twins and worse on none, both beyond doubt."""
+    """One of the two ways of using the prior must be better on enough of DECIDING, worse on no twin, beyond doubt."""
     met = {
         name: [each for place in twins if (each := Pairing(place, name, rival, measure)) in facts.comparisons]
         for name in (PRIOR, ADAPTED)
@@ -194,7 +196,7 @@ def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
-    """Whether the first of each pair is better on enough twins and worse on none.
+    """Whether the first of each pair is better on enough of DECIDING and worse on no twin.
 
     A twin where they did not meet may be one where it is worse: then only a loss can be told. A correction makes a win
     harder to claim; a loss it would hide.
@@ -203,7 +205,8 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
         return False
     if len({each.place for each in pairings} & set(TWINS)) < len(TWINS):
         return None
-    return sum(_is_sure(facts, each) and _gain(facts, each) > 0.0 for each in pairings) >= TWINS_WON
+    won = [each for each in pairings if each.place in DECIDING and _gain(facts, each) > 0.0 and _is_sure(facts, each)]
+    return len(won) >= TWINS_WON
 
 
 def _is_sure(facts: Facts, pairing: Pairing) -> bool:
