@@ -20,7 +20,7 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.initial_motor import sized_center, states_kd, with_motor
-from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, beside
+from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
 from motorprior.identification.speed_limits import SPEED_LIMITS, least_outputs
 from motorprior.identification.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -206,8 +206,7 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief,
     else:
         middle, spread = found.z, np.full(size, SEARCH_RADII[1])
     anew = middle[:, None] + spread * rng.standard_normal((motors, RESTART_DRAWS, size))
-    kept = (rng.random(anew.shape) < 0.5) | ~beside(belief.free, anew)
-    candidates = np.where(kept, found.z[:, None], anew)
+    candidates = np.where(rng.random(anew.shape) < 0.5, found.z[:, None], anew)
     if together and motors > 1:
         for motor in range(motors):
             others = rng.permutation(np.delete(np.arange(motors), motor))[: RESTART_DRAWS // 2]

@@ -23,7 +23,7 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import LogError
-from motorprior.identification.fleet_fit import held_constants, restart
+from motorprior.identification.fleet_fit import held_constants
 from motorprior.identification.grey_box_fit import inverse_precision
 from motorprior.identification.initial_motor import initial_center, with_motor
 from motorprior.identification.loss import POSITION_SCALE
@@ -58,7 +58,7 @@ _LOAD = 3
 """Latents of the load; they come last."""
 _ROWS = 30_000
 """About the most rows that are fitted."""
-_SEARCH, _DRAWS, _STEPS = (1.0, 0.5, 0.25), 96, 8
+_SEARCH, _AROUND, _DRAWS, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
 _QUIET, _LITTLE = 3, 0.01
 """Rounds in a row, each of which lowers the loss by a smaller share, that end a fit."""
 _DEVIATIONS = 1.0, 2.0, 1.0
@@ -212,19 +212,28 @@ def _search(fit: MotorFit, belief: Belief, held: np.ndarray, report: Callable[[]
 
     rng, quiet = np.random.default_rng(_STREAM), 0
     start = np.where(held, 0.0, belief.mean)
-    weighed = beside(_HOPED * fit.losses(start))
-    found = fit.polish(fit.search(rng, start, weighed, _SEARCH, _DRAWS), weighed, _STEPS, WIDE)
+    weighed, best = beside(_HOPED * fit.losses(start)), start
+    for radius in _SEARCH:
+        best = fit.best_of(_others(rng, best, radius, held), weighed)
+    found = fit.polish(best, weighed, _STEPS, WIDE)
     for index in range(ROUNDS):
         weighed, reach, before = beside(found.loss), (WIDE, NARROW)[index % 2], found.loss
         found = replace(found, energy=found.loss + weighed.energy(found.z))
         again = fit.polish(found.z, weighed, _STEPS, reach)
-        other = restart(rng, fit, again, weighed, together=False)
+        other = fit.best_of(_others(rng, again.z, _AROUND, held), weighed)
         found = again.better(fit.polish(other, weighed, _STEPS, reach))
         report()
         quiet = quiet + 1 if found.loss > (1.0 - _LITTLE) * before else 0
         if quiet == _QUIET:
             break
     return found
+
+
+def _others(rng: np.random.Generator, z: np.ndarray, radius: float, held: np.ndarray) -> np.ndarray:
+    """(1, _DRAWS, Z) z (1, Z), and others in which a random half of what is not held is drawn around it."""
+    drawn = (rng.random((1, _DRAWS, z.shape[1])) < 0.5) & ~held
+    drawn[:, 0] = False
+    return z[:, None] + np.where(drawn, radius * rng.standard_normal(drawn.shape), 0.0)
 
 
 def _finished(fit: MotorFit, runs: _LoadedRuns, found: Fit, deviation: np.ndarray) -> FittedLoad:

@@ -64,18 +64,13 @@ class Belief:
         """The same, but certain that z is 0 in these columns (Z,)."""
         return Belief(np.where(columns, 0.0, self.mean), np.where(columns, _CERTAIN, self.precision))
 
-    @property
-    def free(self) -> np.ndarray:
-        """Which columns are not held, (Z,) or (M, Z)."""
-        return self.precision < _CERTAIN
-
     def energy(self, z: np.ndarray) -> np.ndarray:
         """(M, ...) ½·Σ precision·(z - mean)² of z (M, ..., Z)."""
-        mean, precision = (beside(values, z) for values in (self.mean, self.precision))
+        mean, precision = (_beside(values, z) for values in (self.mean, self.precision))
         return 0.5 * np.sum(precision * (z - mean) ** 2, axis=-1)
 
 
-def beside(values: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _beside(values: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Values (Z,) or (M, Z) in a shape that broadcasts with z (M, ..., Z)."""
     return values if values.ndim == 1 else values.reshape(len(values), *[1] * (z.ndim - 2), -1)
 
@@ -129,7 +124,7 @@ class MotorFit:
 
     def within(self, z: np.ndarray) -> np.ndarray:
         """(M, ..., Z) z, or the bound where it is below."""
-        return z if self._least is None else np.maximum(z, beside(self._least, z))
+        return z if self._least is None else np.maximum(z, _beside(self._least, z))
 
     def losses(self, z: np.ndarray) -> np.ndarray:
         """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z)."""
@@ -170,7 +165,7 @@ class MotorFit:
         for radius in radii:
             draws = radius * rng.standard_normal((count, start.shape[-1]))
             draws[0] = 0.0
-            best = self.best_of(best[:, None] + draws * beside(belief.free, best[:, None]), belief)
+            best = self.best_of(best[:, None] + draws, belief)
         return best
 
     def polish(
