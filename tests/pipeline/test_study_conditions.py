@@ -9,15 +9,17 @@ import pytest
 
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.study_conditions import Condition
+from motorprior.pipeline.study_conditions import FITS, Condition, conditions
 from motorprior.pipeline.study_settings import Study
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import ROBUST
+from motorprior.transfer.study_verdicts import PD_FRICTION, PD_RANDOMISED
 
 PD = MotorChoice("pd", armature=0.003, coulomb=0.1)
 
@@ -87,6 +89,7 @@ def test_only_a_simulation_without_chance_is_walked_once():
         ({"motors": 3}, "motors"),
         ({"speed": 0.1}, "speed"),
         ({"speed": np.nan}, "speed"),
+        ({"spread": 0.95}, "spread"),
         ({"ray_address": "127.0.0.1:1"}, "ray_address is for the executor ray"),
         ({"executor": "fog"}, "executor 'fog' is unknown"),
         ({"validation": "foreign_direct"}, "validation 'foreign_direct' is the fleet of a twin"),
@@ -104,6 +107,14 @@ def test_a_study_trains_for_what_it_tells():
         commands = study.commands(PUPPER_V2)
         np.testing.assert_array_equal(commands.schedule(PUPPER_V2, 3, 50), np.tile([speed, 0.0], (50, 1)))
         assert commands.on(PUPPER_V2).require_legs().forward[1] == speed
+
+
+def test_a_study_varies_its_rival_by_what_it_is_told(tmp_path: Path):
+    fitted = {"kp": 8.0, "kd": 0.8, "torque_limit": 1.5, "armature": 0.003, "delay": 0.004, "coulomb": 0.2}
+    write_json(tmp_path / "fits" / FITS, {PD_FRICTION: {"constants": fitted}})
+    told = Study(tmp_path, conditions=(PD_RANDOMISED,), spread=0.15)
+    (condition,) = conditions(told, 0)
+    assert condition.motors.spread == 0.15 and condition.motors.coulomb == 0.2
 
 
 def test_a_quick_study_is_small():

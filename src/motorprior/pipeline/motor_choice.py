@@ -30,7 +30,7 @@ LONGEST_DELAY = 1.0
 
 _OF_A_PD = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread")
 _OF_A_PRIOR = ("latent_spread",)
-_WIDEST, _LARGEST_SPREAD = 0.9, 10.0
+WIDEST, _LARGEST_SPREAD = 0.9, 10.0
 _LATE = 0.02
 """Delay that counts as the whole of a spread [s]: that of a PD may be fitted to 0, of which no share is a delay."""
 _LARGEST_OF_A_PD = {"kp": 1e9, "kd": 1e9, "torque_limit": 1e9, "armature": 1e3}
@@ -247,7 +247,7 @@ class MotorChoice:
                 changes[name] = np.full(robot.num_joints, float(value))
         require_number("delay", self.delay, most=LONGEST_DELAY)
         require_number("coulomb", self.coulomb, most=_LARGEST_OF_A_PD["torque_limit"])
-        require_number("spread", self.spread, most=_WIDEST)
+        require_number("spread", self.spread, most=WIDEST)
         if self.coulomb and not self.armature:
             raise ConfigError(
                 f"coulomb {self.coulomb:g} N·m without armature", argument="coulomb",

@@ -41,8 +41,6 @@ from motorprior.transfer.study_verdicts import (
 from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 FITS = "fits.json"
-RANDOMISED_BY = 0.3
-"""Share by which a randomised PD's constants vary, chosen by `benchmarks/pd_spread.py` (docs/transfer.md)."""
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
 _NOTHING = Randomization()
@@ -163,7 +161,7 @@ def _fit_pds(config: Study, progress: Progress) -> None:
 
 def conditions(config: Study, seed: int) -> list[Condition]:
     """Of ``config.conditions`` those of the policies of a seed, the longest first; only the first has the gait."""
-    randomised = partial(_pd, config, PD_FRICTION, PD_RANDOMISED, spread=RANDOMISED_BY)
+    randomised = partial(_pd, config, PD_FRICTION, PD_RANDOMISED, spread=config.spread)
     made = {
         ORACLE: [partial(_oracle, config, population) for population in (ABROAD, HOME)],
         ADAPTED: [partial(_adapted, config, population, seed) for population in (ABROAD, HOME)],

@@ -10,7 +10,7 @@ from motorprior.bench.facts import require_bench_size
 from motorprior.bounds import require_count, require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
-from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.motor_choice import WIDEST, load_robot_fleet
 from motorprior.pipeline.walk import MOST_EPISODE_STEPS, MOST_WORKERS
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -53,6 +53,9 @@ class Study:
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept; on those of
     training if not given. None of the twins'."""
+    spread: float = 0.3
+    """Share by which the constants of the randomised PD vary [-]. The best one is another on every bench:
+    benchmarks/pd_spread.py finds it."""
     motors: int = 32
     """Motors on the bench."""
     bench_steps: int = 10_000
@@ -108,6 +111,7 @@ class Study:
             require_count("adam_steps", config.adam_steps)
         require_number("seconds", config.seconds, 2.0, MOST_EPISODE_STEPS * robot.control_dt)
         require_number("speed", config.told(robot), robot.require_legs().forward[1] * 0.5, 10.0)
+        require_number("spread", config.spread, 0.0, WIDEST)
         require_count("workers", config.workers, 1, MOST_WORKERS)
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
