@@ -75,7 +75,9 @@ def test_slow_or_fallen_is_not_enough():
     assert verdict(summary.targets, "fleet").holds is False
     assert verdict(summary.targets, "foreign").holds is False
     assert verdict(summary.targets, "hard").holds is False
-    assert verdict(summary.targets, "hard").found == "89.0 % upright (0.0 % of its policies stand)"
+    hard = verdict(summary.targets, "hard")
+    assert hard.found == "89.0 % upright (0.0 % of its policies stand)"
+    assert hard.why == f"{hard.found}; where it was trained 100.0 %; the oracle here 100.0 %"
 
 
 def test_the_slower_of_two_priors_may_be_the_one_that_holds():
@@ -90,6 +92,9 @@ def test_a_rival_that_wins_anywhere_spoils_the_target():
     faster = verdict(summary.targets, "faster than a PD with friction")
     assert faster.holds is False and "fleet +0.200 m/s (p 0.0" in faster.found
     assert "hard −0.050 m/s (p 0.0" in faster.found
+    has = "2 of fleet, foreign, pybullet are asked, where the rival has 0.21 m/s, 0.21 m/s, 0.21 m/s"
+    won = "fleet and foreign and pybullet, less on hard"
+    assert faster.why == f"beyond doubt sampled on {won}; adapted on {won}; {has}"
     assert verdict(summary.targets, "faster than a randomised PD").holds is True
 
 

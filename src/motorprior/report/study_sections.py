@@ -49,7 +49,7 @@ def study_sections(
 
 
 def first_paragraph(summary: Summary) -> str:
-    """Which targets do not hold, then which cannot be told, both with what was found, then which hold.
+    """Which targets do not hold and why, then which cannot be told and what was found, then which hold.
 
     Of a study of few policies only that it decides nothing.
     """
@@ -60,7 +60,7 @@ def first_paragraph(summary: Summary) -> str:
     for holds, words in ((False, "do not hold"), (None, "cannot be told"), (True, "hold")):
         found = [each for each in summary.targets if each.holds is holds]
         if found:
-            texts = "; ".join(each.said if each.holds else f"{each.said} ({each.found})" for each in found)
+            texts = "; ".join(each.said if each.holds else f"{each.said} ({each.why or each.found})" for each in found)
             parts.append(f"{len(found)} of {len(summary.targets)} targets {words}: {texts}.")
     return " ".join((*parts, *_beside_the_gait(summary)))
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from motorprior.report.page import MINUS, Cell, Table
 from motorprior.report.plots_style import model_key, model_label
 from motorprior.transfer.statistics import SURE, Estimate
-from motorprior.transfer.study_summary import Summary, home_of
+from motorprior.transfer.study_summary import Summary
 from motorprior.transfer.study_verdicts import (
     COMPARED,
     LEAST_UPRIGHT,
@@ -86,7 +86,7 @@ def headline_table(summary: Summary) -> Table:
 def twin_table(summary: Summary, twin: str) -> Table:
     """All about the speed on one twin."""
     columns = (
-        "trained on", "speed [m/s]", "upright", "of its own speed [m/s]", "behind the oracle [m/s]",
+        "trained on", "speed [m/s]", "of its own speed", "behind the oracle [m/s]",
         "behind the prior [m/s]", "slower walks", "p",
     )  # fmt: skip
     rows = tuple((_name(name), *_twin_cells(summary, twin, name)) for name in _conditions_at(summary, twin))
@@ -209,14 +209,10 @@ def _twin_cells(summary: Summary, twin: str, condition: str) -> list[Cell]:
     pair = (twin, condition)
     ratio, regret = summary.ratios.get(pair), summary.regrets.get(pair)
     pairing = Pairing(twin, PRIOR, condition, "speed")
-    compared, upright = summary.comparisons.get(pairing), summary.estimates.get((*pair, "upright"))
-    own = summary.estimates.get((*home_of(*pair, {known[:2] for known in summary.estimates}), "speed"))
+    compared = summary.comparisons.get(pairing)
     return [
         _with_interval(summary.estimates[*pair, "speed"]),
-        None if upright is None else percent(upright.value),
-        None
-        if own is None or ratio is None or not math.isfinite(ratio.value)
-        else f"{ratio.value:.2f} of {own.value:.2f}",
+        None if ratio is None or not math.isfinite(ratio.value) else f"{ratio.value:.2f}",
         None if regret is None else _with_interval(regret),
         None if compared is None else _with_interval(compared.difference),
         None if compared is None or not math.isfinite(compared.improvement) else percent(compared.improvement),

@@ -75,11 +75,12 @@ ENOUGH_SPEED, ENOUGH_UPRIGHT, UPRIGHT_WHERE_HARD, TWINS_WON = 0.95, 0.98, 0.9, 2
 
 @dataclass(frozen=True)
 class Verdict:
-    """Attributes: said, what is aimed at or claimed; holds, None where it cannot be told; found, in numbers."""
+    """Attributes: said, aimed at or claimed; holds, None where it cannot be told; found, in numbers; why not."""
 
     said: str
     holds: bool | None
     found: str
+    why: str = ""
 
 
 class Pairing(NamedTuple):
@@ -139,10 +140,18 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
     verdicts += [_against_a_rival(facts, rival, measure, twins) for measure in COMPARED for rival in RIVALS]
     upright = facts.value(HARD, ROBUST_PRIOR, "upright")
     said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
-    measured = bool(np.isfinite(upright))
-    holds = upright >= UPRIGHT_WHERE_HARD if measured else None
-    verdicts.append(Verdict(said, holds, _stands(facts, HARD, ROBUST_PRIOR) if measured else NOT_MEASURED))
+    if np.isfinite(upright):
+        found, holds = _stands(facts, HARD, ROBUST_PRIOR), upright >= UPRIGHT_WHERE_HARD
+        verdicts.append(Verdict(said, holds, found, "" if holds else f"{found}; {_why_not_upright(facts)}"))
+    else:
+        verdicts.append(Verdict(said, None, NOT_MEASURED))
     return tuple(verdicts)
+
+
+def _why_not_upright(facts: Facts) -> str:
+    """Whether the training was too short, or the place too hard for anybody."""
+    own, best = facts.value(OWN, ROBUST_PRIOR, "upright"), facts.value(HARD, ORACLE, "upright")
+    return f"where it was trained {percent_text(own)}; the oracle here {percent_text(best)}"
 
 
 def _stands(facts: Facts, place: str, condition: str) -> str:
@@ -192,7 +201,28 @@ def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -
     found = "; ".join(
         f"{IN_WORDS[name]}: {_differences(facts, pairings)}" for name, pairings in met.items() if pairings
     )
-    return Verdict(said, _either([_wins(facts, each) for each in met.values()]), found or NOT_MEASURED)
+    holds = _either([_wins(facts, each) for each in met.values()])
+    has = ", ".join(_value_text(measure, facts.value(place, rival, measure)) for place in DECIDING)
+    return Verdict(said, holds, found or NOT_MEASURED, _why_not_better(facts, met, has) if holds is False else "")
+
+
+def _why_not_better(facts: Facts, met: Mapping[str, list[Pairing]], has: str) -> str:
+    """On which twins either way of using the prior is better or worse beyond doubt, and how good the rival is."""
+    ways = []
+    for name, pairings in met.items():
+        won = [each.place for each in pairings if _is_win(facts, each)]
+        lost = [each.place for each in pairings if _is_loss(facts, each)]
+        ways.append(f"{IN_WORDS[name]} on {_listed(won)}" + (f", less on {_listed(lost)}" if lost else ""))
+    asked = f"{TWINS_WON} of {', '.join(DECIDING)} are asked, where the rival has {has}"
+    return f"beyond doubt {'; '.join(ways)}; {asked}"
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(names) or "none"
+
+
+def _value_text(measure: str, value: float) -> str:
+    return percent_text(value) if measure in _MEANS else f"{number_text(value, '.2f')} {COMPARED[measure].unit}"
 
 
 def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
@@ -205,8 +235,12 @@ def _wins(facts: Facts, pairings: list[Pairing]) -> bool | None:
         return False
     if len({each.place for each in pairings} & set(TWINS)) < len(TWINS):
         return None
-    won = [each for each in pairings if each.place in DECIDING and _gain(facts, each) > 0.0 and _is_sure(facts, each)]
-    return len(won) >= TWINS_WON
+    return sum(each.place in DECIDING and _is_win(facts, each) for each in pairings) >= TWINS_WON
+
+
+def _is_win(facts: Facts, pairing: Pairing) -> bool:
+    """Whether the first of a pair is better, after the correction."""
+    return _gain(facts, pairing) > 0.0 and _is_sure(facts, pairing)
 
 
 def _is_sure(facts: Facts, pairing: Pairing) -> bool:
