@@ -93,7 +93,7 @@ def test_a_rival_that_wins_anywhere_spoils_the_target():
     assert faster.holds is False and "fleet +0.200 m/s (p 0.0" in faster.found
     assert "hard −0.050 m/s (p 0.0" in faster.found
     has = "2 of fleet, foreign, pybullet are asked, where the rival has 0.21 m/s, 0.21 m/s, 0.21 m/s"
-    won = "fleet and foreign and pybullet, less on hard"
+    won = "fleet and foreign and pybullet (less on hard, uncorrected)"
     assert faster.why == f"beyond doubt sampled on {won}; adapted on {won}; {has}"
     assert verdict(summary.targets, "faster than a randomised PD").holds is True
 

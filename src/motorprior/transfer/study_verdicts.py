@@ -142,14 +142,14 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
     said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
     if np.isfinite(upright):
         found, holds = _stands(facts, HARD, ROBUST_PRIOR), upright >= UPRIGHT_WHERE_HARD
-        verdicts.append(Verdict(said, holds, found, "" if holds else f"{found}; {_why_not_upright(facts)}"))
+        verdicts.append(Verdict(said, holds, found, "" if holds else f"{found}; {_uprightness_beside(facts)}"))
     else:
         verdicts.append(Verdict(said, None, NOT_MEASURED))
     return tuple(verdicts)
 
 
-def _why_not_upright(facts: Facts) -> str:
-    """Whether the training was too short, or the place too hard for anybody."""
+def _uprightness_beside(facts: Facts) -> str:
+    """How upright it is where it was trained, and the oracle at this place."""
     own, best = facts.value(OWN, ROBUST_PRIOR, "upright"), facts.value(HARD, ORACLE, "upright")
     return f"where it was trained {percent_text(own)}; the oracle here {percent_text(best)}"
 
@@ -212,7 +212,8 @@ def _why_not_better(facts: Facts, met: Mapping[str, list[Pairing]], has: str) ->
     for name, pairings in met.items():
         won = [each.place for each in pairings if _is_win(facts, each)]
         lost = [each.place for each in pairings if _is_loss(facts, each)]
-        ways.append(f"{IN_WORDS[name]} on {_listed(won)}" + (f", less on {_listed(lost)}" if lost else ""))
+        less = f" (less on {_listed(lost)}, uncorrected)" if lost else ""
+        ways.append(f"{IN_WORDS[name]} on {_listed(won)}{less}")
     asked = f"{TWINS_WON} of {', '.join(DECIDING)} are asked, where the rival has {has}"
     return f"beyond doubt {'; '.join(ways)}; {asked}"
 
