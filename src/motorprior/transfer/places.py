@@ -27,7 +27,7 @@ from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.transfer.twin import HARD, NOISY
 
 ROBOT_STREAM = 0x20B0
-"""Tag of the random stream of a numbered robot's motors, used by no bench and no training, and the same in every study."""
+"""Tag of the random stream of a numbered robot's motors, of no bench and no training; the same in every study."""
 DRAW_STREAM = 0x20B1
 """Tag of the random stream of what else differs between walks: sensors, floor, pushes."""
 HOME, ABROAD = "fleet", "foreign"
