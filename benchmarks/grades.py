@@ -29,7 +29,7 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.study import walk_table
+from motorprior.pipeline.study_cells import walk_table
 from motorprior.pipeline.study_conditions import Condition, fleet_of
 from motorprior.pipeline.study_settings import Study
 from motorprior.report.plots_style import MODEL_COLORS, describe, new_figure, panels, png_bytes

@@ -6,9 +6,11 @@ from dataclasses import replace
 import pytest
 
 from motorprior.artifacts import read_json
+from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT
-from motorprior.pipeline.study import run_study, walk_table
+from motorprior.pipeline.study import run_study
+from motorprior.pipeline.study_cells import walk_table
 from motorprior.pipeline.study_conditions import Condition
 from motorprior.pipeline.study_report import TRACES, WALKS, build_study_report
 from motorprior.pipeline.study_settings import Study
@@ -65,6 +67,16 @@ def test_fits_say_what_they_took(done: Study):
     assert set(fits) == {"ideal_pd", "tuned_pd", "pd_friction"}
     assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["pd_friction"]["error"]
     assert all(fit["evaluations"] > 50 and fit["converged"] in (True, False) for fit in fits.values())
+
+
+def test_the_rival_has_the_width_whose_policies_stand_longest(done: Study):
+    told = read_json(done.out / "width" / "width.json")
+    assert (told["fleet"], set(told["widths"])) == ("mixed", {"0.1", "0.2", "0.3", "0.4"})
+    best = max(told["widths"].values(), key=lambda found: (found["upright"], found["speed"]))
+    assert told["widths"][f"{told['chosen']:g}"] == best
+    assert read_json(done.out / "study.json")["spread"] == str(told["chosen"])
+    header = Policy.load(done.out / "walk" / "pd_randomised_0" / "policy.safetensors").provenance
+    assert header["motors"]["spread"] == told["chosen"]
 
 
 def test_what_was_interrupted_goes_on_to_the_same_bytes(done: Study):

@@ -15,6 +15,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.study_conditions import FITS, Condition, conditions
 from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.study_width import width_fleet, with_width
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -115,6 +116,25 @@ def test_a_study_varies_its_rival_by_what_it_is_told(tmp_path: Path):
     told = Study(tmp_path, conditions=(PD_RANDOMISED,), spread=0.15)
     (condition,) = conditions(told, 0)
     assert condition.motors.spread == 0.15 and condition.motors.coulomb == 0.2
+
+
+def test_a_width_is_chosen_only_where_there_is_none_and_a_rival_to_have_it(tmp_path: Path):
+    for told in (Study(tmp_path, spread=0.2), Study(tmp_path, conditions=(PD_FRICTION,)), Study(tmp_path, quick=True)):
+        assert with_width(told.sized()) == told.sized()
+    assert Study(tmp_path, quick=True).sized().spread == 0.2 and Study(tmp_path).sized().spread is None
+
+
+@pytest.mark.parametrize(
+    ("change", "fleet"),
+    [
+        ({}, "mixed"),
+        ({"foreign": "mixed"}, "foreign_servo"),
+        ({"fleet": "mixed", "foreign": "foreign_servo"}, "foreign_direct"),
+        ({"validation": "foreign_servo"}, "foreign_servo"),
+    ],
+)
+def test_a_width_is_chosen_on_a_fleet_that_no_twin_has(tmp_path: Path, change: dict, fleet: str):
+    assert width_fleet(replace(Study(tmp_path), **change).sized()) == fleet
 
 
 def test_a_quick_study_is_small():

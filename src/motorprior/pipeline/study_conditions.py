@@ -161,7 +161,6 @@ def _fit_pds(config: Study, progress: Progress) -> None:
 
 def conditions(config: Study, seed: int) -> list[Condition]:
     """Of ``config.conditions`` those of the policies of a seed, the longest first; only the first has the gait."""
-    randomised = partial(_pd, config, PD_FRICTION, PD_RANDOMISED, spread=config.spread)
     made = {
         ORACLE: [partial(_oracle, config, population) for population in (ABROAD, HOME)],
         ADAPTED: [partial(_adapted, config, population, seed) for population in (ABROAD, HOME)],
@@ -171,7 +170,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         **{name: [partial(_prior_condition, config, name)] for name in _OTHER_PRESETS},
         **{name: [partial(_pd, config, name, name)] for name in _FITTED},
         UNTRAINED: [partial(_untrained, config)] if seed == 0 else [],
-        PD_RANDOMISED: [randomised],
+        PD_RANDOMISED: [partial(randomised_pd, config, config.spread or 0.0, PD_RANDOMISED)],
     }
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
@@ -189,6 +188,11 @@ def _untrained(config: Study) -> Condition:
 def _pd(config: Study, fit: str, name: str, spread: float = 0.0) -> Condition:
     constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
     return Condition(name, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name, **constants))
+
+
+def randomised_pd(config: Study, width: float, name: str) -> Condition:
+    """The PD with friction, every constant varied by a share ``width`` of itself, under a name."""
+    return _pd(config, PD_FRICTION, name, width)
 
 
 def _twins_of(population: str) -> tuple[str, ...]:

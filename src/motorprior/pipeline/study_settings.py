@@ -21,7 +21,7 @@ from motorprior.transfer.study_verdicts import CONDITIONS
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
 _QUICK = {
-    "seeds": 2, "draws": 6, "iterations": 10, "bench_steps": 4000, "adam_steps": 300,
+    "seeds": 2, "draws": 6, "iterations": 10, "bench_steps": 4000, "adam_steps": 300, "spread": 0.2,
 }  # fmt: skip
 _QUICK_MOTORS = 16
 """Or more, if the robot has more joints."""
@@ -53,9 +53,9 @@ class Study:
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept; on those of
     training if not given. None of the twins'."""
-    spread: float = 0.3
-    """Share by which the constants of the randomised PD vary [-]. The best one is another on every bench:
-    benchmarks/pd_spread.py finds it."""
+    spread: float | None = None
+    """Share by which the constants of the randomised PD vary [-]; if not given, policies of several widths walk on a
+    fleet that no twin has, and the best one is kept."""
     motors: int = 32
     """Motors on the bench."""
     bench_steps: int = 10_000
@@ -65,8 +65,8 @@ class Study:
     seed: int = 0
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
-    """Minutes instead: 2 seeds, 6 walks, 10 iterations, a bench of 16 motors and 4000 samples, 300 Adam steps in place
-    of the defaults, those that were given included. It decides nothing."""
+    """Minutes instead: 2 seeds, 6 walks, 10 iterations, a bench of 16 motors and 4000 samples, 300 Adam steps, a spread
+    of 0.2, in place of the defaults, those that were given included. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -111,7 +111,8 @@ class Study:
             require_count("adam_steps", config.adam_steps)
         require_number("seconds", config.seconds, 2.0, MOST_EPISODE_STEPS * robot.control_dt)
         require_number("speed", config.told(robot), robot.require_legs().forward[1] * 0.5, 10.0)
-        require_number("spread", config.spread, 0.0, WIDEST)
+        if config.spread is not None:
+            require_number("spread", config.spread, 0.0, WIDEST)
         require_count("workers", config.workers, 1, MOST_WORKERS)
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
