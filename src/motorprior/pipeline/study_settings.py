@@ -84,6 +84,10 @@ class Study:
         """What a policy is told, in training and wherever it walks."""
         return Commands.steady(self.told(robot))
 
+    def fleets_of_twins(self, robot: Robot) -> list[str]:
+        """Names of the fleets whose motors the twins have, on which nothing may be chosen."""
+        return [load_robot_fleet(robot, fleet).name for fleet in (self.fleet, self.foreign)]
+
     @property
     def episodes_at_a_time(self) -> int:
         """Of one policy; threads have one each."""
@@ -118,7 +122,7 @@ class Study:
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
         require_seed(config.seed)
         require_executor(config.executor, config.ray_address)
-        twins = [load_robot_fleet(robot, fleet).name for fleet in (config.fleet, config.foreign)]
+        twins = config.fleets_of_twins(robot)
         if config.validation is not None and load_robot_fleet(robot, config.validation).name in twins:
             raise ConfigError(
                 f"validation {config.validation!r} is the fleet of a twin", argument="validation",

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from motorprior.artifacts import write_json
-from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.study_cells import walk_table
 from motorprior.pipeline.study_conditions import Condition, randomised_pd
@@ -50,8 +49,7 @@ def width_fleet(config: Study) -> str:
     """The study's own, or the first of ours that no twin has."""
     if config.validation is not None:
         return config.validation
-    robot = load_robot(config.robot)
-    twins = [load_robot_fleet(robot, fleet).name for fleet in (config.fleet, config.foreign)]
+    twins = config.fleets_of_twins(load_robot(config.robot))
     return next(name for name in _FLEETS if name not in twins)
 
 
