@@ -150,6 +150,19 @@ def test_a_recipe_may_lack_a_friction(decoder_data: Data):
     assert np.ptp(raw[:, PARAMETERS.index("coulomb")]) > 1e-3
 
 
+def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
+    terms = ("profile",)
+    row, raw = parameters_of(terms).index("profile_acceleration"), truth(terms)
+    raw[:, row] = np.log(20.0) - initial_center(terms)[row]
+    data, losses = decoder_data(bare(terms), raw, segments=5, rows=400), []
+    for stated in (20.0, 60.0):  # the motors' own, and another
+        runs = WindowRuns(data, replace(PRESET, firmware=(("profile_acceleration", stated),)))
+        found = fit_fleet(bare(), runs, terms, True, 0, turns=((WIDE, 3),))
+        np.testing.assert_allclose(np.exp(found.raw[:, row]), stated, rtol=1e-12)
+        losses.append(found.loss)
+    assert np.all(losses[0] < 0.5 * losses[1]), losses
+
+
 def test_one_motor_is_fitted_alone(decoder_data: Data):
     runs = WindowRuns(decoder_data(bare(), truth()[:1], segments=5, rows=300), PRESET)
     together, alone = (fit_fleet(bare(), runs, (), way, 0, turns=((WIDE, 2),) * 2) for way in (True, False))

@@ -61,6 +61,17 @@ def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
     assert_found(decoder_data, terms, 2)
 
 
+def test_a_term_whose_constants_are_stated_is_there_and_not_asked_about(
+    decoder_data: Data, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(term_selection, "ORDER", ("dead_zone", "profile"))
+    monkeypatch.setattr(term_selection, "SERVO", ("dead_zone",))
+    runs, said = logs(decoder_data, ()), []
+    runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 4000.0), ("profile_speed", 100.0)))
+    found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
+    assert found.terms == ("profile",) and "profile" not in found.saved and said[1] == "profile: stated"
+
+
 @pytest.mark.slow
 def test_terms_that_need_each_other_are_found(decoder_data: Data):
     """At most one more is: a test at 5 % of ten terms lets one through at times."""

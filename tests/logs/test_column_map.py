@@ -106,6 +106,17 @@ def test_gains_of_the_map_are_stated_for_every_row(tmp_path: Path, columns: dict
     assert read_log(path, columns=a_map(tmp_path, TICKS)).stated_kp is None
 
 
+def test_registers_of_the_firmware_are_those_of_the_map(tmp_path: Path, columns: dict[str, np.ndarray]):
+    path = write(tmp_path / "log.csv", columns)
+    told = TICKS.replace("[units]", "[firmware]\nprofile_acceleration = 39\ndead_zone = 0.0015\n[units]")
+    log = read_log(path, columns=a_map(tmp_path, told))
+    assert log.firmware == {"profile_acceleration": 39, "dead_zone": 0.0015}
+    assert read_log(path, columns=a_map(tmp_path, TICKS)).firmware == {}
+    for wrong, said in (("= 39", "= -39"), "profile_acceleration"), (("profile_acceleration", "speed"), "speed"):
+        with pytest.raises(ArtifactError, match=said):
+            read_log(path, columns=a_map(tmp_path, told.replace(*wrong)))
+
+
 def test_a_number_of_a_column_of_lists_is_a_joint(tmp_path: Path):
     rng = np.random.default_rng(1)
     goal, pos = 90 * rng.standard_normal((2, ROWS, 2))

@@ -25,6 +25,7 @@ from foreign_files import (
 
 from motorprior.exceptions import LogError
 from motorprior.logs.bam import GRAVITY, read_bam
+from motorprior.logs.column_map import load_column_map
 from motorprior.logs.motor_log import channels
 from motorprior.logs.registry import read_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -85,6 +86,16 @@ def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     np.testing.assert_allclose(log.position_target, TARGET, atol=1e-6)
     arm: Any = SimpleNamespace(name="mine", joint_names=JOINTS[::-1])
     np.testing.assert_array_equal(read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1])
+
+
+def test_of_arms_whose_driver_writes_the_acceleration_lerobot_and_sage_state_it(tmp_path: Path):
+    assert read_log(write_lerobot(tmp_path)).firmware == {}
+    info = tmp_path / "dataset" / "meta" / "info.json"
+    info.write_text(json.dumps(json.loads(info.read_text()) | {"robot_type": "so101_follower"}))
+    told = read_log(tmp_path / "dataset").firmware
+    assert told == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
+    assert told == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
+    assert read_log(write_sage(tmp_path)).firmware == {}, "joints of another robot"
 
 
 def test_lerobots_description_must_fit(tmp_path: Path):

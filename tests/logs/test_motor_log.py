@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
+from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import channels
 from motorprior.logs.validity import checked
 
@@ -109,6 +110,30 @@ def test_stated_gains_are_positive_and_have_a_unit(make_log, kp, kd, unit, said)
     stated = {name: None if value is None else np.full(shape, value) for name, value in (("kp", kp), ("kd", kd))}
     with pytest.raises(LogError, match=said):
         checked(make_log(stated_kp=stated["kp"], stated_kd=stated["kd"], gain_unit=unit))
+
+
+@pytest.mark.parametrize(
+    ("firmware", "said"),
+    [
+        (
+            {"acceleration": 39.0},
+            "firmware 'acceleration' -> give some of profile_speed",
+        ),
+        ({"profile_speed": 0.0}, "firmware.profile_speed 0.0 is not a number within 0.001..1e[+]06"),
+        ({"profile_acceleration": float("nan")}, "firmware.profile_acceleration nan is not a number within"),
+        ({"dead_zone": "1"}, "firmware.dead_zone '1' is not a number within"),
+    ],
+)
+def test_registers_of_a_firmware_are_known_ones_within_their_bounds(make_log, firmware: dict, said: str):
+    with pytest.raises(LogError, match=said):
+        checked(make_log(firmware=firmware))
+
+
+def test_logs_of_another_firmware_are_not_joined(make_log):
+    logs = [make_log(firmware={"profile_speed": speed}) for speed in (3.0, 3.0, 4.0)]
+    assert joined(logs[:2]).firmware == {"profile_speed": 3.0}
+    with pytest.raises(LogError, match=r"firmware \{'profile_speed': 4.0\}, another log has \{'profile_speed': 3.0\}"):
+        joined(logs)
 
 
 def test_gains_change_between_segments_only(make_log):

@@ -37,6 +37,15 @@ def test_round_trip_is_exact(written, full_log):
         assert getattr(log, name) == getattr(full_log, name)
 
 
+def test_registers_of_the_firmware_come_back_and_a_file_without_has_none(tmp_path, make_log):
+    firmware = {"dead_zone": 0.0015, "profile_acceleration": 38.963}
+    write_log(tmp_path / "told.parquet", make_log(firmware=firmware))
+    write_log(tmp_path / "log.parquet", make_log())
+    assert read_parquet(tmp_path / "told.parquet").firmware == firmware
+    assert read_parquet(tmp_path / "log.parquet").firmware == {}
+    assert b"firmware" not in pq.read_schema(tmp_path / "log.parquet").metadata[METADATA_KEY]
+
+
 def test_absent_channels_stay_absent(tmp_path, make_log):
     write_log(tmp_path / "log.parquet", make_log(joint_vel=None))
     log = read_parquet(tmp_path / "log.parquet")
@@ -89,6 +98,9 @@ def test_a_missing_file_is_refused(tmp_path):
         ({"robot": 3}, "robot 3 is not text"),
         ({"encoder": None}, r"missing keys \['encoder'\]"),
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
+        ({"firmware": [39]}, r"firmware \[39\] is no table"),
+        ({"firmware": {"speed": 1}}, "firmware 'speed'"),
+        ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not a number"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(written, header, problem):

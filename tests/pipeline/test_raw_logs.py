@@ -45,6 +45,15 @@ def test_any_format_comes_on_a_grid(tmp_path: Path):
     np.testing.assert_allclose(log.joint_pos[:, 0], np.interp(log.time, TIME, ANGLE[:, 0]), atol=1e-12)
 
 
+def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
+    path = write_bam(tmp_path)
+    import_logs(LogsImport((path,), tmp_path / "out", profile_acceleration=39.0, dead_zone=0.002))
+    told = read_parquet(tmp_path / "out" / "swing.parquet").firmware
+    assert told == {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not a number"):
+        import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
+
+
 def test_a_log_with_a_load_hangs_nowhere(tmp_path: Path):
     with pytest.raises(ConfigError, match="says its load itself") as refusal:
         import_logs(LogsImport((write_bam(tmp_path),), tmp_path / "out", hung=True))

@@ -30,11 +30,14 @@ def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], Mo
 
 
 def as_json(preset: Preset) -> dict[str, Any]:
-    return asdict(preset) | {"taps": list(preset.taps), "terms": list(preset.terms), "lacks": list(preset.lacks)}
+    told = asdict(preset)
+    series = {name: list(told[name]) for name in ("taps", "terms", "lacks")}
+    return told | series | {"firmware": [list(register) for register in preset.firmware]}
 
 
 def test_the_recipe_that_identify_writes_is_read(prior_with: Callable[[Any], MotorPrior]):
-    assert recipe_of(prior_with(as_json(RECIPE)), PATH) == RECIPE
+    for recipe in (RECIPE, replace(RECIPE, firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))):
+        assert recipe_of(prior_with(as_json(recipe)), PATH) == recipe
 
 
 WRONG = {
@@ -58,6 +61,7 @@ WRONG = {
     "tries_terms": (1, "no"),
     "lacks": (None, "coulomb", ["rust"], [1]),
     "gain_unit": (None, "A/rad", "firmware"),
+    "firmware": (None, {}, ["dead_zone"], [["rust", 1.0]], [["dead_zone", 2.0]], [["dead_zone", "1"]], [["dead_zone"]]),
     "standardise": (1.0, {}),
 }
 

@@ -69,14 +69,23 @@ def test_fits_say_what_they_took(done: Study):
     assert all(fit["evaluations"] > 50 and fit["converged"] in (True, False) for fit in fits.values())
 
 
-def test_the_rival_has_the_width_whose_policies_stand_longest(done: Study):
-    told = read_json(done.out / "width" / "width.json")
-    assert (told["fleet"], set(told["widths"])) == ("mixed", {"0.1", "0.2", "0.3", "0.4"})
-    best = max(told["widths"].values(), key=lambda found: (found["upright"], found["speed"]))
-    assert told["widths"][f"{told['chosen']:g}"] == best
-    assert read_json(done.out / "study.json")["spread"] == str(told["chosen"])
-    header = Policy.load(done.out / "walk" / "pd_randomised_0" / "policy.safetensors").provenance
-    assert header["motors"]["spread"] == told["chosen"]
+@pytest.mark.parametrize(
+    ("setting", "condition", "values"),
+    [
+        ("spread", "pd_randomised", {"0.1", "0.2", "0.3", "0.4"}),
+        ("latent_spread", "prior", {"0.5", "0.75", "1", "1.25"}),
+    ],
+)
+def test_the_rival_and_the_prior_have_the_spread_whose_policies_stand_longest(
+    done: Study, setting: str, condition: str, values: set[str]
+):
+    told = read_json(done.out / "spreads" / "spreads.json")
+    found, chosen = told[setting]["tried"], told[setting]["chosen"]
+    assert (told["fleet"], set(found)) == ("mixed", values)
+    assert found[f"{chosen:g}"] == max(found.values(), key=lambda walked: (walked["upright"], walked["speed"]))
+    assert read_json(done.out / "study.json")[setting] == str(chosen)
+    header = Policy.load(done.out / "walk" / f"{condition}_0" / "policy.safetensors").provenance
+    assert header["motors"][setting] == chosen
 
 
 def test_what_was_interrupted_goes_on_to_the_same_bytes(done: Study):

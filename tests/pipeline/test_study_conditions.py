@@ -15,12 +15,13 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.study_conditions import FITS, Condition, conditions
 from motorprior.pipeline.study_settings import Study
-from motorprior.pipeline.study_width import width_fleet, with_width
+from motorprior.pipeline.study_spreads import validation_fleet, with_spreads
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import ROBUST
-from motorprior.transfer.study_verdicts import PD_FRICTION, PD_RANDOMISED
+from motorprior.transfer.study_verdicts import ADAPTED, PD_FRICTION, PD_RANDOMISED, PRIOR_MEAN, ROBUST_PRIOR
+from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 PD = MotorChoice("pd", armature=0.003, coulomb=0.1)
 
@@ -118,10 +119,23 @@ def test_a_study_varies_its_rival_by_what_it_is_told(tmp_path: Path):
     assert condition.motors.spread == 0.15 and condition.motors.coulomb == 0.2
 
 
-def test_a_width_is_chosen_only_where_there_is_none_and_a_rival_to_have_it(tmp_path: Path):
-    for told in (Study(tmp_path, spread=0.2), Study(tmp_path, conditions=(PD_FRICTION,)), Study(tmp_path, quick=True)):
-        assert with_width(told.sized()) == told.sized()
-    assert Study(tmp_path, quick=True).sized().spread == 0.2 and Study(tmp_path).sized().spread is None
+def test_a_study_spreads_z_by_what_it_is_told_and_keeps_the_mean_motor(tmp_path: Path):
+    told = Study(tmp_path, conditions=(SAMPLED, ROBUST_PRIOR, PRIOR_MEAN), latent_spread=0.75)
+    spreads = {condition.name: condition.motors.latent_spread for condition in conditions(told, 0)}
+    assert spreads == {SAMPLED: 0.75, ROBUST_PRIOR: 0.75, PRIOR_MEAN: 0.0}
+
+
+def test_a_spread_is_chosen_only_where_there_is_none_and_a_condition_to_have_it(tmp_path: Path):
+    for told in (
+        Study(tmp_path, spread=0.2, latent_spread=0.5),
+        Study(tmp_path, spread=0.2, conditions=(PD_RANDOMISED, ADAPTED)),
+        Study(tmp_path, latent_spread=0.5, conditions=(SAMPLED, ROBUST_PRIOR)),
+        Study(tmp_path, conditions=(PD_FRICTION,)),
+        Study(tmp_path, quick=True),
+    ):
+        assert with_spreads(told.sized()) == told.sized()
+    quick, full = Study(tmp_path, quick=True).sized(), Study(tmp_path).sized()
+    assert (quick.spread, quick.latent_spread) == (0.2, 1.0) and full.spread is full.latent_spread is None
 
 
 @pytest.mark.parametrize(
@@ -133,8 +147,8 @@ def test_a_width_is_chosen_only_where_there_is_none_and_a_rival_to_have_it(tmp_p
         ({"validation": "foreign_servo"}, "foreign_servo"),
     ],
 )
-def test_a_width_is_chosen_on_a_fleet_that_no_twin_has(tmp_path: Path, change: dict, fleet: str):
-    assert width_fleet(replace(Study(tmp_path), **change).sized()) == fleet
+def test_a_spread_is_chosen_on_a_fleet_that_no_twin_has(tmp_path: Path, change: dict, fleet: str):
+    assert validation_fleet(replace(Study(tmp_path), **change).sized()) == fleet
 
 
 def test_a_quick_study_is_small():

@@ -71,6 +71,12 @@ def constants_of(terms: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for term in terms for name in TERMS[term])
 
 
+def terms_with(constants: Iterable[str]) -> tuple[str, ...]:
+    """The terms that have some of these constants, in the order of TERMS."""
+    wanted = set(constants)
+    return tuple(name for name, own in TERMS.items() if wanted & set(own))
+
+
 def in_order(terms: Iterable[str]) -> tuple[str, ...]:
     """The terms in the order of TERMS."""
     wanted = set(terms)

@@ -143,7 +143,9 @@ def bounded_fit(
     chosen: np.ndarray | None = None,
 ) -> MotorFit:
     """A fit around this central motor in which no motor has a limit below the speed that it held (`speed_limits`)."""
-    return MotorFit(with_motor(network, center, terms), runs, chosen, least_outputs(center, terms, runs.held_speed))
+    least = least_outputs(center, terms, runs.held_speed)
+    least[:, held_constants(terms, runs)] = -np.inf
+    return MotorFit(with_motor(network, center, terms), runs, chosen, least)
 
 
 def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
@@ -159,7 +161,7 @@ def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
     losses = fit.losses(z)
     for name, most in reached.items():
-        if name not in names or not most.max():
+        if name not in names or not most.max() or name in dict(fit.runs.preset.firmware):
             continue
         row, free = names.index(name), z.copy()
         farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
@@ -172,7 +174,7 @@ def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
 
 def held_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: absent and stated ones, and those that the log's encoders hide."""
-    held = runs.preset.lacks + (HIDDEN_FROM_ROTOR if runs.at_rotor else ())
+    held = (*runs.preset.lacks, *dict(runs.preset.firmware), *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
     if runs.gain_unit == PHYSICAL_GAINS:
         held += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
     return np.array([name in held for name in parameters_of(terms)])

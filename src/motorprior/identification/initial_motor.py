@@ -42,7 +42,7 @@ _MUCH_LESS = 0.5
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
-    """(P,) decoder outputs of the initial motor; its limits of speed and stated gains are those of the logs, if given.
+    """(P,) decoder outputs of the initial motor; its limits of speed, stated gains and firmware are those of the logs.
 
     Where gains are stated in N·m/rad, every torque of the initial motor is that of a motor with such gains.
     """
@@ -51,6 +51,8 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         motor = motor | dict.fromkeys(runs.preset.lacks, _NOTHING)
     if runs is not None and runs.fastest:
         motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
+    if runs is not None:
+        motor = motor | dict(runs.preset.firmware)
     if runs is None or not runs.gain_unit:
         return encoded(motor, terms)
     kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0

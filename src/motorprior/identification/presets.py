@@ -38,6 +38,8 @@ class Preset:
         tries_terms: whether it does.
         lacks: constants that the motors of a recipe that puts physics first do not have: frictions, for instance.
         gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
+        firmware: names and values of a firmware's constants that the logs state, which are not fitted
+            (`MotorLog.firmware`); a recipe that puts physics first takes them.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
     """
@@ -62,6 +64,7 @@ class Preset:
     tries_terms: bool = True
     lacks: tuple[str, ...] = ()
     gain_unit: str = ""
+    firmware: tuple[tuple[str, float], ...] = ()
     standardise: bool = False
 
     @property

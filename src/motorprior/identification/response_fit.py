@@ -4,13 +4,13 @@
 
 Every model begins where the simpler one ended as well. What servo_limits has beyond it is left out again, one after
 another, where the error without it is not PRICE larger: a limit that motors hardly reached would bind where they go
-beyond it. Constants that are positive are searched as logarithms. Jacobians are central differences, wide and
-then narrow, since dead bands and limits have corners.
+beyond it. What the firmware was told (TOLD) is not searched. Constants that are positive are searched as logarithms.
+Jacobians are central differences, wide and then narrow, since dead bands and limits have corners.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,6 +30,8 @@ UNITS = {"gain": 0.15, "offset": 0.1, "sag": 0.1, "sine": 0.1, "cosine": 0.1}
 REACHABLE = 3.0
 OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())
 """Constants of servo_limits that are left out together, in this order."""
+TOLD = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
+"""Constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)."""
 GENERATIONS, POPULATION = 60, 8
 """Of the differential evolution per joint and model; the latter for each constant."""
 EVALUATIONS = 60
@@ -43,7 +45,11 @@ LONGEST = 40_000
 
 
 def fit_responses(
-    runs: Sequence[WindowRuns], gravity: str, seed: int = 0, report: Callable[[], None] = lambda: None
+    runs: Sequence[WindowRuns],
+    gravity: str,
+    seed: int = 0,
+    report: Callable[[], None] = lambda: None,
+    firmware: Mapping[str, float] | None = None,
 ) -> dict[str, ResponseMotors]:
     """All of MODELS, fitted to every joint of the logs.
 
@@ -52,17 +58,21 @@ def fit_responses(
         gravity: of GRAVITY: what stands for gravity in servo_limits.
         seed: of the global search.
         report: called after every joint.
+        firmware: registers that servo_limits is told.
     """
+    told = {name: (firmware or {})[register] for name, register in TOLD.items() if register in (firmware or {})}
     joints = runs[0].num_motors
     found = {name: np.empty((joints, len(CONSTANTS))) for name in MODELS}
     for joint in range(joints):
         simpler = np.array(list(CONSTANTS.values()))
         for name, constants in MODELS.items():
-            free = constants + (GRAVITY[gravity] if name == "servo_limits" else ())
+            free, base = constants, dict(CONSTANTS)
+            if name == "servo_limits":
+                free, base = tuple(each for each in (*free, *GRAVITY[gravity]) if each not in told), base | told
             rng = np.random.default_rng([seed, joint, len(free)])
-            cost, full = _JointFit(runs, joint, free).best(simpler, rng)
+            cost, full = _JointFit(runs, joint, free, base).best(simpler, rng)
             for optional in OPTIONAL if name == "servo_limits" else ():
-                cost, full, free = _without(runs, joint, optional, cost, full, free)
+                cost, full, free = _without(runs, joint, optional, cost, full, free, base)
             found[name][joint] = simpler = full
         report()
     return {name: ResponseMotors(name, constants) for name, constants in found.items()}
@@ -75,20 +85,22 @@ def _without(
     cost: float,
     full: np.ndarray,
     free: tuple[str, ...],
+    base: Mapping[str, float],
 ) -> tuple[float, np.ndarray, tuple[str, ...]]:
     """Cost, constants and names of a fit, less those that are ``optional`` if they are not worth their price."""
     fewer = tuple(name for name in free if name not in optional)
     if fewer == free:
         return cost, full, free
-    less, constants = _JointFit(runs, joint, fewer).polished(full)
+    less, constants = _JointFit(runs, joint, fewer, base).polished(full)
     return (less, constants, fewer) if less * (1.0 - PRICE) < cost else (cost, full, free)
 
 
 class _JointFit:
-    """The least-squares problem of one joint and one model, over x: logarithms, or units."""
+    """The least-squares problem of one joint and one model, over x: logarithms, or units; others are as in ``base``."""
 
-    def __init__(self, runs: Sequence[WindowRuns], joint: int, free: tuple[str, ...]):
+    def __init__(self, runs: Sequence[WindowRuns], joint: int, free: tuple[str, ...], base: Mapping[str, float]):
         self._runs, self._free = [JointRuns(each, joint) for each in runs], free
+        self._base = np.array([base[name] for name in CONSTANTS])
         self._columns = [list(CONSTANTS).index(name) for name in free]
         self._every = 1 + sum(each.windows * each.preset.window for each in runs) // LONGEST
         self.low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
@@ -141,7 +153,7 @@ class _JointFit:
         return np.array(x)
 
     def _decoded(self, x: np.ndarray) -> np.ndarray:
-        constants = np.array(list(CONSTANTS.values()))
+        constants = self._base.copy()
         for name, column, value in zip(self._free, self._columns, x, strict=True):
             constants[column] = np.exp(value) if name in BOUNDS else CONSTANTS[name] + UNITS[name] * value
         return constants

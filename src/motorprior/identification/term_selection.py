@@ -9,8 +9,8 @@ a term changes where the other constants belong. It stays if it is worth its pri
 
 (at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
 test is of the held-out stretches of each). In the end all that stayed are compared with no term at all, by the same
-price and the test at 5 %. A fit of all terms at once may be a bad one: where SERVO alone fits better, that is where the
-leaving out begins.
+price and the test at 5 %. Terms whose constants the log states are not asked about: motors have them. A fit of all
+terms at once may be a bad one: where SERVO alone fits better, that is where the leaving out begins.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import FAINT, in_order
+from motorprior.actuator.servo_terms import FAINT, in_order, terms_with
 from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, weak_belief
 from motorprior.identification.initial_motor import encoded, with_motor
 from motorprior.identification.motor_fit import MotorFit
@@ -89,13 +89,17 @@ def select_terms(
         report: called after every fit.
     """
     held_out = held_out_windows(runs)
+    told = terms_with(dict(runs.preset.firmware))
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
-        return Selection((), {})
+        return Selection(told, {})
     trial = _Trial(network, runs, seed)
     best, saved = trial.fitted(tuple(ORDER), None), {}
-    servo = trial.fitted(SERVO, None)
+    servo = trial.fitted((*SERVO, *told), None)
     best = servo if _saved(best, servo) > 0.0 else best
     for name in ORDER:
+        if name in told:
+            report(f"{name}: stated")
+            continue
         if name not in best.terms:
             report(f"{name}: not tried by itself")
             continue
@@ -104,8 +108,8 @@ def select_terms(
         saved[name] = _saved(less, best)
         best = best if _worth(less, best, _LEVEL) else less
         report(f"{name}: saves {100 * saved[name]:.0f} %")
-    if best.terms:
-        bare = trial.fitted((), best)
+    if best.terms != told:
+        bare = trial.fitted(told, best)
         best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
     return Selection(best.terms, saved)
 

@@ -73,7 +73,8 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     """Stack a bench log for training; a rollout needs no velocities or torques.
 
     Raises:
-        LogError: wrong sample period, a missing channel, or segments shorter than a window.
+        LogError: wrong sample period, a missing channel, another firmware than the recipe's, or segments shorter than
+            a window.
     """
     if preset.objective == "rollout":
         if log.encoder == "joint":
@@ -81,6 +82,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         elif log.joint_vel is None:
             log = replace(log, joint_vel=_velocities(log))
     _require(log, preset, where)
+    _require_firmware(log, preset, where)
     nothing = np.zeros_like(log.joint_pos)
     channels = (
         log.position_target,
@@ -187,6 +189,16 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
             where=where,
             remedy="record with the bench preset of the same name, or resample the log",
         )
+
+
+def _require_firmware(log: MotorLog, preset: Preset, where: str) -> None:
+    """Refuse registers of a firmware other than those that the recipe's motors have."""
+    for name, value in preset.firmware:
+        if (stated := log.firmware.get(name, value)) != value:
+            raise LogError(
+                f"firmware.{name} {stated:g}, the prior's motors have {value:g}", where=where,
+                remedy="identify these logs by themselves",
+            )  # fmt: skip
 
 
 def window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:

@@ -10,6 +10,9 @@
     angle = "tick"
     ticks_per_turn = 4096
 
+    [firmware]                              # registers that all these motors were told, where they are known
+    profile_acceleration = 39               # rad/s²; profile_speed [rad/s], dead_zone [rad]
+
     [joints.1]
     name = "shoulder_pan"                   # of the robot's joint, if the columns have another name
     sign = -1
@@ -25,7 +28,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -33,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import ENCODERS, GAIN_UNITS, PHYSICAL_GAINS
+from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS
 from motorprior.outside_files import read_toml
 from motorprior.schema import TABLE, TEXT, Field, Schema, integer, number, one_of, require
 
@@ -57,10 +61,10 @@ _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
         "encoder": one_of(*ENCODERS),
-        **dict.fromkeys(("units", "joints"), TABLE),
+        **dict.fromkeys(("units", "firmware", "joints"), TABLE),
     },
     _REMEDY,
-    optional=frozenset({"robot", "segment", "encoder", "units", *SERIES[2:]}),
+    optional=frozenset({"robot", "segment", "encoder", "units", "firmware", *SERIES[2:]}),
 )
 _UNITS = Schema(
     {
@@ -70,6 +74,10 @@ _UNITS = Schema(
     _REMEDY,
     optional=frozenset({"time", "angle", "velocity", "torque", "ticks_per_turn", "gain"}),
     name="units",
+)  # fmt: skip
+_FIRMWARE = Schema(
+    {name: number(*bounds) for name, bounds in FIRMWARE.items()}, _REMEDY, optional=frozenset(FIRMWARE),
+    name="firmware",
 )  # fmt: skip
 _JOINT = Schema(
     {
@@ -111,6 +119,7 @@ class ColumnMap:
         joints: in the order of the map.
         scales: channel -> SI units per unit of its columns.
         gain_unit: of the joints' gains (`MotorLog`).
+        firmware: registers of all the motors (`MotorLog`).
     """
 
     source: str
@@ -123,6 +132,7 @@ class ColumnMap:
     joints: tuple[MappedJoint, ...]
     scales: dict[str, float]
     gain_unit: str = PHYSICAL_GAINS
+    firmware: Mapping[str, float] = field(default_factory=dict)
 
     def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
         """(J,) of the channels stated_kp and stated_kd of these joints, as far as they are stated."""
@@ -161,6 +171,8 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _MAP.check(table, where)
     units = table.get("units", {})
     _UNITS.check(units, where)
+    firmware = table.get("firmware", {})
+    _FIRMWARE.check(firmware, where)
     series = {name: table[name] for name in SERIES if name in table}
     for name, column in series.items():
         if JOINT not in column:
@@ -168,7 +180,7 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     return ColumnMap(
         where, table["motor"], table.get("robot", ""), table.get("encoder", "joint"), table["time"],
         table.get("segment"), series, _joints(table["joints"], where), _scales(units, where),
-        units.get("gain", PHYSICAL_GAINS),
+        units.get("gain", PHYSICAL_GAINS), firmware,
     )  # fmt: skip
 
 

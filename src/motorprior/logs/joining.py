@@ -20,8 +20,8 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     of further motors; they are cut to the shortest, and the first one's times stand for all.
 
     Raises:
-        LogError: no log; logs that share some joints; of different robots, channels or encoders; or, side by side, with
-            segments that begin at different rows.
+        LogError: no log; logs that share some joints; of different robots, channels, encoders or firmware; or,
+            side by side, with segments that begin at different rows.
     """
     if not logs:
         raise LogError("no log given", remedy="give at least one")
@@ -41,7 +41,7 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 
 
 def _require_alike(first: MotorLog, log: MotorLog) -> None:
-    for name in ("robot", "motor", "encoder", "gain_unit"):
+    for name in ("robot", "motor", "encoder", "gain_unit", "firmware"):
         one, other = getattr(first, name), getattr(log, name)
         if one != other:
             raise LogError(f"{name} {other!r}, another log has {one!r}", where=log.source, remedy="fit one at a time")

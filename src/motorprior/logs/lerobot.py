@@ -2,13 +2,16 @@
 
 ``action`` is the command and ``observation.state`` the angle, lists of one number per joint in degrees; episodes become
 segments. Names of joints and robot are those of info.json. The dataset does not say its units: recordings that were not
-made in degrees, and grippers, which LeRobot records in per cent, keep the wrong scale.
+made in degrees, and grippers, which LeRobot records in per cent, keep the wrong scale. What its driver writes into the
+servos of a robot stands in lerobot_robots.toml.
 """
 
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +33,8 @@ SUFFIX = ".pos"
 MAX_INFO = 10_000_000
 RATE_ERROR = 0.1
 """Relative difference between the stated and the recorded rate that passes."""
+ROBOTS = files("motorprior.logs").joinpath("lerobot_robots.toml")
+"""Registers of the firmware by type of robot (`MotorLog.firmware`)."""
 _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and observation.state"
 
 
@@ -52,12 +57,13 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
     path = Path(path)
     info = _info(path)
     names = _names(info, path)
-    angle = ANGLES["deg"]
+    angle, kind = ANGLES["deg"], str(info.get("robot_type") or "")
     columns = ColumnMap(
-        source=str(path / INFO), motor="", robot=str(info.get("robot_type") or ""), encoder="joint", time="timestamp",
+        source=str(path / INFO), motor="", robot=kind, encoder="joint", time="timestamp",
         segment="episode_index", joints=tuple(MappedJoint(str(k), name) for k, name in enumerate(names)),
         series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
         scales={"time": 1.0, "position_target": angle, "joint_pos": angle},
+        firmware=tomllib.loads(ROBOTS.read_text("utf-8")).get(kind, {}),
     )  # fmt: skip
     log = read_mapped_log(path, columns, if_it_has(robot, names), _files)
     _require_rate(log, info, path)

@@ -64,7 +64,7 @@ def read_mapped_log(
         MotorLog(
             joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
             motor=columns.motor, source=str(path), encoder=columns.encoder,
-            gain_unit=columns.gain_unit, **values,
+            gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
         ),
         where=path,
     )  # fmt: skip

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +26,9 @@ BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
+FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
+"""Registers of a servo's firmware that a log may state, and their bounds: the largest speed [rad/s] and acceleration
+[rad/s²] of its profile, and the error [rad] that it does not act on."""
 POSTURES = ("standing", "hung", "fixed", "fallen")
 """Of a robot: on its feet; base held in the air, feet free; bolted down; on its side or back. The channel `posture`
 holds the place of one of them in this list."""
@@ -67,6 +70,7 @@ class MotorLog:
         stated_kd: (T, J) the same for the derivative gain, which acts on the velocity; only with stated_kp.
         gain_unit: of the stated gains: "N·m/rad" (and N·m·s/rad), which are then the motor's, or "firmware", units of
             its own, of which the motor's gains are unknown multiples.
+        firmware: registers of FIRMWARE that all these motors were told, where somebody knows them.
     """
 
     time: np.ndarray
@@ -88,6 +92,7 @@ class MotorLog:
     stated_kp: np.ndarray | None = None
     stated_kd: np.ndarray | None = None
     gain_unit: str = PHYSICAL_GAINS
+    firmware: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def num_joints(self) -> int:
@@ -130,7 +135,7 @@ class MotorLog:
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
     """Every array that the log holds, by field name."""
-    values = {field.name: getattr(log, field.name) for field in fields(log)}
+    values = {each.name: getattr(log, each.name) for each in fields(log)}
     return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
@@ -161,9 +166,9 @@ def stated_gains_of(log: MotorLog) -> np.ndarray | None:
 def log_digest(log: MotorLog) -> str:
     """SHA-256 of all that the log holds."""
     whole = hashlib.sha256()
-    for field in fields(log):
-        value = getattr(log, field.name)
-        whole.update(f"{field.name} {getattr(value, 'shape', value)!r}\n".encode())
+    for each in fields(log):
+        value = getattr(log, each.name)
+        whole.update(f"{each.name} {getattr(value, 'shape', value)!r}\n".encode())
         if isinstance(value, np.ndarray):
             whole.update(np.ascontiguousarray(value).tobytes())
     return whole.hexdigest()

@@ -30,7 +30,7 @@ REWRITE = "write the log again with this version of motorprior"
 _OPTIONAL = (*CODES, "base_orientation")
 _HEADER_KEYS = (
     *("schema_version", "units", "sign_convention", "robot", "motor"),
-    *("source", "joint_names", "channels", "encoder", "gain_unit"),
+    *("source", "joint_names", "channels", "encoder", "gain_unit", "firmware"),
 )
 
 
@@ -67,7 +67,7 @@ def read_parquet(path: str | Path) -> MotorLog:
     path = Path(path)
     table, header, wanted = _read_table(path)
     values: dict[str, Any] = {channel: _stack(table, channel, names, path) for channel, names in wanted.items()}
-    values |= {key: header[key] for key in ("robot", "motor", "source", "encoder", "gain_unit")}
+    values |= {key: header[key] for key in ("robot", "motor", "source", "encoder", "gain_unit", "firmware")}
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
 
@@ -115,6 +115,7 @@ def _header(log: MotorLog) -> dict[str, Any]:
         "channels": _present(log),
         "encoder": log.encoder,
         "gain_unit": log.gain_unit,
+        **({"firmware": dict(log.firmware)} if log.firmware else {}),
     }
 
 
@@ -169,6 +170,7 @@ def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, A
             where=path,
             remedy="use the motorprior that wrote it, or " + REWRITE,
         )
+    header = {"firmware": {}} | header  # where none is stated, nothing is written
     try:
         require_keys(header, _HEADER_KEYS, path)
     except ArtifactError as error:
@@ -184,6 +186,8 @@ def _check_header(header: dict[str, Any], path: Path) -> None:
     for key in ("robot", "motor", "source", "encoder", "gain_unit"):
         if not isinstance(header[key], str):
             raise LogError(f"header: {key} {header[key]!r} is not text", where=path, remedy=REWRITE)
+    if not isinstance(header["firmware"], dict):
+        raise LogError(f"header: firmware {repr(header['firmware'])[:300]} is no table", where=path, remedy=REWRITE)
     for key, allowed in (("joint_names", None), ("channels", (*JOINT_SERIES, *_OPTIONAL))):
         values = header[key]
         known = isinstance(values, list) and all(isinstance(value, str) for value in values)

@@ -67,7 +67,7 @@ def _columns(path: Path) -> ColumnMap:
     names, known = _joint_list(path), load_column_map(_MAP)
     if set(names) == {joint.column for joint in known.joints}:
         return known
-    return replace(known, robot="", motor="", joints=tuple(MappedJoint(name, name) for name in names))
+    return replace(known, robot="", motor="", firmware={}, joints=tuple(MappedJoint(name, name) for name in names))
 
 
 def _merged(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:

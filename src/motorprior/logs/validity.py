@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.bounds import is_number
+from motorprior.exceptions import LogError, spelled
 from motorprior.logs.motor_log import (
     BASE_AXES,
     CODES,
     ENCODERS,
+    FIRMWARE,
     GAIN_UNITS,
     JOINT_SERIES,
     POSTURES,
@@ -32,13 +34,15 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
     Raises:
         LogError: wrong shape or joint count, a value that is not finite (row, column, value), time that
             does not increase within a segment (row, both values), a load inertia that is not positive,
-            fewer than 2 rows in a segment, an unknown posture, place of the encoder or unit of gains, or stated gains
-            that change within a segment, or that are not positive (kd: negative).
+            fewer than 2 rows in a segment, an unknown posture, place of the encoder, unit of gains or register of the
+            firmware, a register out of its bounds, or stated gains that change within a segment, or that are not
+            positive (kd: negative).
     """
     if log.encoder not in ENCODERS:
         raise LogError(f"encoder {log.encoder!r}", where=where, remedy=f"give {' or '.join(ENCODERS)}")
     if log.gain_unit not in GAIN_UNITS:
         raise LogError(f"gain_unit {log.gain_unit!r}", where=where, remedy=f"give {' or '.join(GAIN_UNITS)}")
+    _check_firmware(log, where)
     log = _as_arrays(log, where)
     _check_shapes(log, where)
     _check_finite(log, where)
@@ -168,6 +172,18 @@ def _check_gains(log: MotorLog, where: str | Path | None) -> None:
                     f"row {row}, {column_name(name, column, log.joint_names)} {problem}: {gains[row, column]}",
                     where=where, remedy="begin a segment where gains change, or leave them out",
                 )  # fmt: skip
+
+
+def _check_firmware(log: MotorLog, where: str | Path | None) -> None:
+    for name, value in log.firmware.items():
+        if name not in FIRMWARE:
+            raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
+        if not is_number(value, *FIRMWARE[name]):
+            least, most = FIRMWARE[name]
+            raise LogError(
+                f"firmware.{name} {spelled(value)} is not a number within {least:g}..{most:g}", where=where,
+                remedy="give it in rad, rad/s or rad/s², or leave it out",
+            )  # fmt: skip
 
 
 def _check_posture(log: MotorLog, where: str | Path | None) -> None:

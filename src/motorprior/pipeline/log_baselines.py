@@ -129,7 +129,7 @@ def _fit(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[s
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset, log.source)
     with progress.start("fit responses that need no load", log.num_joints) as task:
-        found = fit_responses(runs, gravity, seed, task.advance)
+        found = fit_responses(runs, gravity, seed, task.advance, log.firmware)
     return {name: model.constants for name, model in found.items()}
 
 

@@ -30,7 +30,7 @@ LONGEST_DELAY = 1.0
 
 _OF_A_PD = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread")
 _OF_A_PRIOR = ("latent_spread",)
-WIDEST, _LARGEST_SPREAD = 0.9, 10.0
+WIDEST, WIDEST_LATENT = 0.9, 10.0
 _LATE = 0.02
 """Delay that counts as the whole of a spread [s]: that of a PD may be fitted to 0, of which no share is a delay."""
 _LARGEST_OF_A_PD = {"kp": 1e9, "kd": 1e9, "torque_limit": 1e9, "armature": 1e3}
@@ -213,7 +213,7 @@ class MotorChoice:
                 argument="actuator",
             )  # fmt: skip
         prior = load_prior(self.prior, robot)
-        require_number("latent_spread", self.latent_spread, most=_LARGEST_SPREAD)
+        require_number("latent_spread", self.latent_spread, most=WIDEST_LATENT)
         if self.posterior is None:
             gains, count = told_gains(prior, robot), robot.num_joints
             return lambda rng: prior.sample(count, rng, gains, self.latent_spread)

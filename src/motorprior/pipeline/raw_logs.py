@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import FIRMWARE, MotorLog, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import resample
@@ -47,6 +48,13 @@ class LogsImport:
     Takes the place of what ``columns`` says; in firmware units where that says so."""
     kd: tuple[float, ...] = ()
     """Derivative gain [N·m·s/rad], like ``kp``."""
+    profile_acceleration: float | None = None
+    """Largest acceleration of the profile that every servo's firmware was told [rad/s²], in place of what ``columns``
+    says. Feetech STS: 0.1534 rad/s² per unit."""
+    profile_speed: float | None = None
+    """Largest speed of that profile [rad/s]."""
+    dead_zone: float | None = None
+    """Error that the firmware does not act on [rad]."""
     hung: bool = False
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
@@ -132,9 +140,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
         LogError: it cannot be read.
     """
     if config.columns is None and ROBOT_RUN.takes(path):
-        return _with_gains(_robot_run(path, robot, config), config)
+        return _with_what_is_stated(_robot_run(path, robot, config), config)
     unnamed = config.robot is None and config.columns is not None and not config.hung
-    log = _with_gains(read_log(path, None if unnamed else robot, config.columns), config)
+    log = _with_what_is_stated(read_log(path, None if unnamed else robot, config.columns), config)
     wanted = "hung" if config.hung else "fit_load" if config.fit_load else ""
     if config.period is None and not wanted:
         return log
@@ -192,9 +200,9 @@ def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
 
 
-def _with_gains(log: MotorLog, config: LogsImport) -> MotorLog:
-    """The log with the gains that the user states."""
-    stated: dict[str, np.ndarray] = {}
+def _with_what_is_stated(log: MotorLog, config: LogsImport) -> MotorLog:
+    """The log with the gains and the registers of the firmware that the user states."""
+    stated: dict[str, Any] = {}
     for name in ("kp", "kd"):
         gains = getattr(config, name)
         if len(gains) not in (0, 1, log.num_joints):
@@ -203,7 +211,8 @@ def _with_gains(log: MotorLog, config: LogsImport) -> MotorLog:
             )
         if gains:
             stated[f"stated_{name}"] = np.broadcast_to(np.array(gains), log.joint_pos.shape)
-    return checked(replace(log, **stated), where=log.source) if stated else log
+    told = {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}
+    return checked(replace(log, **stated, firmware={**log.firmware, **told}), where=log.source)
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:

@@ -9,14 +9,22 @@ from typing import Any
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.servo_terms import TERMS
+from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.logs.motor_log import GAIN_UNITS
-from motorprior.schema import TRUTH, Schema, integer, many, number, one_of
+from motorprior.logs.motor_log import FIRMWARE, GAIN_UNITS
+from motorprior.schema import TRUTH, Field, Schema, integer, many, number, one_of
 
 LONGEST_WINDOW = 100_000
 """Rows, history included."""
 _REMEDY = "identify it again"
+
+
+def _is_register(value: Any) -> bool:
+    named = isinstance(value, list | tuple) and len(value) == 2 and value[0] in FIRMWARE
+    return named and is_number(value[1], *FIRMWARE[value[0]])
+
+
 RECIPE = Schema(
     {
         "objective": one_of("torque", "rollout"),
@@ -28,6 +36,7 @@ RECIPE = Schema(
         "tries_terms": TRUTH,
         "terms": many(one_of(*TERMS)),
         "lacks": many(one_of(*PARAMETERS)),
+        "firmware": many(Field("the name and the value of a register", _is_register)),
         "num_latents": integer(0, 1000),
         "num_neurons": integer(0, 10_000),
         "kl_weight": number(0.0, 1e6),
@@ -56,7 +65,8 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_REMEDY)
     RECIPE.check(recipe, where)
     series = {name: tuple(recipe.get(name, ())) for name in ("taps", "terms", "lacks")}
-    preset = Preset(**{**recipe, **series})
+    firmware = tuple((name, value) for name, value in recipe.get("firmware", ()))
+    preset = Preset(**{**recipe, **series, "firmware": firmware})
     _require_fit(preset, prior, where)
     return preset
 

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json
@@ -161,13 +160,14 @@ def _fit_pds(config: Study, progress: Progress) -> None:
 
 def conditions(config: Study, seed: int) -> list[Condition]:
     """Of ``config.conditions`` those of the policies of a seed, the longest first; only the first has the gait."""
+    z = 1.0 if config.latent_spread is None else config.latent_spread
     made = {
         ORACLE: [partial(_oracle, config, population) for population in (ABROAD, HOME)],
         ADAPTED: [partial(_adapted, config, population, seed) for population in (ABROAD, HOME)],
-        SAMPLED: [partial(_prior_condition, config, SAMPLED)],
-        ROBUST_PRIOR: [partial(_prior_condition, config, ROBUST_PRIOR, ROBUST)],
-        PRIOR_MEAN: [partial(_prior_condition, config, PRIOR_MEAN, latent_spread=0.0)],
-        **{name: [partial(_prior_condition, config, name)] for name in _OTHER_PRESETS},
+        SAMPLED: [partial(sampled_prior, config, z, SAMPLED)],
+        ROBUST_PRIOR: [partial(sampled_prior, config, z, ROBUST_PRIOR, ROBUST)],
+        PRIOR_MEAN: [partial(sampled_prior, config, 0.0, PRIOR_MEAN)],
+        **{name: [partial(_other_prior, config, name)] for name in _OTHER_PRESETS},
         **{name: [partial(_pd, config, name, name)] for name in _FITTED},
         UNTRAINED: [partial(_untrained, config)] if seed == 0 else [],
         PD_RANDOMISED: [partial(randomised_pd, config, config.spread or 0.0, PD_RANDOMISED)],
@@ -175,10 +175,15 @@ def conditions(config: Study, seed: int) -> list[Condition]:
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
 
-def _prior_condition(config: Study, name: str, randomization: Randomization = _NOTHING, **changes: Any) -> Condition:
-    """A prior's motors, under the name of the condition."""
-    prior = _prior(config, name if name in _OTHER_PRESETS else "rollout")
-    return Condition(name, MotorChoice("prior", prior, fleet=config.fleet, name=name, **changes), randomization)
+def sampled_prior(config: Study, spread: float, name: str, randomization: Randomization = _NOTHING) -> Condition:
+    """Motors of the rollout prior, z drawn ``spread`` times as wide as its motors differ, under a name."""
+    motors = MotorChoice("prior", _prior(config, "rollout"), fleet=config.fleet, latent_spread=spread, name=name)
+    return Condition(name, motors, randomization)
+
+
+def _other_prior(config: Study, preset: str) -> Condition:
+    """Motors of the prior of another preset, whose name is the condition's."""
+    return Condition(preset, MotorChoice("prior", _prior(config, preset), fleet=config.fleet, name=preset))
 
 
 def _untrained(config: Study) -> Condition:
