@@ -73,7 +73,7 @@ def test_fits_say_what_they_took(done: Study):
     ("setting", "condition", "values"),
     [
         ("spread", "pd_randomised", {"0.1", "0.2", "0.3", "0.4"}),
-        ("latent_spread", "prior", {"0.5", "0.75", "1", "1.25"}),
+        ("latent_spread", "prior", {"0.75", "1", "1.25", "1.5"}),
     ],
 )
 def test_the_rival_and_the_prior_have_the_spread_whose_policies_stand_longest(

@@ -57,7 +57,7 @@ class _Choice:
 
 CHOICES = (
     _Choice("spread", (0.1, 0.2, 0.3, 0.4), randomised_pd, "constants of the randomised PD", (PD_RANDOMISED,)),
-    _Choice("latent_spread", (0.5, 0.75, 1.0, 1.25), sampled_prior, "z of the prior", (PRIOR, ROBUST_PRIOR)),
+    _Choice("latent_spread", (0.75, 1.0, 1.25, 1.5), sampled_prior, "z of the prior", (PRIOR, ROBUST_PRIOR)),
 )
 """As many values for the prior as for its rival."""
 
