@@ -163,6 +163,15 @@ def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
     assert np.all(losses[0] < 0.5 * losses[1]), losses
 
 
+def test_a_stated_limit_that_no_log_shows_is_not_opened(decoder_data: Data):
+    terms, stated = ("profile",), 20.0
+    runs = WindowRuns(decoder_data(bare(terms), truth(terms), segments=5, rows=400), PRESET)
+    assert stated < fleet_fit.ROOM * runs.fastest
+    runs.preset = replace(PRESET, firmware=(("profile_speed", stated),))
+    found = fit_fleet(bare(), runs, terms, True, 0, turns=((WIDE, 3),))
+    np.testing.assert_allclose(np.exp(found.raw[:, parameters_of(terms).index("profile_speed")]), stated, rtol=1e-12)
+
+
 def test_one_motor_is_fitted_alone(decoder_data: Data):
     runs = WindowRuns(decoder_data(bare(), truth()[:1], segments=5, rows=300), PRESET)
     together, alone = (fit_fleet(bare(), runs, (), way, 0, turns=((WIDE, 2),) * 2) for way in (True, False))

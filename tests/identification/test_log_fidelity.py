@@ -24,6 +24,7 @@ from motorprior.identification.log_fidelity import (
     log_coverage,
     log_traces,
     whole_runs,
+    within_a_turn,
 )
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.reference import LEVELS as PERCENTILES
@@ -142,6 +143,11 @@ def test_traces_are_those_of_the_longest_segment_and_the_bands_hold_them(
     (low, high), (lower, higher) = found.bands[50], found.bands[90]
     assert np.all(lower <= low) and np.all(low <= high) and np.all(high <= higher)
     assert 0.8 < np.mean((lower <= found.joint_pos) & (found.joint_pos <= higher)) <= 1.0
+
+
+def test_a_simulation_that_broke_down_is_a_turn_off():
+    errors = np.array([0.0, 0.3, 2.0 * np.pi, 7.0, 1e30, np.inf, np.nan])
+    np.testing.assert_array_equal(within_a_turn(errors), [0.0, 0.3, *[2.0 * np.pi] * 5])
 
 
 def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):

@@ -131,6 +131,14 @@ def test_stated_gains_count_only_where_the_recipe_knows_of_them():
         training_data(log(**gains, gain_unit="firmware"), PRESET, "x")
 
 
+def test_a_log_of_another_firmware_is_refused_and_one_that_says_nothing_is_not():
+    preset = replace(PRESET, gain_unit="", firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))
+    for told in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
+        training_data(log(firmware=told), preset, "x")
+    with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3, the prior's"):
+        training_data(log(firmware={"profile_speed": 4.0}), preset, "x")
+
+
 def test_a_joint_of_a_known_name_is_believed_to_be_like_its_namesake(decoder_data: Data, told: LatentNetwork):
     data = decoder_data(told, Z, segments=1, rows=200, gains=np.broadcast_to(SOFT, (2, len(Z))))
     preset, loose = replace(PRESET, num_latents=3), 50.0  # so high a temperature: the log says next to nothing

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, TERMS, in_order
 from motorprior.identification import term_selection
@@ -70,6 +71,16 @@ def test_a_term_whose_constants_are_stated_is_there_and_not_asked_about(
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 4000.0), ("profile_speed", 100.0)))
     found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
     assert found.terms == ("profile",) and "profile" not in found.saved and said[1] == "profile: stated"
+
+
+def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):
+    runs, stated = logs(decoder_data, ("profile",)), 60.0  # the motors' own is 25
+    runs.preset = replace(runs.preset, firmware=(("profile_acceleration", stated),))
+    trial = term_selection._Trial(bare(initial_center(()), ()), runs, 0)
+    both = trial.fitted(("profile", "dead_zone"), None)
+    for state in (both, trial.fitted(("profile",), both)):
+        row = parameters_of(state.terms).index("profile_acceleration")
+        np.testing.assert_allclose(np.exp(state.raw[:, row]), stated, rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import channels
+from motorprior.logs.motor_log import channels, log_digest
 from motorprior.logs.validity import checked
 
 
@@ -131,9 +131,19 @@ def test_registers_of_a_firmware_are_known_ones_within_their_bounds(make_log, fi
 
 def test_logs_of_another_firmware_are_not_joined(make_log):
     logs = [make_log(firmware={"profile_speed": speed}) for speed in (3.0, 3.0, 4.0)]
-    assert joined(logs[:2]).firmware == {"profile_speed": 3.0}
-    with pytest.raises(LogError, match=r"firmware \{'profile_speed': 4.0\}, another log has \{'profile_speed': 3.0\}"):
+    assert joined([*logs[:2], make_log(firmware={"profile_speed": 3.01})]).firmware == {"profile_speed": 3.0}
+    with pytest.raises(LogError, match=r"firmware\.profile_speed 4 and 3 -> import all with"):
         joined(logs)
+    with pytest.raises(LogError, match=r"firmware\.profile_speed is stated by some of the logs only"):
+        joined([logs[0], make_log()])
+
+
+def test_a_firmware_is_ordered_and_of_plain_numbers(make_log):
+    told = {"profile_speed": np.float32(3.0), "dead_zone": 1}
+    log = checked(make_log(firmware=told))
+    assert list(log.firmware) == ["dead_zone", "profile_speed"]
+    assert all(type(value) is float for value in log.firmware.values())
+    assert log_digest(log) == log_digest(checked(make_log(firmware={"dead_zone": 1.0, "profile_speed": 3.0})))
 
 
 def test_gains_change_between_segments_only(make_log):

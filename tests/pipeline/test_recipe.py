@@ -1,5 +1,6 @@
 """Whatever a prior says of its recipe is one that a training can have been made with, or refused by name and value."""
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -30,9 +31,7 @@ def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], Mo
 
 
 def as_json(preset: Preset) -> dict[str, Any]:
-    told = asdict(preset)
-    series = {name: list(told[name]) for name in ("taps", "terms", "lacks")}
-    return told | series | {"firmware": [list(register) for register in preset.firmware]}
+    return json.loads(json.dumps(asdict(preset)))
 
 
 def test_the_recipe_that_identify_writes_is_read(prior_with: Callable[[Any], MotorPrior]):
@@ -61,7 +60,16 @@ WRONG = {
     "tries_terms": (1, "no"),
     "lacks": (None, "coulomb", ["rust"], [1]),
     "gain_unit": (None, "A/rad", "firmware"),
-    "firmware": (None, {}, ["dead_zone"], [["rust", 1.0]], [["dead_zone", 2.0]], [["dead_zone", "1"]], [["dead_zone"]]),
+    "firmware": (
+        None,
+        {},
+        ["dead_zone"],
+        [["rust", 1.0]],
+        [["dead_zone", 2.0]],
+        [["dead_zone", "1"]],
+        [["dead_zone"]],
+        [[[], 1.0]],
+    ),
     "standardise": (1.0, {}),
 }
 

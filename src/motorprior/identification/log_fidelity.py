@@ -28,6 +28,8 @@ from motorprior.identification.windows import POS, SECONDS, TARGET, VEL, trainin
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rmse
 
+TURN = 2.0 * np.pi
+"""Largest error of an angle that counts [rad]."""
 FREE_RUN = 1.0
 """Length of a free run [s]."""
 LogModel: TypeAlias = Actuator | ResponseMotors
@@ -73,8 +75,8 @@ def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) 
 
 
 def within_a_turn(errors: np.ndarray | float) -> np.ndarray:
-    """The errors [rad], a whole turn in place of those of simulations that broke down."""
-    return np.nan_to_num(errors, nan=2.0 * np.pi, posinf=2.0 * np.pi)
+    """The errors [rad], of simulations that broke down a whole turn: at most that, also for what is no number."""
+    return np.minimum(np.nan_to_num(errors, nan=TURN, posinf=TURN), TURN)
 
 
 def _joined_errors(runs: Sequence[WindowRuns], model: LogModel) -> np.ndarray:

@@ -38,8 +38,8 @@ class Preset:
         tries_terms: whether it does.
         lacks: constants that the motors of a recipe that puts physics first do not have: frictions, for instance.
         gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
-        firmware: names and values of a firmware's constants that the logs state, which are not fitted
-            (`MotorLog.firmware`); a recipe that puts physics first takes them.
+        firmware: names and values, in SI units, of the registers that the logs state and that are not fitted
+            (`MotorLog.firmware`); a recipe that puts physics first takes them, whatever terms it has besides.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
     """
@@ -84,7 +84,8 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
 #     Bjelonic et al., 2025, whose motors have no backlash).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
-# pace: per_motor without any term of a servo's firmware, the baseline on real logs; pace_long_runs beside long_runs.
+# pace: per_motor without any term of a servo's firmware but what a log states, the baseline on real logs;
+#     pace_long_runs beside long_runs.
 # coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def fit_responses(
     gravity: str,
     seed: int = 0,
     report: Callable[[], None] = lambda: None,
-    firmware: Mapping[str, float] | None = None,
+    firmware: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, ResponseMotors]:
     """All of MODELS, fitted to every joint of the logs.
 
@@ -60,7 +61,7 @@ def fit_responses(
         report: called after every joint.
         firmware: registers that servo_limits is told.
     """
-    told = {name: (firmware or {})[register] for name, register in TOLD.items() if register in (firmware or {})}
+    told = {name: firmware[register] for name, register in TOLD.items() if register in firmware}
     joints = runs[0].num_motors
     found = {name: np.empty((joints, len(CONSTANTS))) for name in MODELS}
     for joint in range(joints):

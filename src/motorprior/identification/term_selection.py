@@ -25,7 +25,7 @@ from scipy.stats import wilcoxon
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order, terms_with
-from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, weak_belief
+from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, held_constants, weak_belief
 from motorprior.identification.initial_motor import encoded, with_motor
 from motorprior.identification.motor_fit import MotorFit
 from motorprior.identification.window_runs import WindowRuns
@@ -166,7 +166,9 @@ class _Trial:
         start = np.stack(columns, axis=1)
         center = np.median(start, axis=0)
         fit = bounded_fit(self._network, center, terms, self._runs, self._seen)
-        return self._state(terms, center, fit.polish(start - center, weak_belief(len(center)), _STEPS).z)
+        held = held_constants(terms, self._runs)
+        found = fit.polish(start - center, weak_belief(len(center)).holding(held), _STEPS)
+        return self._state(terms, center, np.where(held, 0.0, found.z))
 
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)

@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Preset
 from motorprior.identification.smoothing import smoothed
-from motorprior.logs.motor_log import MotorLog, stated_gain_rows
+from motorprior.logs.motor_log import MotorLog, other_firmware, stated_gain_rows
 
 
 @dataclass(frozen=True)
@@ -193,12 +193,8 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
 
 def _require_firmware(log: MotorLog, preset: Preset, where: str) -> None:
     """Refuse registers of a firmware other than those that the recipe's motors have."""
-    for name, value in preset.firmware:
-        if (stated := log.firmware.get(name, value)) != value:
-            raise LogError(
-                f"firmware.{name} {stated:g}, the prior's motors have {value:g}", where=where,
-                remedy="identify these logs by themselves",
-            )  # fmt: skip
+    if other := other_firmware(log.firmware, dict(preset.firmware)):
+        raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
 
 
 def window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, other_firmware
 from motorprior.logs.validity import checked
 
 
@@ -41,10 +41,14 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 
 
 def _require_alike(first: MotorLog, log: MotorLog) -> None:
-    for name in ("robot", "motor", "encoder", "gain_unit", "firmware"):
+    for name in ("robot", "motor", "encoder", "gain_unit"):
         one, other = getattr(first, name), getattr(log, name)
         if one != other:
             raise LogError(f"{name} {other!r}, another log has {one!r}", where=log.source, remedy="fit one at a time")
+    untold = sorted(first.firmware.keys() ^ log.firmware.keys())
+    if untold or (other := other_firmware(log.firmware, first.firmware)):
+        problem = f"firmware.{untold[0]} is stated by some of the logs only" if untold else other
+        raise LogError(problem, where=log.source, remedy="import all with the same statement, or fit one at a time")
     if odd := sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"}):
         raise LogError(f"only some of the logs have {', '.join(odd)}", where=log.source, remedy="leave it out of all")
 

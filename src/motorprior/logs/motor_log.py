@@ -29,6 +29,8 @@ GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
 FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
 """Registers of a servo's firmware that a log may state, and their bounds: the largest speed [rad/s] and acceleration
 [rad/s²] of its profile, and the error [rad] that it does not act on."""
+_ALIKE = 0.01
+"""Share by which two statements of a register may differ: one may be rounded."""
 POSTURES = ("standing", "hung", "fixed", "fallen")
 """Of a robot: on its feet; base held in the air, feet free; bolted down; on its side or back. The channel `posture`
 holds the place of one of them in this list."""
@@ -161,6 +163,14 @@ def stated_gains_of(log: MotorLog) -> np.ndarray | None:
     """(2, J) medians of `stated_gain_rows` over segments, or None."""
     rows = stated_gain_rows(log)
     return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
+
+
+def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:
+    """The first register that both state otherwise, with both values, or None."""
+    for name in sorted(one.keys() & other.keys()):
+        if abs(one[name] - other[name]) > _ALIKE * one[name]:
+            return f"firmware.{name} {one[name]:g} and {other[name]:g}"
+    return None
 
 
 def log_digest(log: MotorLog) -> str:

@@ -25,7 +25,7 @@ from motorprior.logs.motor_log import (
 
 
 def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
-    """Return the log with float64 arrays, or say what is wrong with it.
+    """Return the log with float64 arrays and an ordered firmware, or say what is wrong with it.
 
     Args:
         log: any channel may be any array-like; rows count from 0.
@@ -43,7 +43,7 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
     if log.gain_unit not in GAIN_UNITS:
         raise LogError(f"gain_unit {log.gain_unit!r}", where=where, remedy=f"give {' or '.join(GAIN_UNITS)}")
     _check_firmware(log, where)
-    log = _as_arrays(log, where)
+    log = replace(_as_arrays(log, where), firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)})
     _check_shapes(log, where)
     _check_finite(log, where)
     _check_segments(log, where)

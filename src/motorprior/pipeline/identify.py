@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -242,7 +243,7 @@ def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQu
 
 def _as_json(recipe: Preset) -> dict[str, Any]:
     """With lists in place of tuples, as JSON gives them back."""
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(recipe).items()}
+    return json.loads(json.dumps(asdict(recipe)))
 
 
 @dataclass(frozen=True)

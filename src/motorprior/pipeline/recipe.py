@@ -21,8 +21,9 @@ _REMEDY = "identify it again"
 
 
 def _is_register(value: Any) -> bool:
-    named = isinstance(value, list | tuple) and len(value) == 2 and value[0] in FIRMWARE
-    return named and is_number(value[1], *FIRMWARE[value[0]])
+    if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
+        return False
+    return value[0] in FIRMWARE and is_number(value[1], *FIRMWARE[value[0]])
 
 
 RECIPE = Schema(

@@ -16,7 +16,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.joining import joined
 from motorprior.logs.joint_checks import joints_at_rest
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
 from motorprior.pipeline.log_baselines import BaselineFits, baseline_recipes, fitted_baselines, with_gains_of
@@ -105,6 +105,8 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
             f"joints {', '.join(known.joint_names)}; {config.log} has {', '.join(log.joint_names)}",
             where=config.fitted_on[0], remedy="give logs of the same joints in the same order",
         )  # fmt: skip
+    if other := other_firmware(known.firmware, log.firmware):
+        raise LogError(f"{other}, of {config.log}", where=config.fitted_on[0], remedy="give logs of the same firmware")
     return replace(known, source=", ".join(map(str, config.fitted_on))), log
 
 
