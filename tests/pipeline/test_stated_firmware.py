@@ -1,5 +1,6 @@
 """What a log states of a servo's firmware, from the fit of a prior to its recipe, its motors and other logs."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import adapt_to
 from motorprior.pipeline.identify import fit_prior
+from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.recipe import recipe_of
 
 PATH = Path("prior.safetensors")
@@ -25,19 +27,9 @@ def log(**firmware: float) -> MotorLog:
 
 
 def test_a_stated_register_is_the_motors_in_recipe_prior_and_posterior():
-    said: list[str] = []
-
-    class Heard:
-        def note(self, text: str) -> None:
-            said.append(text)
-
-        def start(self, name: str, total: int):
-            from motorprior.pipeline.progress import SILENT
-
-            return SILENT.start(name, total)
-
-    prior = fit_prior(log(profile_acceleration=39.0), "pace", progress=Heard())
-    assert "terms beyond the geared motor: profile (stated)" in said
+    said = io.StringIO()
+    prior = fit_prior(log(profile_acceleration=39.0), "pace", progress=Lines(said))
+    assert "terms beyond the geared motor: profile (stated)" in said.getvalue().splitlines()
     assert prior.network.motor is not None and prior.network.motor.terms == ("profile",)
     assert recipe_of(prior, PATH).firmware == (("profile_acceleration", 39.0),)
     told = log(profile_acceleration=38.9631)

@@ -159,9 +159,9 @@ def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
     kp = names.index("kp")
     asked = np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
-    losses = fit.losses(z)
+    losses, held = fit.losses(z), held_constants(fit.network.motor.terms, fit.runs)
     for name, most in reached.items():
-        if name not in names or not most.max() or name in dict(fit.runs.preset.firmware):
+        if name not in names or not most.max() or held[names.index(name)]:
             continue
         row, free = names.index(name), z.copy()
         farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both

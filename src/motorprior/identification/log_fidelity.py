@@ -8,6 +8,7 @@ minus recorded angles, the latter smoothed where readings are noisy (`smoothing`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -28,8 +29,6 @@ from motorprior.identification.windows import POS, SECONDS, TARGET, VEL, trainin
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rmse
 
-TURN = 2.0 * np.pi
-"""Largest error of an angle that counts [rad]."""
 FREE_RUN = 1.0
 """Length of a free run [s]."""
 LogModel: TypeAlias = Actuator | ResponseMotors
@@ -75,8 +74,8 @@ def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) 
 
 
 def within_a_turn(errors: np.ndarray | float) -> np.ndarray:
-    """The errors [rad], of simulations that broke down a whole turn: at most that, also for what is no number."""
-    return np.minimum(np.nan_to_num(errors, nan=TURN, posinf=TURN), TURN)
+    """The errors [rad], a whole turn in place of larger ones, as of simulations that broke down, and of NaN."""
+    return np.minimum(np.nan_to_num(errors, nan=math.tau), math.tau)
 
 
 def _joined_errors(runs: Sequence[WindowRuns], model: LogModel) -> np.ndarray:

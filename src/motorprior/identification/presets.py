@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from motorprior.actuator.kind import Model
+from motorprior.actuator.servo_terms import terms_with
 from motorprior.exceptions import ConfigError
 
 
@@ -72,6 +73,11 @@ class Preset:
         """Number of steps in a window before the first free one."""
         return max(self.taps[-1], self.warm_up)
 
+    @property
+    def stated_terms(self) -> tuple[str, ...]:
+        """Terms of `servo_terms` that motors have because the logs state some of their constants."""
+        return terms_with(dict(self.firmware))
+
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
@@ -132,8 +138,8 @@ MODELS = (
     Model("first_look", "first look", "#2563c9"),
     Model("one_motor", "one motor", "#7d4fa8"),
     Model("per_motor", "per motor", "#7d4fa8"),
-    Model("pace", "per motor, no terms", "#7d4fa8"),
-    Model("pace_long_runs", "per motor, no terms, long runs", "#7d4fa8"),
+    Model("pace", "per motor, no terms tried", "#7d4fa8"),
+    Model("pace_long_runs", "per motor, no terms tried, long runs", "#7d4fa8"),
     Model("coulomb_viscous", "Coulomb and viscous friction", "#7d4fa8"),
     Model("stribeck", "Stribeck friction", "#7d4fa8"),
     Model("latent_network", "latent network", "#7d4fa8"),

@@ -24,7 +24,7 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import FAINT, in_order, terms_with
+from motorprior.actuator.servo_terms import FAINT, in_order
 from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, held_constants, weak_belief
 from motorprior.identification.initial_motor import encoded, with_motor
 from motorprior.identification.motor_fit import MotorFit
@@ -89,7 +89,7 @@ def select_terms(
         report: called after every fit.
     """
     held_out = held_out_windows(runs)
-    told = terms_with(dict(runs.preset.firmware))
+    told = runs.preset.stated_terms
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
         return Selection(told, {})
     trial = _Trial(network, runs, seed)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import TERMS, terms_with
+from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
@@ -128,8 +128,7 @@ def _physics_first(
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     network = found.network(without_residual(data.scales, preset))
     metrics = {f"saved_{name}": value for name, value in saved.items()}
-    stated = terms_with(dict(preset.firmware))
-    chosen = ", ".join(f"{name} (stated)" if name in stated else name for name in found.terms)
+    chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in found.terms)
     chosen = chosen or ("none" if saved else "none was tried")
     notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
     judged = held_out_windows(runs)
@@ -180,8 +179,8 @@ def _physics(
 def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     """Chosen by some motors, and by some of their rows where there are many."""
     if not preset.tries_terms:
-        report(_STAGE * len(TERMS), "no terms")
-        return Selection(terms_with(dict(preset.firmware)), {})
+        report(_STAGE * len(TERMS), "no terms are tried")
+        return Selection(preset.stated_terms, {})
     motors = len(data.series)
     some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
     part = some_stretches(data, preset, max(ROWS, WINDOWS * preset.window))

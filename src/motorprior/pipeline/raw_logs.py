@@ -211,8 +211,9 @@ def _with_what_is_stated(log: MotorLog, config: LogsImport) -> MotorLog:
             )
         if gains:
             stated[f"stated_{name}"] = np.broadcast_to(np.array(gains), log.joint_pos.shape)
-    told = {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}
-    return checked(replace(log, **stated, firmware={**log.firmware, **told}), where=log.source)
+    if told := {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}:
+        stated["firmware"] = {**log.firmware, **told}
+    return checked(replace(log, **stated), where=log.source) if stated else log
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
