@@ -32,7 +32,7 @@ EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
     encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
     command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
-    sensor_jitter=0.008, dropped=0.1, command_jitter=0.006,
+    sensor_jitter=0.008, dropped=0.1, command_jitter=0.006, strength=(0.6, 1.1),
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
@@ -219,7 +219,7 @@ def falling(kind, randomization):
     "name",
     [
         "armature", "damping", "mass", "com", "gravity_tilt", "encoder_offset", "command_delay", "command_jitter",
-        "push",
+        "push", "strength",
     ],
 )  # fmt: skip
 def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
@@ -228,6 +228,17 @@ def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
     mujoco, bullet = falling(MujocoBackend, only), falling(PybulletBackend, only)
     np.testing.assert_allclose(mujoco, bullet, atol=1.5e-5)  # rad and m; measured: 7e-6
     assert np.abs(bullet - falling(PybulletBackend, Randomization())).max() > 3e-4
+
+
+def test_a_pd_of_seven_tenths_of_the_strength_is_a_pd_of_seven_tenths_of_its_gains_and_limit():
+    def walked(motors, randomization):
+        walk = WalkConfig(STEPS, randomization=randomization)
+        return WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2), walk).run(POLICY, 3, trace=True)
+
+    weak = walked(PD, Randomization(strength=(0.7, 0.7)))
+    same = IdealPd.uniform(12, kp=0.7 * 8.8, kd=0.7 * 0.84, torque_limit=0.7 * 1.26, armature=0.003)
+    np.testing.assert_allclose(weak.trace[:30], walked(same, Randomization()).trace[:30], atol=1e-9)
+    assert np.abs(weak.trace[:30] - walked(PD, Randomization()).trace[:30]).max() > 1e-2
 
 
 def test_a_push_is_an_impulse_in_both_engines():

@@ -93,7 +93,7 @@ class BulletWorld:
         self._disconnect()
         self._joints = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._conditions, self._damping = conditions, np.asarray(actuator.damping, dtype=np.float64)
+        self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
         self._passive = self._damping + conditions.damping
         rotors = actuator.armature + conditions.armature + self.config.physics_dt * self._passive
         self._load(rotors, conditions, seed)
@@ -119,7 +119,8 @@ class BulletWorld:
             push: (2,) horizontal force on the origin of the chassis [N].
         """
         q, dq = self._joints if self._joints is not None else self.joints()
-        forces = _drive(motors, self.config.physics_dt, target, q, dq, self._passive, self._torque).tolist()
+        strength, dt = self._conditions.strength, self.config.physics_dt
+        forces = _drive(motors, dt, target, q, dq, strength, self._passive, self._torque).tolist()
         self.call("setJointMotorControlArray", self.robot, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
         if push is not None:
             where = self.base().pos.tolist()
@@ -252,12 +253,14 @@ def _drive(
     target: np.ndarray,
     joint_pos: np.ndarray,
     joint_vel: np.ndarray,
+    strength: np.ndarray,
     passive: np.ndarray,
     torque: np.ndarray,
 ) -> np.ndarray:
     """Write the motors' torque (joints,) [N·m]; returns what Bullet is given: that less the joints' damping."""
     step_actuator(motors, physics_dt, target, joint_pos, joint_vel, torque)
     make_explicit(motors, joint_vel, torque)
+    torque *= strength
     return torque - passive * joint_vel
 
 

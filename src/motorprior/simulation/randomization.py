@@ -35,6 +35,8 @@ class Randomization:
     """Reflected inertia added to each joint, least and most [kg·m²]."""
     damping: Range = (0.0, 0.0)
     """Passive damping added to each joint, least and most [N·m·s/rad]."""
+    strength: Range = (1.0, 1.0)
+    """Factor on what each motor does, its torque and its damping, least and most [-]: weak, worn or ill-fed motors."""
     friction: Range = (1.0, 1.0)
     """Factor on the friction of the feet, least and most [-]."""
     mass: Range = (1.0, 1.0)
@@ -71,7 +73,7 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3}
+        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3, "strength": 0.01}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
@@ -110,6 +112,7 @@ class Randomization:
             command_delay=float(rng.uniform(*self.command_delay)),
             push=self._pushes(rng, robot.control_dt, episode_steps),
             command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
+            strength=rng.uniform(*self.strength, joints),
         )
 
     def _up(self, rng: np.random.Generator) -> np.ndarray:
@@ -180,6 +183,8 @@ class Conditions:
     """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
     command_late: np.ndarray
     """(steps,) additional age of the targets in every control step [s], or (0,)"""
+    strength: np.ndarray
+    """(joints,) factors on torque and damping of the motors"""
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
         """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
@@ -200,6 +205,7 @@ def nominal_conditions(robot: Robot) -> Conditions:
         command_delay=0.0,
         push=np.zeros((0, 2)),
         command_late=np.zeros(0),
+        strength=np.ones(robot.num_joints),
     )
 
 

@@ -57,6 +57,7 @@ class World:
             applied=self.data.qfrc_applied,
             damping=self.model.dof_damping[self.first_dof :],
             passive=np.zeros(joints),
+            strength=np.ones(joints),
             torque=np.zeros(joints),
             encoder_offset=np.zeros(joints),
             commands=np.zeros((int(np.ceil(2.0 * LONGEST_DELAY / config.control_dt)) + 1, joints)),  # delay and jitter
@@ -86,7 +87,8 @@ class World:
         self.model.dof_armature[self.first_dof :] = actuator.armature + conditions.armature
         arrays = self.arrays
         arrays.passive[:] = conditions.damping
-        arrays.damping[:] = actuator.damping + conditions.damping
+        arrays.strength[:] = conditions.strength
+        arrays.damping[:] = conditions.strength * actuator.damping + conditions.damping
         arrays.encoder_offset[:] = conditions.encoder_offset
         arrays.commands[:] = joint_pos
         arrays.clock[:] = 0

@@ -48,6 +48,8 @@ class WorldArrays(NamedTuple):
     """(joints,) implicit damping of the joints in the model [N·m·s/rad], a view"""
     passive: np.ndarray
     """(joints,) part of the damping that does not come from motors [N·m·s/rad]"""
+    strength: np.ndarray
+    """(joints,) factors on torque and damping of the motors"""
     torque: np.ndarray
     """(joints,) scratch"""
     encoder_offset: np.ndarray
@@ -81,11 +83,12 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
     applied = world.applied[world.applied.shape[0] - n :]
     step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
     for joint in range(n):
+        world.torque[joint] *= world.strength[joint]
         applied[joint] = world.torque[joint]
-        world.damping[joint] = motors.damping[joint] + world.passive[joint]
+        world.damping[joint] = world.strength[joint] * motors.damping[joint] + world.passive[joint]
     mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
     for joint in range(n):
-        world.torque[joint] -= motors.damping[joint] * dq[joint]
+        world.torque[joint] -= world.strength[joint] * motors.damping[joint] * dq[joint]
         total += world.torque[joint] * world.torque[joint]
     return total
 
