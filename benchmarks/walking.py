@@ -5,7 +5,9 @@
 Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
 PLACE/MEASURE/SPEED of each speed, where PLACE is
 sampled (draws of the learned prior, where it was trained), twin (physical motors, noisy sensors) or hard (a twin with
-other friction, masses, slope, late sensors and pushes). Finished stages are kept. Forty minutes on two cores.
+other friction, masses, slope, late sensors and pushes); further seconds_to_quarter_meter_per_second, and the highest
+speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Finished policies are kept. Fifty
+minutes on two cores.
 """
 
 from __future__ import annotations
