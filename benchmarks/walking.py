@@ -78,7 +78,7 @@ class Settings:
     """Walks per place and speed."""
     seconds: float = 20.0
     """Of a walk [s]."""
-    top_iterations: int = 300
+    top_iterations: int = 150
     """Of each search for the highest speed; 0 leaves them out."""
     workers: int = 2
     """Threads."""
@@ -183,12 +183,13 @@ def top_speeds(settings: Settings, stage: Stage) -> list[Result]:
     """Highest speeds of two policies that are told more than the robot's usual fastest.
 
     One knows the twin's motors (oracle_top_speed, on the twin), one was trained on draws of the prior
-    (sampled_top_speed on such draws, twin_top_speed on the twin). Their trainings vary nothing but motors and commands.
+    (sampled_top_speed on such draws, twin_top_speed on the twin). Both are trained on commands above the usual fastest
+    alone, and on nothing else that varies but the motors.
     """
     size = stage.robot.require_legs()
     robot = replace(stage.robot, gait=replace(size, forward=(size.forward[0], TOP * size.forward[1])))
     stage = replace(stage, robot=robot)
-    walk = WalkConfig(commands=Commands((0.0, robot.require_legs().forward[1]), (0.0, 0.0)))
+    walk = WalkConfig(commands=Commands((size.forward[1], TOP * size.forward[1]), (0.0, 0.0), still=0.0))
     oracle = fast_policy(settings, stage, lambda: twin_of(robot, stage.fleet, walk))
     sampled = fast_policy(settings, stage, partial(stage.simulator, "sampled", walk))
     watched = (("oracle", "twin", oracle), ("sampled", "sampled", sampled), ("twin", "twin", sampled))
