@@ -5,9 +5,9 @@
 Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
 PLACE/MEASURE/SPEED of each speed, where PLACE is
 sampled (draws of the learned prior, where it was trained), twin (physical motors, noisy sensors) or hard (a twin with
-other friction, masses, slope, late sensors and pushes); further seconds_to_quarter_meter_per_second, and the highest
-speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Finished policies are kept. Fifty
-minutes on two cores.
+other friction, masses, slope, late sensors and pushes); also seconds_to_quarter_meter_per_second, and the highest
+speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five policies are
+kept; what follows them is computed again. About forty minutes on two cores.
 """
 
 from __future__ import annotations
@@ -180,16 +180,16 @@ def seconds_to_goal(stage: Stage, seed: int) -> float:
 
 
 def top_speeds(settings: Settings, stage: Stage) -> list[Result]:
-    """Highest speeds of two policies that are told more than the robot's usual fastest.
+    """Highest speeds of two policies, trained on commands above the robot's usual fastest only.
 
-    One knows the twin's motors (oracle_top_speed, on the twin), one was trained on draws of the prior
-    (sampled_top_speed on such draws, twin_top_speed on the twin). Both are trained on commands above the usual fastest
-    alone, and on nothing else that varies but the motors.
+    One is trained on the twin's physical motors and walks on the twin (oracle_top_speed). The other is trained on draws
+    of the prior; it walks on such draws (sampled_top_speed) and on the twin (twin_top_speed). Nothing but motors and
+    commands varies in training.
     """
-    size = stage.robot.require_legs()
-    robot = replace(stage.robot, gait=replace(size, forward=(size.forward[0], TOP * size.forward[1])))
+    slowest, usual = stage.robot.require_legs().forward
+    robot = stage.robot.told((slowest, TOP * usual))
     stage = replace(stage, robot=robot)
-    walk = WalkConfig(commands=Commands((size.forward[1], TOP * size.forward[1]), (0.0, 0.0), still=0.0))
+    walk = WalkConfig(commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
     oracle = fast_policy(settings, stage, lambda: twin_of(robot, stage.fleet, walk))
     sampled = fast_policy(settings, stage, partial(stage.simulator, "sampled", walk))
     watched = (("oracle", "twin", oracle), ("sampled", "sampled", sampled), ("twin", "twin", sampled))

@@ -36,7 +36,7 @@ class Randomization:
     damping: Range = (0.0, 0.0)
     """Passive damping added to each joint, least and most [N·m·s/rad]."""
     strength: Range = (1.0, 1.0)
-    """Factor on what each motor does, its torque and its damping, least and most [-]: weak, worn or ill-fed motors."""
+    """Factor on the torque and damping of each motor, its friction included, least and most [-]."""
     friction: Range = (1.0, 1.0)
     """Factor on the friction of the feet, least and most [-]."""
     mass: Range = (1.0, 1.0)
