@@ -33,6 +33,7 @@ EVERYTHING = Randomization(
     encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
     command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
     sensor_jitter=0.008, dropped=0.1, command_jitter=0.006, strength=(0.6, 1.1),
+    kp=(0.7, 1.3), kd=(0.5, 1.5),
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
@@ -98,7 +99,7 @@ def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
 
 def test_draws_fill_their_ranges():
     draws = [EVERYTHING.conditions(PUPPER_V2, seed, STEPS) for seed in range(300)]
-    for name in ("armature", "damping", "friction", "mass"):
+    for name in ("armature", "damping", "friction", "mass", "strength", "kp", "kd"):
         low, high = getattr(EVERYTHING, name)
         values = np.array([getattr(draw, name) for draw in draws])
         assert low <= values.min() < low + 0.1 * (high - low) and high - 0.1 * (high - low) < values.max() <= high
@@ -219,7 +220,7 @@ def falling(kind, randomization):
     "name",
     [
         "armature", "damping", "mass", "com", "gravity_tilt", "encoder_offset", "command_delay", "command_jitter",
-        "push", "strength",
+        "push", "strength", "kp", "kd",
     ],
 )  # fmt: skip
 def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
@@ -239,6 +240,16 @@ def test_a_pd_of_seven_tenths_of_the_strength_is_a_pd_of_seven_tenths_of_its_gai
     same = IdealPd.uniform(12, kp=0.7 * 8.8, kd=0.7 * 0.84, torque_limit=0.7 * 1.26, armature=0.003)
     np.testing.assert_allclose(weak.trace[:30], walked(same, Randomization()).trace[:30], atol=1e-9)
     assert np.abs(weak.trace[:30] - walked(PD, Randomization()).trace[:30]).max() > 1e-2
+
+
+def test_a_pd_whose_gains_vary_is_a_pd_of_other_gains():
+    def walked(motors, randomization):
+        walk = WalkConfig(STEPS, randomization=randomization)
+        return WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2), walk).run(POLICY, 3, trace=True)
+
+    varied = walked(PD, Randomization(kp=(0.8, 0.8), kd=(1.5, 1.5)))
+    same = IdealPd.uniform(12, kp=0.8 * 8.8, kd=1.5 * 0.84, torque_limit=1.26, armature=0.003)
+    np.testing.assert_array_equal(varied.trace, walked(same, Randomization()).trace)
 
 
 def test_a_push_is_an_impulse_in_both_engines():

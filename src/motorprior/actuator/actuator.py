@@ -12,7 +12,7 @@ An actuator may renew its damping every step (a gear that touches): engines read
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -120,3 +120,33 @@ class Actuator(Protocol):
             ConfigError: the model cannot run at that step.
         """
         ...
+
+
+@runtime_checkable
+class HasGains(Protocol):
+    """An actuator whose law has gains."""
+
+    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> Actuator:
+        """The same motors with their gains kp and kd times these factors, (n,) each [-]."""
+        ...
+
+
+def with_gain_factors(actuator: Actuator, kp: np.ndarray, kd: np.ndarray) -> Actuator:
+    """The same motors with their gains kp and kd times these factors, (n,) each [-].
+
+    Raises:
+        ConfigError: a factor is not 1, and the motors have no gains.
+    """
+    if np.all(kp == 1.0) and np.all(kd == 1.0):
+        return actuator
+    if not isinstance(actuator, HasGains):
+        raise without_gains(actuator.kind)
+    return actuator.with_gain_factors(kp, kd)
+
+
+def without_gains(kind: ActuatorKind) -> ConfigError:
+    """What to raise where the gains of such motors are to vary."""
+    return ConfigError(
+        f"motors of the model {kind.name!r} ({kind.title}) have no gains that could vary",
+        remedy="leave the ranges of kp and kd at 1 to 1, or use motors that have gains",
+    )

@@ -181,6 +181,10 @@ class ForeignActuator:
         """The output shaft's; the rotor's is simulated here."""
         return self.motors.output_damping
 
+    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> ForeignActuator:
+        """See `HasGains`."""
+        return ForeignActuator(replace(self.motors, kp=self.motors.kp * kp, kd=self.motors.kd * kd))
+
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, rows.LONGEST_STEP)

@@ -17,7 +17,7 @@ An engine that cannot renew its damping gets at most armature/h·v instead: it i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,10 @@ class FrictionPd:
     def damping(self) -> np.ndarray:
         """(n,) kd, integrated implicitly by the engine [N·m·s/rad]."""
         return self.pd.damping
+
+    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> FrictionPd:
+        """See `HasGains`."""
+        return replace(self, pd=self.pd.with_gain_factors(kp, kd))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

@@ -9,7 +9,7 @@ explicit kd of this size on a light joint chatters, and the baseline would be a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,6 +68,10 @@ class IdealPd:
     def damping(self) -> np.ndarray:
         """kd, integrated implicitly by the engine [N·m·s/rad]."""
         return self.kd
+
+    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> IdealPd:
+        """See `HasGains`."""
+        return replace(self, kp=self.kp * kp, kd=self.kd * kd)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

@@ -15,12 +15,12 @@ b1 + V1ᵀz becomes that motor's bias.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, require_step, without_gains
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
@@ -149,7 +149,8 @@ class LatentNetwork:
 class LatentActuator:
     """n learned motors: one network, one z (n, Z) each, how warm they are (`servo_terms`), and the gains they are told.
 
-    ``gains`` (2, n) are stated kp and kd in the network's ``gain_unit``, None where that is "".
+    ``gains`` (2, n) are stated kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own
+    gains, or None.
     """
 
     network: LatentNetwork
@@ -176,6 +177,17 @@ class LatentActuator:
     def damping(self) -> np.ndarray:
         """Zero: the network damps; a grey box renews the damping of its gear every step."""
         return np.zeros(self.num_motors)
+
+    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> LatentActuator:
+        """See `HasGains`; of a grey box only.
+
+        Raises:
+            ConfigError: a network, which has no gains.
+        """
+        if self.network.motor is None:
+            raise without_gains(self.kind)
+        factors = np.stack([kp, kd])
+        return replace(self, gains=factors if self.gains is None else self.gains * factors)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`.

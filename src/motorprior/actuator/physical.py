@@ -19,7 +19,7 @@ puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -132,6 +132,10 @@ class PhysicalActuator:
     def damping(self) -> np.ndarray:
         """Zero: damping is simulated here."""
         return np.zeros(self.num_motors)
+
+    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> PhysicalActuator:
+        """See `HasGains`."""
+        return PhysicalActuator(replace(self.motors, kp=self.motors.kp * kp, kd=self.motors.kd * kd))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

@@ -37,6 +37,10 @@ class Randomization:
     """Passive damping added to each joint, least and most [N·m·s/rad]."""
     strength: Range = (1.0, 1.0)
     """Factor on the torque and damping of each motor, its friction included, least and most [-]."""
+    kp: Range = (1.0, 1.0)
+    """Factor on the gain kp of each motor, least and most [-]."""
+    kd: Range = (1.0, 1.0)
+    """Factor on the gain kd of each motor, least and most [-]."""
     friction: Range = (1.0, 1.0)
     """Factor on the friction of the feet, least and most [-]."""
     mass: Range = (1.0, 1.0)
@@ -73,7 +77,8 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3, "strength": 0.01}
+        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3}
+        least |= dict.fromkeys(("strength", "kp", "kd"), 0.01)
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
@@ -113,6 +118,8 @@ class Randomization:
             push=self._pushes(rng, robot.control_dt, episode_steps),
             command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
             strength=rng.uniform(*self.strength, joints),
+            kp=rng.uniform(*self.kp, joints),
+            kd=rng.uniform(*self.kd, joints),
         )
 
     def _up(self, rng: np.random.Generator) -> np.ndarray:
@@ -185,6 +192,10 @@ class Conditions:
     """(steps,) additional age of the targets in every control step [s], or (0,)"""
     strength: np.ndarray
     """(joints,) factors on torque and damping of the motors"""
+    kp: np.ndarray
+    """(joints,) factors on this gain of the motors"""
+    kd: np.ndarray
+    """(joints,) factors on this gain of the motors"""
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
         """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
@@ -206,6 +217,8 @@ def nominal_conditions(robot: Robot) -> Conditions:
         push=np.zeros((0, 2)),
         command_late=np.zeros(0),
         strength=np.ones(robot.num_joints),
+        kp=np.ones(robot.num_joints),
+        kd=np.ones(robot.num_joints),
     )
 
 
