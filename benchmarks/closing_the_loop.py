@@ -1,6 +1,7 @@
 """Benefit of adapting to a robot's motors: record, adapt, continue training and walk, on held-out robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
+    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop --wear weak worn damaged
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
 docs/hardware.md. For each robot 60 s of recording in the air, `logs import --hung`, `adapt`; for each seed of the
@@ -10,10 +11,12 @@ training, policies:
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
 Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
-and written to figures_SPEED.json: of each pair of robot and seed the median way [m], standing up and coming to rest
-included, in straight segments of a second, which a curve does not shorten, the median displacement from the start [m],
-which it does, and the share of the walks that a fault ended; over the pairs the medians (of the share the mean), and
-median, quartiles and sign of what a policy gains over the control. Finished trainings are kept.
+and written to figures_SPEED.json (with wear figures_SPEED_WEAR.json): of each pair of robot and seed the median way
+[m], standing up and coming to rest included, in straight segments of a second, which a curve does not shorten, the
+median displacement from the start [m], which it does, and the share of the walks that a fault ended; over the pairs the
+medians (of the share the mean), and median, quartiles and sign of what a policy gains over the control; of several
+kinds of wear each one's, too, as WEAR/…; and for how many robots `adapt` found a motor unlike the prior's. Finished
+trainings are kept.
 """
 
 from __future__ import annotations
@@ -41,6 +44,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from simulated_port import SimulatedPort, on_its_clock
+from worn_motors import WEAR
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 SECONDS = 10.0
@@ -56,11 +60,23 @@ class Outcome:
     fault: str | None
 
 
-def record(number: int, folder: Path, seconds: float) -> Path:
-    """The recording of robot ``number``, hung, as a motor log."""
+@dataclass(frozen=True)
+class VirtualRobot:
+    """A virtual robot: its number, how its motors have worn (a name in `WEAR`)."""
+
+    number: int
+    wear: str = "none"
+
+    def folder(self, out: Path) -> Path:
+        """Of what is recorded of it and trained for it."""
+        return out / (f"robot_{self.number}" if self.wear == "none" else f"robot_{self.number}_{self.wear}")
+
+
+def record(robot: VirtualRobot, folder: Path, seconds: float) -> Path:
+    """The robot's recording, hung, as a motor log."""
     log = folder / f"log_{seconds:g}" / "run.parquet"
     if not log.is_file():
-        port = SimulatedPort(ROBOT, number, hung=True, rate=200)
+        port = SimulatedPort(ROBOT, robot.number, hung=True, rate=200, wear=WEAR[robot.wear])
         with on_its_clock(port):
             recorded = commands.run_record(
                 ROBOT, port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
@@ -69,9 +85,9 @@ def record(number: int, folder: Path, seconds: float) -> Path:
     return log
 
 
-def deploy(number: int, policy: Path, life: int, speed: float) -> Outcome:
+def deploy(robot: VirtualRobot, policy: Path, life: int, speed: float) -> Outcome:
     """One walk on the ground, straight ahead at this speed [m/s]."""
-    port, fault = SimulatedPort(ROBOT, number, life), None
+    port, fault = SimulatedPort(ROBOT, robot.number, life, wear=WEAR[robot.wear]), None
     start = port.body.live.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
@@ -103,20 +119,21 @@ class Training:
         return out / POLICY
 
 
-def posterior_of(number: int, folder: Path, prior: Path, seconds: float) -> Path:
-    """The posterior of robot ``number``'s motors, found from a recording; the outlier test is ignored."""
-    posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(number, folder, seconds)
+def posterior_of(robot: VirtualRobot, folder: Path, prior: Path, seconds: float) -> tuple[Path, bool]:
+    """The posterior of the robot's motors, found from a recording, and whether one is unlike the prior's."""
+    posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(robot, folder, seconds)
     try:
         run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
     except LogError as error:
-        print(f"robot {number}: {error}")
+        print(f"{folder.name}: {error}")
         run_adapt(Adapt(prior, log, posterior.parent, anyway=True), Lines(sys.stderr))
-    return posterior
+        return posterior, True
+    return posterior, False
 
 
-def walked(number: int, policies: dict[str, Path], walks: int, speed: float) -> dict[str, list[Outcome]]:
-    """Every policy on robot ``number``, with the same noise for each."""
-    return {name: [deploy(number, policy, life, speed) for life in range(walks)] for name, policy in policies.items()}
+def walked(robot: VirtualRobot, policies: dict[str, Path], walks: int, speed: float) -> dict[str, list[Outcome]]:
+    """Every policy on the robot, with the same noise for each."""
+    return {name: [deploy(robot, policy, life, speed) for life in range(walks)] for name, policy in policies.items()}
 
 
 def summary(walks: list[Outcome]) -> dict[str, float]:
@@ -157,26 +174,35 @@ def main() -> None:
     parser.add_argument("--further", type=int, default=100, help="of the training on")
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
+    parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors, in turn")
     given = parser.parse_args()
+    robots = [VirtualRobot(number, given.wear[number % len(given.wear)]) for number in range(given.robots)]
+    known = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
     pairs, rows = [], []
     for seed in range(given.seeds):
         training = Training(given.prior, seed, given.iterations, given.further, given.max_speed)
         before = training.policy(given.out, "before")
         longer = training.policy(given.out, CONTROL, start=before)
-        for number in range(given.robots):
-            folder = given.out / f"robot_{number}"
-            posterior = posterior_of(number, folder, given.prior, given.recorded)
+        for robot in robots:
+            folder, posterior = robot.folder(given.out), known[robot][0]
             policies = {"before": before, CONTROL: longer}
             policies["adapted"] = training.policy(folder, "adapted", posterior, before)
             if given.anew:
                 policies["anew"] = training.policy(folder, "anew", posterior)
-            pairs.append(walked(number, policies, given.walks, given.max_speed))
-            for name, walks in pairs[-1].items():
+            pairs.append((robot, walked(robot, policies, given.walks, given.max_speed)))
+            for name, walks in pairs[-1][1].items():
                 words = (f"{key} {value:.2f}" for key, value in summary(walks).items())
-                print(f"robot {number} seed {seed} {name:8}", *words, flush=True)
-                rows.append({"robot": number, "seed": seed, "policy": name, "walks": [asdict(walk) for walk in walks]})
-    figures = compared(pairs)
-    path = given.out / f"figures_{given.max_speed:g}.json"
+                print(f"{folder.name} seed {seed} {name:8}", *words, flush=True)
+                told = {"robot": robot.number, "wear": robot.wear, "unlike": known[robot][1], "seed": seed}
+                rows.append(told | {"policy": name, "walks": [asdict(walk) for walk in walks]})
+    figures = compared([pair for _, pair in pairs])
+    kinds = list(dict.fromkeys(robot.wear for robot in robots))
+    for wear in kinds if len(kinds) > 1 else ():
+        of_it = compared([pair for robot, pair in pairs if robot.wear == wear])
+        figures |= {f"{wear}/{key}": value for key, value in of_it.items()}
+    figures["robots_unlike_the_prior"] = float(sum(unlike for _, unlike in known.values()))
+    words = [f"{given.max_speed:g}", *(wear for wear in kinds if wear != "none")]
+    path = given.out / f"figures_{'_'.join(words)}.json"
     path.write_text(json.dumps({"figures": figures, "pairs": rows}, indent=1) + "\n")
     for key, value in figures.items():
         print(f"{key:40} {value:8.3f}")

@@ -7,12 +7,13 @@ and its delays are left out; `hardware.py` measures them in real time.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from unittest import mock
 
 import numpy as np
 
+from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware import commands, robot_link, run_facts, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
@@ -43,6 +44,7 @@ class SimulatedPort(SerialLink):
         rate: telemetry frames per second.
         drop: share of frames that are lost, both ways.
         corrupt: share of frames that are damaged, both ways.
+        wear: of its motors, from those of the fleet; none if not given.
     """
 
     def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
@@ -55,10 +57,12 @@ class SimulatedPort(SerialLink):
         rate: int = 100,
         drop: float = 0.0,
         corrupt: float = 0.0,
+        wear: Callable[[MotorParameters, int], MotorParameters] | None = None,
     ):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._sizes, fleet = Sizes.of(robot), load_fleet(robot.fleets[0][0])
-        self.body = TwinBody(robot, draw_motors(robot, fleet, number), hung, life)
+        motors = draw_motors(robot, fleet, number)
+        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), hung, life)
         self._period = 1000 // rate
         self.firmware = Firmware(robot, self.body, FirmwareConfig(self._period, homes=False))
         self._to_host, self._to_robot = (

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from closing_the_loop import record
+from closing_the_loop import VirtualRobot, record
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.physical import MotorParameters
@@ -49,7 +49,7 @@ def known() -> GearedMotor:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory, known: GearedMotor) -> Posterior:
-    log = read_parquet(record(ROBOT, tmp_path_factory.mktemp("robot"), SECONDS))
+    log = read_parquet(record(VirtualRobot(ROBOT), tmp_path_factory.mktemp("robot"), SECONDS))
     assert log.encoder == "rotor", "a Pupper's"
     data = training_data(log, RECIPE, "log")
     silent = export(initial_parameters(np.random.default_rng(0), RECIPE), RECIPE, data.scales)

@@ -1,0 +1,48 @@
+"""Motors at the edge of a fleet: weak, worn or damaged ones of virtual robots. The factors are our assumption."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.physical import MotorParameters
+
+WEAK, DAMAGED = 0.75, 0.4
+"""What is left of the torque of each motor, and of the one that is damaged [-]."""
+PLAY, FRICTION = 3.0, 1.5
+"""Of worn gears, over those of the same gears when new [-]."""
+
+
+def weak(motors: MotorParameters, number: int) -> MotorParameters:
+    """All of less torque, as with a tired battery or hot magnets."""
+    return _of_strength(motors, np.full(len(motors), WEAK))
+
+
+def worn(motors: MotorParameters, number: int) -> MotorParameters:
+    """Gears with more play and friction."""
+    return replace(
+        motors,
+        backlash=PLAY * motors.backlash,
+        coulomb=FRICTION * motors.coulomb,
+        load_friction=FRICTION * motors.load_friction,
+    )
+
+
+def damaged(motors: MotorParameters, number: int) -> MotorParameters:
+    """One motor of much less torque, another one on every robot."""
+    left = np.ones(len(motors))
+    left[number % len(motors)] = DAMAGED
+    return _of_strength(motors, left)
+
+
+def _of_strength(motors: MotorParameters, left: np.ndarray) -> MotorParameters:
+    names = ("kp", "kd", "torque_limit", "stall_torque")
+    return replace(motors, **{name: left * getattr(motors, name) for name in names})
+
+
+WEAR: dict[str, Callable[[MotorParameters, int], MotorParameters]] = {
+    "none": lambda motors, number: motors, "weak": weak, "worn": worn, "damaged": damaged,
+}  # fmt: skip
+"""By name; of the motors of a virtual robot and its number."""
