@@ -155,7 +155,7 @@ def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
 def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     hips = 0.4 * np.cos(0.8) + 0.02
     gait = dog.require_legs()
-    assert gait.frequency == pytest.approx(0.32 * np.sqrt(9.81 / hips), abs=0.005)
+    assert gait.frequency == pytest.approx(0.5 * np.sqrt(9.81 / hips), abs=0.005)
     assert gait.swing_height == pytest.approx(0.24 * hips, abs=5e-4)
     speed = np.sqrt(9.81 * hips)
     assert gait.forward == pytest.approx((-0.16 * speed, 0.5 * speed), abs=0.005)

@@ -21,7 +21,7 @@ from motorprior.transfer.study_verdicts import CONDITIONS
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
 _QUICK = {
-    "seeds": 2, "draws": 6, "iterations": 10, "bench_steps": 4000, "adam_steps": 300, "spread": 0.2,
+    "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
     "latent_spread": 1.0,
 }  # fmt: skip
 _QUICK_MOTORS = 16
@@ -69,8 +69,8 @@ class Study:
     seed: int = 0
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
-    """Minutes instead: 2 seeds, 6 walks, 10 iterations, a bench of 16 motors and 4000 samples, 300 Adam steps, spreads
-    of 0.2 and 1, in place of the defaults, those that were given included. It decides nothing."""
+    """Minutes instead: 2 seeds, 4 walks of 6 s, 8 iterations, a bench of 16 motors and 4000 samples, 200 Adam steps,
+    spreads of 0.2 and 1, in place of the defaults, those that were given included. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)

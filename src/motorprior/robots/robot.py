@@ -110,14 +110,15 @@ class Gait:
     def of_size(cls, hip_height: float) -> Gait:
         """The gait of a robot of this size; robots of equal Froude number v² / (g·h) move alike.
 
-        frequency = 0.32 √(g/h), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h); the factors are those of a small
-        robot with hips 0.166 m high at 2.5 Hz, 40 mm and 0.6 m/s, our choice.
+        frequency = 0.5 √(g/h), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h). The frequency is that of robots
+        with hips 0.3 m high which learned to trot at about 3 Hz (Margolis, Agrawal 2022, "Walk These Ways"): slower, a
+        body of 15 kg on legs as soft as theirs swings up and down with its steps. Height and speeds are our choice.
 
         Args:
             hip_height: h, of the hip axes over the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
-        frequency = 0.32 * math.sqrt(GRAVITY / hip_height)
+        frequency = 0.5 * math.sqrt(GRAVITY / hip_height)
         return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
 
 
