@@ -1,7 +1,8 @@
 """Benefit of adapting to a robot's motors: record, adapt, continue training and walk, on held-out robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
-    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop --wear weak worn damaged
+    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop --robots 3 \
+        --wear none weak worn damaged
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
 docs/hardware.md. For each robot 60 s of recording in the air, `logs import --hung`, `adapt`; for each seed of the
@@ -11,12 +12,12 @@ training, policies:
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
 Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
-and written to figures_SPEED.json (with wear figures_SPEED_WEAR.json): of each pair of robot and seed the median way
-[m], standing up and coming to rest included, in straight segments of a second, which a curve does not shorten, the
+and written to figures_SPEED.json (figures_SPEED_WEAR_WEAR.json with --wear): of each pair of robot and seed the median
+way [m], standing up and coming to rest included, in straight segments of a second, which a curve does not shorten, the
 median displacement from the start [m], which it does, and the share of the walks that a fault ended; over the pairs the
-medians (of the share the mean), and median, quartiles and sign of what a policy gains over the control; of several
-kinds of wear each one's, too, as WEAR/…; and for how many robots `adapt` found a motor unlike the prior's. Finished
-trainings are kept.
+medians (of the share the mean), and median, quartiles and sign of what a policy gains over the control; and for how
+many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same robots; of several, each one's
+figures are there, too, as WEAR/…. Finished trainings are kept.
 """
 
 from __future__ import annotations
@@ -161,12 +162,34 @@ def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
     return figures
 
 
+def by_wear(
+    pairs: Sequence[tuple[VirtualRobot, Mapping[str, list[Outcome]]]], unlike: Mapping[VirtualRobot, bool]
+) -> dict[str, float]:
+    """The figures of all pairs, and those of each kind of wear as WEAR/… where there are several."""
+
+    def figures(kinds: Sequence[str]) -> dict[str, float]:
+        found = compared([walks for robot, walks in pairs if robot.wear in kinds])
+        return found | {"robots_unlike_the_prior": float(sum(unlike[robot] for robot in unlike if robot.wear in kinds))}
+
+    kinds = list(dict.fromkeys(robot.wear for robot in unlike))
+    every = figures(kinds)
+    if len(kinds) > 1:
+        every |= {f"{wear}/{key}": value for wear in kinds for key, value in figures([wear]).items()}
+    return every
+
+
+def figures_file(out: Path, max_speed: float, wear: Sequence[str]) -> Path:
+    """Where the figures are written."""
+    kinds = [] if list(wear) == ["none"] else wear
+    return out / f"figures_{'_'.join([f'{max_speed:g}', *kinds])}.json"
+
+
 def main() -> None:
     """Close the loop on every robot, with every seed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--prior", type=Path, required=True, help="prior of the robots' fleet")
     parser.add_argument("--out", type=Path, required=True, help="folder for everything")
-    parser.add_argument("--robots", type=int, default=8, help="virtual Puppers")
+    parser.add_argument("--robots", type=int, default=8, help="virtual Puppers, of every kind of wear")
     parser.add_argument("--seeds", type=int, default=3, help="of the training")
     parser.add_argument("--recorded", type=float, default=60.0, help="length of the recording [s]")
     parser.add_argument("--walks", type=int, default=5, help="of each policy on each robot")
@@ -174,9 +197,10 @@ def main() -> None:
     parser.add_argument("--further", type=int, default=100, help="of the training on")
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
-    parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors, in turn")
+    parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors")
     given = parser.parse_args()
-    robots = [VirtualRobot(number, given.wear[number % len(given.wear)]) for number in range(given.robots)]
+    kinds = list(dict.fromkeys(given.wear))
+    robots = [VirtualRobot(number, wear) for wear in kinds for number in range(given.robots)]
     known = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
     pairs, rows = [], []
     for seed in range(given.seeds):
@@ -195,15 +219,9 @@ def main() -> None:
                 print(f"{folder.name} seed {seed} {name:8}", *words, flush=True)
                 told = {"robot": robot.number, "wear": robot.wear, "unlike": known[robot][1], "seed": seed}
                 rows.append(told | {"policy": name, "walks": [asdict(walk) for walk in walks]})
-    figures = compared([pair for _, pair in pairs])
-    kinds = list(dict.fromkeys(robot.wear for robot in robots))
-    for wear in kinds if len(kinds) > 1 else ():
-        of_it = compared([pair for robot, pair in pairs if robot.wear == wear])
-        figures |= {f"{wear}/{key}": value for key, value in of_it.items()}
-    figures["robots_unlike_the_prior"] = float(sum(unlike for _, unlike in known.values()))
-    words = [f"{given.max_speed:g}", *(wear for wear in kinds if wear != "none")]
-    path = given.out / f"figures_{'_'.join(words)}.json"
-    path.write_text(json.dumps({"figures": figures, "pairs": rows}, indent=1) + "\n")
+    figures = by_wear(pairs, {robot: unlike for robot, (_, unlike) in known.items()})
+    told = json.dumps({"figures": figures, "pairs": rows}, indent=1)
+    figures_file(given.out, given.max_speed, kinds).write_text(told + "\n")
     for key, value in figures.items():
         print(f"{key:40} {value:8.3f}")
 

@@ -13,10 +13,11 @@ WEAK, DAMAGED = 0.75, 0.4
 """What is left of the torque of each motor, and of the one that is damaged [-]."""
 PLAY, FRICTION = 3.0, 1.5
 """Of worn gears, over those of the same gears when new [-]."""
+_STREAM = 0x3EA
 
 
 def weak(motors: MotorParameters, number: int) -> MotorParameters:
-    """All of less torque, as with a tired battery or hot magnets."""
+    """All of less torque per ampere, as of hot or aged magnets."""
     return _of_strength(motors, np.full(len(motors), WEAK))
 
 
@@ -31,9 +32,9 @@ def worn(motors: MotorParameters, number: int) -> MotorParameters:
 
 
 def damaged(motors: MotorParameters, number: int) -> MotorParameters:
-    """One motor of much less torque, another one on every robot."""
+    """One motor of much less torque, drawn for every robot."""
     left = np.ones(len(motors))
-    left[number % len(motors)] = DAMAGED
+    left[np.random.default_rng([_STREAM, number]).integers(len(motors))] = DAMAGED
     return _of_strength(motors, left)
 
 

@@ -62,3 +62,9 @@ def test_motors_without_gains_are_refused_unless_no_gain_varies(grey_network):
     assert with_gain_factors(actuator, np.ones(3), np.ones(3)) is actuator
     with pytest.raises(ConfigError, match=r"'latent' .* have no gains .* leave the ranges of kp and kd"):
         with_gain_factors(actuator, KP, KD)
+
+
+def test_factors_are_no_stated_gains(grey_network):
+    net = replace(grey_network(kp=2.0, kd_over_kp=0.1, spread=0.0), gain_unit="N·m/rad")
+    with pytest.raises(ConfigError, match=r"stated gains \[N·m/rad\] -> say which"):
+        with_gain_factors(LatentActuator(net, np.zeros((3, net.num_latents))), KP, KD)

@@ -124,10 +124,14 @@ class Actuator(Protocol):
 
 @runtime_checkable
 class HasGains(Protocol):
-    """An actuator whose law has gains."""
+    """An actuator whose law has gains, or of a class of which some have."""
 
     def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> Actuator:
-        """The same motors with their gains kp and kd times these factors, (n,) each [-]."""
+        """The same motors with their gains kp and kd times these factors, (n,) each [-].
+
+        Raises:
+            ConfigError: these have none, see `without_gains`, or their own are not known.
+        """
         ...
 
 
@@ -135,7 +139,7 @@ def with_gain_factors(actuator: Actuator, kp: np.ndarray, kd: np.ndarray) -> Act
     """The same motors with their gains kp and kd times these factors, (n,) each [-].
 
     Raises:
-        ConfigError: a factor is not 1, and the motors have no gains.
+        ConfigError: a factor is not 1, and the motors have no gains, or theirs are not known.
     """
     if np.all(kp == 1.0) and np.all(kd == 1.0):
         return actuator

@@ -179,15 +179,28 @@ class LatentActuator:
         return np.zeros(self.num_motors)
 
     def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> LatentActuator:
-        """See `HasGains`; of a grey box only.
+        """See `HasGains`; of a grey box only. A servo's integral gain, kp·integral_rate, follows kp.
 
         Raises:
-            ConfigError: a network, which has no gains.
+            ConfigError: a network, which has no gains, or stated gains that nobody stated.
         """
         if self.network.motor is None:
             raise without_gains(self.kind)
+        self._require_stated_gains()
         factors = np.stack([kp, kd])
         return replace(self, gains=factors if self.gains is None else self.gains * factors)
+
+    def _require_stated_gains(self) -> None:
+        """Refuse motors that were learned with stated gains and are told none.
+
+        Raises:
+            ConfigError: names the unit.
+        """
+        if self.network.gain_unit and self.gains is None:
+            raise ConfigError(
+                f"these motors were learned with stated gains [{self.network.gain_unit}]",
+                remedy="say which gains they have", argument="gains",
+            )  # fmt: skip
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`.
@@ -196,12 +209,8 @@ class LatentActuator:
             ConfigError: ``physics_dt`` does not divide the network's period, or gains are wanted and not given.
         """
         require_step(physics_dt)
+        self._require_stated_gains()
         net = self.network
-        if net.gain_unit and self.gains is None:
-            raise ConfigError(
-                f"these motors were learned with stated gains [{net.gain_unit}]", remedy="say which gains they have",
-                argument="gains",
-            )  # fmt: skip
         renewal = round(net.period / physics_dt)
         if renewal < 1 or abs(renewal * physics_dt - net.period) > 1e-9:
             raise ConfigError(

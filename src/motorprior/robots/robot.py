@@ -110,15 +110,16 @@ class Gait:
     def of_size(cls, hip_height: float) -> Gait:
         """The gait of a robot of this size; robots of equal Froude number v² / (g·h) move alike.
 
-        frequency = 0.5 √(g/h), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h). The frequency is that of robots
-        with hips 0.3 m high which learned to trot at about 3 Hz (Margolis, Agrawal 2022, "Walk These Ways"): slower, a
-        body of 15 kg on legs as soft as theirs swings up and down with its steps. Height and speeds are our choice.
+        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h); our choice, measured
+        on robots with hips 0.16 and 0.3 m high. The larger the robot, the slower it may step, but not slower than
+        3 Hz: the position-controlled legs of quadrupeds of 10 to 20 kg are springs on which the body swings at about
+        2 Hz, and steps of that frequency rock it (docs/training.md). A robot with stiffer legs may state its own.
 
         Args:
             hip_height: h, of the hip axes over the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
-        frequency = 0.5 * math.sqrt(GRAVITY / hip_height)
+        frequency = max(3.0, 0.32 * math.sqrt(GRAVITY / hip_height))
         return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
 
 

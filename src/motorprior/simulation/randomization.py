@@ -77,8 +77,7 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3}
-        least |= dict.fromkeys(("strength", "kp", "kd"), 0.01)
+        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3, "strength": 0.01, "kp": 0.01, "kd": 0.01}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
