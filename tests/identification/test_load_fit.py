@@ -17,6 +17,13 @@ def bars() -> Bars:
     return swing(12.0)
 
 
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit as if it did not matter how well."""
+    monkeypatch.setattr(load_fit, "STARTS", 1)
+    monkeypatch.setattr(load_fit, "FIRST_ROUNDS", 1)
+    monkeypatch.setattr(load_fit, "ROUNDS", 1)
+
+
 def test_inertia_and_weight_are_found_within_their_deviations(bars: Bars):
     for load, inertia, gravity, weight in zip(fit_loads(bars.log), INERTIA, bars.gravity, WEIGHT, strict=True):
         off = np.log(load.inertia / inertia)
@@ -27,8 +34,18 @@ def test_inertia_and_weight_are_found_within_their_deviations(bars: Bars):
         assert load.error < 3e-3
 
 
+def test_registers_that_the_log_states_are_the_motors(monkeypatch: pytest.MonkeyPatch):
+    bars = swing(12.0, profile_speed=1.2)
+    (told,) = fit_loads(bars.log.joint(1))
+    assert abs(np.log(told.inertia / INERTIA[1])) < 3.0 * told.inertia_deviation < 1.0
+    assert np.all(np.abs(told.gravity - bars.gravity[1]) < 0.05 * WEIGHT[1]) and told.error < 1e-3
+    quick(monkeypatch)
+    (untold,) = fit_loads(replace(bars.log, firmware={}).joint(1))
+    assert untold.error > 10.0 * told.error
+
+
 def test_a_joint_is_fitted_by_itself_and_a_current_says_nothing(bars: Bars, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(load_fit, "ROUNDS", 1)
+    quick(monkeypatch)
     both = fit_loads(bars.log)
     noise = np.random.default_rng(0).standard_normal(bars.log.joint_pos.shape)
     (alone,) = fit_loads(replace(bars.log, joint_torque=noise).joint(1))

@@ -107,6 +107,12 @@ def test_what_the_firmware_was_told_is_not_searched():
     assert dict(zip(CONSTANTS, models["second_order"].constants[0], strict=True))["speed"] == CONSTANTS["speed"]
 
 
+def test_what_is_off_limits_nothing():
+    models = fit_responses(made_by(constants(**LINEAR), 1), "torque", firmware={"profile_speed": 0.0, "dead_zone": 0.0})
+    found = dict(zip(CONSTANTS, models["servo_limits"].constants[0], strict=True))
+    assert [found[name] for name in ("speed", "band")] == [CONSTANTS["speed"], 0.0]
+
+
 def test_where_no_load_is_known_the_angle_stands_for_gravity():
     truth = constants(**LINEAR, sine=0.1, cosine=-0.05)
     models = fit_responses(made_by(truth, 1), "angle")

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, TERMS, in_order
+from motorprior.actuator.servo_terms import INITIAL, TERMS, UNLIMITED, in_order
 from motorprior.identification import term_selection
 from motorprior.identification.initial_motor import encoded, initial_center, with_motor
 from motorprior.identification.presets import PRESETS
@@ -71,6 +71,25 @@ def test_a_term_whose_constants_are_stated_is_there_and_not_asked_about(
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 4000.0), ("profile_speed", 100.0)))
     found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
     assert found.terms == ("profile",) and "profile" not in found.saved and said[1] == "profile: stated"
+
+
+def test_a_term_that_is_off_is_not_tried(decoder_data: Data, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(term_selection, "ORDER", ("dead_zone", "profile"))
+    monkeypatch.setattr(term_selection, "SERVO", ("dead_zone", "profile"))
+    runs, said = logs(decoder_data, ("profile",)), []
+    runs.preset = replace(runs.preset, firmware=(("dead_zone", 0.0), ("profile_acceleration", 0.0)))
+    found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
+    assert runs.preset.terms_that_are_off == ("dead_zone",) and runs.preset.stated_terms == ()
+    assert "dead_zone" not in found.terms and "dead_zone" not in found.saved and "dead_zone: off" in said
+    assert "profile" in found.saved, "its speed may be limited, though its acceleration is not"
+
+
+def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data):
+    runs = logs(decoder_data, ("profile",))
+    runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 0.0),))
+    state = term_selection._Trial(bare(initial_center(()), ()), runs, 0).fitted(("profile",), None)
+    row = parameters_of(state.terms).index("profile_acceleration")
+    np.testing.assert_allclose(np.exp(state.raw[:, row]), UNLIMITED["profile_acceleration"], rtol=1e-12)
 
 
 def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):

@@ -119,14 +119,22 @@ def test_stated_gains_are_positive_and_have_a_unit(make_log, kp, kd, unit, said)
             {"acceleration": 39.0},
             "firmware 'acceleration' -> give some of profile_speed",
         ),
-        ({"profile_speed": 0.0}, "firmware.profile_speed 0.0 is not a number within 0.001..1e[+]06"),
-        ({"profile_acceleration": float("nan")}, "firmware.profile_acceleration nan is not a number within"),
-        ({"dead_zone": "1"}, "firmware.dead_zone '1' is not a number within"),
+        ({"profile_speed": 1e-4}, r"firmware.profile_speed 0\.0001 is not 0 \(off\) or a number within 0.001..1e[+]06"),
+        ({"profile_acceleration": float("nan")}, "firmware.profile_acceleration nan is not 0"),
+        ({"dead_zone": "1"}, "firmware.dead_zone '1' is not 0"),
+        ({"dead_zone": False}, "firmware.dead_zone False is not 0"),
     ],
 )
 def test_registers_of_a_firmware_are_known_ones_within_their_bounds(make_log, firmware: dict, said: str):
     with pytest.raises(LogError, match=said):
         checked(make_log(firmware=firmware))
+
+
+def test_a_register_may_be_off(make_log):
+    logs = [checked(make_log(firmware={"dead_zone": value})) for value in (0, 0.0, 0.002)]
+    assert joined(logs[:2]).firmware == {"dead_zone": 0.0}
+    with pytest.raises(LogError, match=r"firmware\.dead_zone 0\.002 and 0 -> import all with"):
+        joined(logs)
 
 
 def test_logs_of_another_firmware_are_not_joined(make_log):

@@ -50,7 +50,7 @@ def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
     import_logs(LogsImport((path,), tmp_path / "out", profile_acceleration=39.0, dead_zone=0.002))
     told = read_parquet(tmp_path / "out" / "swing.parquet").firmware
     assert told == {"profile_acceleration": 39.0, "dead_zone": 0.002}
-    with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not a number"):
+    with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not 0 \(off\) or a number"):
         import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
 
 

@@ -27,8 +27,8 @@ class Bars:
         return np.stack([WEIGHT * np.cos(HANGS_AT), -WEIGHT * np.sin(HANGS_AT)], axis=1)
 
 
-def swing(seconds: float, seed: int = 2) -> Bars:
-    """Sines, then steps; angles with 0.3 mrad of noise."""
+def swing(seconds: float, seed: int = 2, profile_speed: float = 0.0) -> Bars:
+    """Sines, then steps; angles with 0.3 mrad of noise; of motors that follow no faster than this [rad/s], if told."""
     motors, rng = load_fleet("mixed").sample(2, seed), np.random.default_rng(seed)
     assert isinstance(motors, MotorParameters)
     time = PERIOD * np.arange(round(seconds / PERIOD))
@@ -37,14 +37,23 @@ def swing(seconds: float, seed: int = 2) -> Bars:
     second_half = time >= 0.5 * time[-1]
     steps = rng.uniform(-0.8, 0.8, (len(time) // 400 + 1, 2)).repeat(400, axis=0)[: len(time)]
     target[second_half] = steps[second_half]
-    angle = _angles(motors, target)
+    angle = _angles(motors, _followed(target, PERIOD * profile_speed) if profile_speed else target)
     seen = angle + 3e-4 * rng.standard_normal(angle.shape)
     kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
     log = MotorLog(
         time=time, position_target=target, joint_pos=seen, joint_names=("left", "right"), robot="bars", motor="any",
         source="bars", stated_kp=kp, stated_kd=kd,
+        firmware={"profile_speed": profile_speed, "profile_acceleration": 0.0} if profile_speed else {},
     )  # fmt: skip
     return Bars(log, motors)
+
+
+def _followed(target: np.ndarray, most: float) -> np.ndarray:
+    """What moves towards the target by ``most`` [rad] per row."""
+    followed = target.copy()
+    for row in range(1, len(target)):
+        followed[row] = followed[row - 1] + np.clip(target[row] - followed[row - 1], -most, most)
+    return followed
 
 
 def _angles(motors: MotorParameters, target: np.ndarray) -> np.ndarray:

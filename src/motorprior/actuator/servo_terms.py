@@ -48,6 +48,8 @@ ABSENT = {
     "output_damping": 0.0,
 }  # fmt: skip
 """Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
+UNLIMITED = {"profile_speed": 1e3, "profile_acceleration": 1e5}
+"""Constants of a profile one of whose limits is off: far above any motor's, yet nothing is lost in float32."""
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
     "integral_limit": 0.3, "stall_torque": 3.0, "no_load_speed": 10.0, "current_time": 0.003, "asymmetry": 0.0,

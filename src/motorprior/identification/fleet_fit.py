@@ -174,7 +174,7 @@ def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
 
 def held_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: absent and stated ones, and those that the log's encoders hide."""
-    held = (*runs.preset.lacks, *dict(runs.preset.firmware), *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
+    held = (*runs.preset.lacks, *runs.preset.stated_constants, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
     if runs.gain_unit == PHYSICAL_GAINS:
         held += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
     return np.array([name in held for name in parameters_of(terms)])

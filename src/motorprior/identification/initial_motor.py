@@ -52,7 +52,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     if runs is not None and runs.fastest:
         motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
     if runs is not None:
-        motor = motor | dict(runs.preset.firmware)
+        motor = motor | runs.preset.stated_constants
     if runs is None or not runs.gain_unit:
         return encoded(motor, terms)
     kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0

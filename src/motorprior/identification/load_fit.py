@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import LogError
 from motorprior.identification.fleet_fit import held_constants
@@ -49,11 +49,14 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
 RECIPE = PRESETS["pace_long_runs"]
-"""Of the free runs: a second long, no term of a servo's firmware."""
+"""Of the free runs: a second long, no term of a servo's firmware but what the log states."""
 SAG = 0.2
 """g over kp [rad]."""
-ROUNDS = 16
-"""Most rounds of a joint's fit."""
+STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
+"""Random searches of a joint's fit, rounds after each, and most rounds after the best of them: limits and gears that
+touch leave more than one optimum."""
+MOST_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS
+"""Per joint."""
 _LOAD = 3
 """Latents of the load; they come last."""
 _ROWS = 30_000
@@ -162,7 +165,7 @@ def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple
 
     Args:
         log: with gains stated in N·m/rad, at the period of RECIPE; its own loads and torques do not count.
-        report: called after every round, of which there are ROUNDS per joint at most.
+        report: called after every round, of which there are MOST_ROUNDS per joint at most.
 
     Raises:
         LogError: without such gains, at another period, too short for a window, or of a joint that stood still or
@@ -181,11 +184,11 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(
         log, load_inertia=nothing + 1.0, external_torque=nothing, load_stiffness=None, joint_torque=None
     )  # a torque computed from a current is not the torque on the joint
-    preset = replace(that_fits(RECIPE, log), gain_unit=PHYSICAL_GAINS)
+    preset = replace(that_fits(RECIPE, log), gain_unit=PHYSICAL_GAINS, firmware=tuple(log.firmware.items()))
     data = some_stretches(training_data(bare, preset, log.source), preset, _ROWS)
-    runs = _LoadedRuns(data, preset)
-    fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center((), runs), ()), runs)
-    belief, held = _believed(runs), np.append(held_constants((), runs), [False] * _LOAD)
+    runs, terms = _LoadedRuns(data, preset), preset.stated_terms
+    fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
+    belief, held = _believed(runs), np.append(held_constants(terms, runs), [False] * _LOAD)
     found = _search(fit, belief, held, report)
     if not found.loss[0] < _BROKEN:
         raise LogError(
@@ -197,43 +200,61 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
 
 def _believed(runs: _LoadedRuns) -> Belief:
     """(1, Z) before the log: half of the regression's inertia is the load's."""
-    mean, (of_constant, of_inertia, of_gravity) = np.zeros((1, len(PARAMETERS) + _LOAD)), _DEVIATIONS
+    constants, (of_constant, of_inertia, of_gravity) = len(parameters_of(runs.preset.stated_terms)), _DEVIATIONS
+    mean = np.zeros((1, constants + _LOAD))
     mean[0, -_LOAD:] = np.log(0.5), *runs.start[1:] / runs.unit
-    deviation = np.array([of_constant] * len(PARAMETERS) + [of_inertia, of_gravity, of_gravity])
+    deviation = np.array([of_constant] * constants + [of_inertia, of_gravity, of_gravity])
     return Belief(mean, deviation[None] ** -2.0)
 
 
 def _search(fit: MotorFit, belief: Belief, held: np.ndarray, report: Callable[[], None]) -> Fit:
+    """Of several starts the one with the least loss, fitted on."""
+    tried = [_Search(fit, belief, held, start, report) for start in range(STARTS)]
+    begun = [(search, search.rounds(search.begin(), FIRST_ROUNDS)) for search in tried]
+    search, best = min(begun, key=lambda one: float(one[1].loss[0]))
+    return search.rounds(best, ROUNDS)
+
+
+class _Search:
     """A random search around what is believed, then rounds of Gauss-Newton steps from the best and from others."""
 
-    def beside(loss: np.ndarray) -> Belief:
+    def __init__(self, fit: MotorFit, belief: Belief, held: np.ndarray, start: int, report: Callable[[], None]):
+        self._fit, self._belief, self._held, self._report = fit, belief, held, report
+        self._rng = np.random.default_rng([_STREAM, start])
+
+    def _beside(self, loss: np.ndarray) -> Belief:
         """The belief where a window of this mean loss (1,) counts as one observation."""
-        return Belief(belief.mean, loss / fit.windows * belief.precision).holding(held)
+        weight = loss / self._fit.windows
+        return Belief(self._belief.mean, weight * self._belief.precision).holding(self._held)
 
-    rng, quiet = np.random.default_rng(_STREAM), 0
-    start = np.where(held, 0.0, belief.mean)
-    weighed, best = beside(_HOPED * fit.losses(start)), start
-    for radius in _SEARCH:
-        best = fit.best_of(_others(rng, best, radius, held), weighed)
-    found = fit.polish(best, weighed, _STEPS, WIDE)
-    for index in range(ROUNDS):
-        weighed, reach, before = beside(found.loss), (WIDE, NARROW)[index % 2], found.loss
-        found = replace(found, energy=found.loss + weighed.energy(found.z))
-        again = fit.polish(found.z, weighed, _STEPS, reach)
-        other = fit.best_of(_others(rng, again.z, _AROUND, held), weighed)
-        found = again.better(fit.polish(other, weighed, _STEPS, reach))
-        report()
-        quiet = quiet + 1 if found.loss > (1.0 - _LITTLE) * before else 0
-        if quiet == _QUIET:
-            break
-    return found
+    def _others(self, z: np.ndarray, radius: float) -> np.ndarray:
+        """(1, _DRAWS, Z) z (1, Z), and others in which a random half of what is not held is drawn around it."""
+        drawn = (self._rng.random((1, _DRAWS, z.shape[1])) < 0.5) & ~self._held
+        drawn[:, 0] = False
+        return z[:, None] + np.where(drawn, radius * self._rng.standard_normal(drawn.shape), 0.0)
 
+    def begin(self) -> Fit:
+        """The best of the random search, polished."""
+        best = np.where(self._held, 0.0, self._belief.mean)
+        weighed = self._beside(_HOPED * self._fit.losses(best))
+        for radius in _SEARCH:
+            best = self._fit.best_of(self._others(best, radius), weighed)
+        return self._fit.polish(best, weighed, _STEPS, WIDE)
 
-def _others(rng: np.random.Generator, z: np.ndarray, radius: float, held: np.ndarray) -> np.ndarray:
-    """(1, _DRAWS, Z) z (1, Z), and others in which a random half of what is not held is drawn around it."""
-    drawn = (rng.random((1, _DRAWS, z.shape[1])) < 0.5) & ~held
-    drawn[:, 0] = False
-    return z[:, None] + np.where(drawn, radius * rng.standard_normal(drawn.shape), 0.0)
+    def rounds(self, found: Fit, most: int) -> Fit:
+        """At most so many rounds; fewer where they no longer help."""
+        quiet = 0
+        for index in range(most):
+            weighed, reach, before = self._beside(found.loss), (WIDE, NARROW)[index % 2], found.loss
+            found = replace(found, energy=found.loss + weighed.energy(found.z))
+            again = self._fit.polish(found.z, weighed, _STEPS, reach)
+            other = self._fit.best_of(self._others(again.z, _AROUND), weighed)
+            found = again.better(self._fit.polish(other, weighed, _STEPS, reach))
+            self._report()
+            quiet = quiet + 1 if found.loss > (1.0 - _LITTLE) * before else 0
+            if quiet == _QUIET:
+                break
+        return found
 
 
 def _finished(fit: MotorFit, runs: _LoadedRuns, found: Fit, deviation: np.ndarray) -> FittedLoad:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from motorprior.actuator.kind import Model
-from motorprior.actuator.servo_terms import terms_with
+from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
 
 
@@ -40,7 +40,8 @@ class Preset:
         lacks: constants that the motors of a recipe that puts physics first do not have: frictions, for instance.
         gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
         firmware: names and values, in SI units, of the registers that the logs state and that are not fitted
-            (`MotorLog.firmware`); a recipe that puts physics first takes them, whatever terms it has besides.
+            (`MotorLog.firmware`), 0 of those that are off; a recipe that puts physics first takes them, whatever terms
+            it has besides.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`posterior`).
     """
@@ -76,7 +77,18 @@ class Preset:
     @property
     def stated_terms(self) -> tuple[str, ...]:
         """Terms of `servo_terms` that motors have because the logs state some of their constants."""
-        return terms_with(dict(self.firmware))
+        return terms_with(name for name, value in self.firmware if value > 0.0)
+
+    @property
+    def terms_that_are_off(self) -> tuple[str, ...]:
+        """Terms of `servo_terms` that no motor has, because the logs state that all that makes them is off."""
+        off = {name for name, value in self.firmware if value == 0.0}
+        return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
+
+    @property
+    def stated_constants(self) -> dict[str, float]:
+        """Constants that are not fitted, where the motors have their term: of registers that are off, no limit."""
+        return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)

@@ -59,9 +59,9 @@ def fit_responses(
         gravity: of GRAVITY: what stands for gravity in servo_limits.
         seed: of the global search.
         report: called after every joint.
-        firmware: registers that servo_limits is told.
+        firmware: registers that servo_limits is told; one that is 0 is off.
     """
-    told = {name: firmware[register] for name, register in TOLD.items() if register in firmware}
+    told = {name: firmware[each] or CONSTANTS[name] for name, each in TOLD.items() if each in firmware}
     joints = runs[0].num_motors
     found = {name: np.empty((joints, len(CONSTANTS))) for name in MODELS}
     for joint in range(joints):

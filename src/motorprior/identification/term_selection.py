@@ -89,16 +89,17 @@ def select_terms(
         report: called after every fit.
     """
     held_out = held_out_windows(runs)
-    told = runs.preset.stated_terms
+    told, off = runs.preset.stated_terms, runs.preset.terms_that_are_off
+    tried = tuple(name for name in ORDER if name not in off)
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
         return Selection(told, {})
     trial = _Trial(network, runs, seed)
-    best, saved = trial.fitted(tuple(ORDER), None), {}
-    servo = trial.fitted((*SERVO, *told), None)
+    best, saved = trial.fitted(tried, None), {}
+    servo = trial.fitted(tuple(name for name in (*SERVO, *told) if name not in off), None)
     best = servo if _saved(best, servo) > 0.0 else best
     for name in ORDER:
-        if name in told:
-            report(f"{name}: stated")
+        if name in (*told, *off):
+            report(f"{name}: {'stated' if name in told else 'off'}")
             continue
         if name not in best.terms:
             report(f"{name}: not tried by itself")

@@ -9,6 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from motorprior.bounds import is_number
+
 JOINT_SERIES = {
     "position_target": "rad",
     "joint_pos": "rad",
@@ -28,7 +30,7 @@ PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
 FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
 """Registers of a servo's firmware that a log may state, and their bounds: the largest speed [rad/s] and acceleration
-[rad/s²] of its profile, and the error [rad] that it does not act on."""
+[rad/s²] of its profile, and the error [rad] that it does not act on. 0: off."""
 _ALIKE = 0.01
 """Share by which two statements of a register may differ: one may be rounded."""
 POSTURES = ("standing", "hung", "fixed", "fallen")
@@ -165,10 +167,15 @@ def stated_gains_of(log: MotorLog) -> np.ndarray | None:
     return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
 
 
+def is_register(name: str, value: object) -> bool:
+    """Whether a register of FIRMWARE can hold this value, which 0 is where it is off."""
+    return is_number(value, 0.0, 0.0) or is_number(value, *FIRMWARE[name])
+
+
 def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:
     """The first register that both state otherwise, with both values, or None."""
     for name in sorted(one.keys() & other.keys()):
-        if abs(one[name] - other[name]) > _ALIKE * one[name]:
+        if abs(one[name] - other[name]) > _ALIKE * max(one[name], other[name]):
             return f"firmware.{name} {one[name]:g} and {other[name]:g}"
     return None
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, spelled
 from motorprior.logs.motor_log import (
     BASE_AXES,
@@ -21,6 +20,7 @@ from motorprior.logs.motor_log import (
     MotorLog,
     channels,
     column_name,
+    is_register,
 )
 
 
@@ -178,10 +178,10 @@ def _check_firmware(log: MotorLog, where: str | Path | None) -> None:
     for name, value in log.firmware.items():
         if name not in FIRMWARE:
             raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
-        if not is_number(value, *FIRMWARE[name]):
+        if not is_register(name, value):
             least, most = FIRMWARE[name]
             raise LogError(
-                f"firmware.{name} {spelled(value)} is not a number within {least:g}..{most:g}", where=where,
+                f"firmware.{name} {spelled(value)} is not 0 (off) or a number within {least:g}..{most:g}", where=where,
                 remedy="give it in rad, rad/s or rad/s², or leave it out",
             )  # fmt: skip
 

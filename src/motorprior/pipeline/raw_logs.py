@@ -50,11 +50,11 @@ class LogsImport:
     """Derivative gain [N·m·s/rad], like ``kp``."""
     profile_acceleration: float | None = None
     """Largest acceleration of the profile that every servo's firmware was told [rad/s²], in place of what ``columns``
-    says. Feetech STS: 0.1534 rad/s² per unit."""
+    says; 0 if it has no such limit. Feetech STS: 0.1534 rad/s² per unit."""
     profile_speed: float | None = None
-    """Largest speed of that profile [rad/s]."""
+    """Largest speed of that profile [rad/s]; 0 if it has no such limit."""
     dead_zone: float | None = None
-    """Error that the firmware does not act on [rad]."""
+    """Error that the firmware does not act on [rad]; 0 if there is none."""
     hung: bool = False
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is

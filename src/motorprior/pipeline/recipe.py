@@ -9,10 +9,9 @@ from typing import Any
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.servo_terms import TERMS
-from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.logs.motor_log import FIRMWARE, GAIN_UNITS
+from motorprior.logs.motor_log import FIRMWARE, GAIN_UNITS, is_register
 from motorprior.schema import TRUTH, Field, Schema, integer, many, number, one_of
 
 LONGEST_WINDOW = 100_000
@@ -23,7 +22,7 @@ _REMEDY = "identify it again"
 def _is_register(value: Any) -> bool:
     if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
         return False
-    return value[0] in FIRMWARE and is_number(value[1], *FIRMWARE[value[0]])
+    return value[0] in FIRMWARE and is_register(*value)
 
 
 RECIPE = Schema(
