@@ -100,7 +100,7 @@ def test_a_missing_file_is_refused(tmp_path):
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
         ({"firmware": [39]}, r"firmware \[39\] is no table"),
         ({"firmware": {"speed": 1}}, "firmware 'speed'"),
-        ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not a number"),
+        ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not 0"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(written, header, problem):
