@@ -12,6 +12,8 @@ import pytest
 from policies import random_policy
 from scipy.spatial.transform import Rotation
 
+from motorprior.actuator.actuator import Factors
+from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.env import WalkEnv
@@ -33,9 +35,10 @@ EVERYTHING = Randomization(
     encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
     command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
     sensor_jitter=0.008, dropped=0.1, command_jitter=0.006, strength=(0.6, 1.1),
-    kp=(0.7, 1.3), kd=(0.5, 1.5),
+    kp=(0.7, 1.3), kd=(0.5, 1.5), torque_limit=(0.3, 1.1), coulomb=(0.0, 2.0),
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
+WITH_FRICTION = FrictionPd(PD, np.full(12, 0.05))
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 STEPS = 100
@@ -44,7 +47,8 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 def draw_pd(rng):
     kp = rng.uniform(8.0, 10.0, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+    pd = IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
+    return FrictionPd(pd, np.full(12, 0.05))
 
 
 def episode(randomization, seed=3):
@@ -99,9 +103,9 @@ def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
 
 def test_draws_fill_their_ranges():
     draws = [EVERYTHING.conditions(PUPPER_V2, seed, STEPS) for seed in range(300)]
-    for name in ("armature", "damping", "friction", "mass", "strength", "kp", "kd"):
+    for name in ("armature", "damping", "friction", "mass", "strength", *Factors._fields):
         low, high = getattr(EVERYTHING, name)
-        values = np.array([getattr(draw, name) for draw in draws])
+        values = np.array([getattr(draw.factors if name in Factors._fields else draw, name) for draw in draws])
         assert low <= values.min() < low + 0.1 * (high - low) and high - 0.1 * (high - low) < values.max() <= high
     gravity = np.array([draw.gravity for draw in draws])
     np.testing.assert_allclose(np.linalg.norm(gravity, axis=1), 9.81)
@@ -113,7 +117,7 @@ def test_draws_fill_their_ranges():
 def test_mass_friction_and_gravity_reach_mujoco():
     conditions, world = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(WorldConfig.of(PUPPER_V2))
     plain = World(WorldConfig.of(PUPPER_V2)).model
-    world.reset(PD, conditions=conditions)
+    world.reset(WITH_FRICTION, conditions=conditions)
     np.testing.assert_allclose(world.model.body_mass[1:], plain.body_mass[1:] * conditions.mass)
     np.testing.assert_allclose(world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None])
     np.testing.assert_allclose(world.model.body_ipos[1], plain.body_ipos[1] + conditions.com)
@@ -220,7 +224,7 @@ def falling(kind, randomization):
     "name",
     [
         "armature", "damping", "mass", "com", "gravity_tilt", "encoder_offset", "command_delay", "command_jitter",
-        "push", "strength", "kp", "kd",
+        "push", "strength", "kp", "kd", "torque_limit",
     ],
 )  # fmt: skip
 def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
@@ -229,6 +233,19 @@ def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
     mujoco, bullet = falling(MujocoBackend, only), falling(PybulletBackend, only)
     np.testing.assert_allclose(mujoco, bullet, atol=1.5e-5)  # rad and m; measured: 7e-6
     assert np.abs(bullet - falling(PybulletBackend, Randomization())).max() > 3e-4
+
+
+def test_dry_friction_that_varies_reaches_both_engines():
+    """What sticks and slips is not alike for long, so that the motors are compared and not their motion."""
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    conditions, config = (
+        Randomization(coulomb=(0.5, 2.0)).conditions(PUPPER_V2, 1, STEPS),
+        WorldConfig.of(PUPPER_V2, physics_dt=0.001),
+    )
+    wanted = FrictionPd(PD, 0.05 * conditions.factors.coulomb).arrays(0.001).parameters
+    for world in (World(config), BulletWorld(config)):
+        np.testing.assert_allclose(world.reset(WITH_FRICTION, conditions=conditions).parameters, wanted)
+        assert np.abs(world.reset(WITH_FRICTION).parameters - wanted).max() > 0.01
 
 
 def test_a_pd_of_seven_tenths_of_the_strength_is_a_pd_of_seven_tenths_of_its_gains_and_limit():
@@ -242,13 +259,13 @@ def test_a_pd_of_seven_tenths_of_the_strength_is_a_pd_of_seven_tenths_of_its_gai
     assert np.abs(weak.trace[:30] - walked(PD, Randomization()).trace[:30]).max() > 1e-2
 
 
-def test_a_pd_whose_gains_vary_is_a_pd_of_other_gains():
+def test_a_pd_whose_constants_vary_is_a_pd_of_other_constants():
     def walked(motors, randomization):
         walk = WalkConfig(STEPS, randomization=randomization)
         return WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2), walk).run(POLICY, 3, trace=True)
 
-    varied = walked(PD, Randomization(kp=(0.8, 0.8), kd=(1.5, 1.5)))
-    same = IdealPd.uniform(12, kp=0.8 * 8.8, kd=1.5 * 0.84, torque_limit=1.26, armature=0.003)
+    varied = walked(PD, Randomization(kp=(0.8, 0.8), kd=(1.5, 1.5), torque_limit=(0.6, 0.6)))
+    same = IdealPd.uniform(12, kp=0.8 * 8.8, kd=1.5 * 0.84, torque_limit=0.6 * 1.26, armature=0.003)
     np.testing.assert_array_equal(varied.trace, walked(same, Randomization()).trace)
 
 
@@ -278,8 +295,8 @@ def test_masses_and_gravity_reach_pybullet():
         BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
     )
     mujoco = World(WorldConfig.of(PUPPER_V2))
-    mujoco.reset(PD, conditions=conditions)
-    world.reset(PD, conditions=conditions)
+    mujoco.reset(WITH_FRICTION, conditions=conditions)
+    world.reset(WITH_FRICTION, conditions=conditions)
     for body, index in enumerate([-1, *world._indices]):
         info = world.call("getDynamicsInfo", world.robot, index)
         assert info[0] == pytest.approx(mujoco.model.body_mass[1 + body])

@@ -122,35 +122,55 @@ class Actuator(Protocol):
         ...
 
 
-@runtime_checkable
-class HasGains(Protocol):
-    """An actuator whose law has gains, or of a class of which some have."""
+class Factors(NamedTuple):
+    """What the constants of n motors are multiplied by, (n,) each [-]."""
 
-    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> Actuator:
-        """The same motors with their gains kp and kd times these factors, (n,) each [-].
+    kp: np.ndarray
+    """gain"""
+    kd: np.ndarray
+    """gain"""
+    torque_limit: np.ndarray
+    """limit of the law's torque"""
+    coulomb: np.ndarray
+    """dry friction, that of standstill included, that of the load not"""
+
+
+@runtime_checkable
+class HasConstants(Protocol):
+    """An actuator whose law has constants, or of a class of which some have."""
+
+    def with_factors(self, factors: Factors) -> Actuator:
+        """The same motors with their constants times these factors.
 
         Raises:
-            ConfigError: these have none, see `without_gains`, or their own are not known.
+            ConfigError: these lack one that is to change, see `require_unchanged`, or it is not known.
         """
         ...
 
 
-def with_gain_factors(actuator: Actuator, kp: np.ndarray, kd: np.ndarray) -> Actuator:
-    """The same motors with their gains kp and kd times these factors, (n,) each [-].
+def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
+    """The same motors with their constants times these factors.
 
     Raises:
-        ConfigError: a factor is not 1, and the motors have no gains, or theirs are not known.
+        ConfigError: a factor is not 1, and the motors lack that constant, or it is not known.
     """
-    if np.all(kp == 1.0) and np.all(kd == 1.0):
+    if all(np.all(factor == 1.0) for factor in factors):
         return actuator
-    if not isinstance(actuator, HasGains):
-        raise without_gains(actuator.kind)
-    return actuator.with_gain_factors(kp, kd)
+    if not isinstance(actuator, HasConstants):
+        require_unchanged(actuator.kind, factors, *Factors._fields)
+        return actuator
+    return actuator.with_factors(factors)
 
 
-def without_gains(kind: ActuatorKind) -> ConfigError:
-    """What to raise where the gains of such motors are to vary."""
-    return ConfigError(
-        f"motors of the model {kind.name!r} ({kind.title}) have no gains that could vary",
-        remedy="leave the ranges of kp and kd at 1 to 1, or use motors that have gains",
-    )
+def require_unchanged(kind: ActuatorKind, factors: Factors, *lacking: str) -> None:
+    """Refuse factors on constants that motors of a kind lack.
+
+    Raises:
+        ConfigError: names the constant.
+    """
+    for name in lacking:
+        if np.any(getattr(factors, name) != 1.0):
+            raise ConfigError(
+                f"motors of the model {kind.name!r} ({kind.title}) have no {name} that could vary",
+                remedy=f"leave the range of {name} at 1 to 1, or use motors that have it",
+            )

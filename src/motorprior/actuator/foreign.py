@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from motorprior.actuator import foreign_step as rows
-from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.foreign_step import FOREIGN
 from motorprior.actuator.kind import ActuatorKind
 
@@ -181,9 +181,12 @@ class ForeignActuator:
         """The output shaft's; the rotor's is simulated here."""
         return self.motors.output_damping
 
-    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> ForeignActuator:
-        """See `HasGains`."""
-        return ForeignActuator(replace(self.motors, kp=self.motors.kp * kp, kd=self.motors.kd * kd))
+    def with_factors(self, factors: Factors) -> ForeignActuator:
+        """See `HasConstants`."""
+        changed = factors._asdict() | {"static_torque": factors.coulomb}
+        return ForeignActuator(
+            replace(self.motors, **{name: getattr(self.motors, name) * factor for name, factor in changed.items()})
+        )
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

@@ -17,11 +17,11 @@ An engine that cannot renew its damping gets at most armature/h·v instead: it i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.actuator import ActuatorArrays, Factors
 from motorprior.actuator.ideal_pd import IDEAL_PD_ROWS, KD, IdealPd, reset_pd, step_pd
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.compiled import njit
@@ -65,9 +65,10 @@ class FrictionPd:
         """(n,) kd, integrated implicitly by the engine [N·m·s/rad]."""
         return self.pd.damping
 
-    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> FrictionPd:
-        """See `HasGains`."""
-        return replace(self, pd=self.pd.with_gain_factors(kp, kd))
+    def with_factors(self, factors: Factors) -> FrictionPd:
+        """See `HasConstants`."""
+        pd = self.pd.with_factors(factors._replace(coulomb=np.ones(self.num_motors)))
+        return FrictionPd(pd, self.coulomb * factors.coulomb)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
 from motorprior.actuator.kind import ActuatorKind, Model
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -69,9 +69,15 @@ class IdealPd:
         """kd, integrated implicitly by the engine [N·m·s/rad]."""
         return self.kd
 
-    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> IdealPd:
-        """See `HasGains`."""
-        return replace(self, kp=self.kp * kp, kd=self.kd * kd)
+    def with_factors(self, factors: Factors) -> IdealPd:
+        """See `HasConstants`.
+
+        Raises:
+            ConfigError: dry friction, of which there is none.
+        """
+        require_unchanged(self.kind, factors, "coulomb")
+        limit = self.torque_limit * factors.torque_limit
+        return replace(self, kp=self.kp * factors.kp, kd=self.kd * factors.kd, torque_limit=limit)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, require_step, without_gains
+from motorprior.actuator.actuator import ActuatorArrays, Factors, require_step, require_unchanged
 from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
@@ -150,13 +150,14 @@ class LatentActuator:
     """n learned motors: one network, one z (n, Z) each, how warm they are (`servo_terms`), and the gains they are told.
 
     ``gains`` (2, n) are stated kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own
-    gains, or None.
+    gains, or None. ``factors`` are on the constants of a grey box, besides.
     """
 
     network: LatentNetwork
     z: np.ndarray
     warmth: np.ndarray | float = 0.5
     gains: np.ndarray | None = None
+    factors: Factors | None = None
 
     @property
     def kind(self) -> ActuatorKind:
@@ -178,17 +179,17 @@ class LatentActuator:
         """Zero: the network damps; a grey box renews the damping of its gear every step."""
         return np.zeros(self.num_motors)
 
-    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> LatentActuator:
-        """See `HasGains`; of a grey box only. A servo's integral gain, kp·integral_rate, follows kp.
+    def with_factors(self, factors: Factors) -> LatentActuator:
+        """See `HasConstants`; of a grey box only. A servo's integral gain, kp·integral_rate, follows kp.
 
         Raises:
-            ConfigError: a network, which has no gains, or stated gains that nobody stated.
+            ConfigError: a network, which has no constants, or stated gains that nobody stated.
         """
         if self.network.motor is None:
-            raise without_gains(self.kind)
+            require_unchanged(self.kind, factors, *Factors._fields)
         self._require_stated_gains()
-        factors = np.stack([kp, kd])
-        return replace(self, gains=factors if self.gains is None else self.gains * factors)
+        before = self.factors
+        return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))
 
     def _require_stated_gains(self) -> None:
         """Refuse motors that were learned with stated gains and are told none.
@@ -228,6 +229,11 @@ class LatentActuator:
             values = net.motor.decode(latents[: self.num_motors], self.warmth)
             if self.gains is not None:
                 values = with_stated_gains(values, *self.gains)
+            if self.factors is not None:
+                values = with_stated_gains(values, self.factors.kp, self.factors.kd)
+                changed = {name: self.factors.coulomb for name in ("coulomb", "stribeck_torque")}
+                changed["torque_limit"] = self.factors.torque_limit
+                values |= {name: values[name] * factor for name, factor in changed.items()}
             parameters = np.concatenate([parameters, motor_table(values, physics_dt, net.motor.terms)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(

@@ -23,7 +23,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.kind import ActuatorKind, Model
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
@@ -133,9 +133,12 @@ class PhysicalActuator:
         """Zero: damping is simulated here."""
         return np.zeros(self.num_motors)
 
-    def with_gain_factors(self, kp: np.ndarray, kd: np.ndarray) -> PhysicalActuator:
-        """See `HasGains`."""
-        return PhysicalActuator(replace(self.motors, kp=self.motors.kp * kp, kd=self.motors.kd * kd))
+    def with_factors(self, factors: Factors) -> PhysicalActuator:
+        """See `HasConstants`."""
+        changed = factors._asdict() | {"stribeck_torque": factors.coulomb}
+        return PhysicalActuator(
+            replace(self.motors, **{name: getattr(self.motors, name) * factor for name, factor in changed.items()})
+        )
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

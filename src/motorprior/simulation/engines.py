@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from motorprior.actuator.actuator import with_gain_factors
+from motorprior.actuator.actuator import Factors, with_factors
 from motorprior.backend import Backend
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
@@ -36,8 +36,8 @@ class Scene:
         terrain: the ground; other than flat in PyBullet only.
 
     Raises:
-        ConfigError: an engine that is unknown, not installed, or cannot do what is asked; gains that vary of motors
-            that have none.
+        ConfigError: an engine that is unknown, not installed, or cannot do what is asked; constants that vary of
+            motors that lack them.
     """
 
     robot: Robot
@@ -59,23 +59,23 @@ class Scene:
                 remedy="use engine pybullet, or leave it out",
                 argument="roughness",
             )
-        self._require_gains()
+        self._require_constants()
 
-    def _require_gains(self) -> None:
-        """Refuse gains that vary of motors that have none, before anything is simulated.
+    def _require_constants(self) -> None:
+        """Refuse constants that vary of motors that lack them, before anything is simulated.
 
         Raises:
             ConfigError: names the range.
         """
-        varied = [name for name in ("kp", "kd") if getattr(self.walk.randomization, name) != (1.0, 1.0)]
-        if not varied:
-            return
-        factor, motors = np.full(self.robot.num_joints, 0.5), self.draw_motors(np.random.default_rng(0))
-        try:
-            with_gain_factors(motors, factor, factor)
-        except ConfigError as error:
-            argument = f"randomization.{varied[0]}"
-            raise ConfigError(f"{argument}: {error.problem}", remedy=error.remedy, argument=argument) from error
+        same = Factors(*np.ones((len(Factors._fields), self.robot.num_joints)))
+        for name in Factors._fields:
+            if getattr(self.walk.randomization, name) == (1.0, 1.0):
+                continue
+            try:
+                with_factors(self.draw_motors(np.random.default_rng(0)), same._replace(**{name: 0.5 * same.kp}))
+            except ConfigError as error:
+                argument = f"randomization.{name}"
+                raise ConfigError(f"{argument}: {error.problem}", remedy=error.remedy, argument=argument) from error
 
     def backend(self) -> Backend:
         """For Gymnasium: the interpreter runs between control steps."""

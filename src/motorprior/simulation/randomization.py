@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
+from motorprior.actuator.actuator import Factors
 from motorprior.bounds import is_number, is_range
 from motorprior.exceptions import ConfigError, spelled
 from motorprior.locomotion.body import TILT_READINGS, readings
@@ -41,6 +42,10 @@ class Randomization:
     """Factor on the gain kp of each motor, least and most [-]."""
     kd: Range = (1.0, 1.0)
     """Factor on the gain kd of each motor, least and most [-]."""
+    torque_limit: Range = (1.0, 1.0)
+    """Factor on the torque limit of each motor, least and most [-]."""
+    coulomb: Range = (1.0, 1.0)
+    """Factor on the dry friction of each motor, least and most [-]; not on what grows with its load."""
     friction: Range = (1.0, 1.0)
     """Factor on the friction of the feet, least and most [-]."""
     mass: Range = (1.0, 1.0)
@@ -77,7 +82,8 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3, "strength": 0.01, "kp": 0.01, "kd": 0.01}
+        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3, "strength": 0.01}
+        least |= {name: 0.0 if name == "coulomb" else 0.01 for name in Factors._fields}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
@@ -117,8 +123,12 @@ class Randomization:
             push=self._pushes(rng, robot.control_dt, episode_steps),
             command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
             strength=rng.uniform(*self.strength, joints),
-            kp=rng.uniform(*self.kp, joints),
-            kd=rng.uniform(*self.kd, joints),
+            factors=Factors(
+                kp=rng.uniform(*self.kp, joints),
+                kd=rng.uniform(*self.kd, joints),
+                torque_limit=rng.uniform(*self.torque_limit, joints),
+                coulomb=rng.uniform(*self.coulomb, joints),
+            ),
         )
 
     def _up(self, rng: np.random.Generator) -> np.ndarray:
@@ -191,10 +201,8 @@ class Conditions:
     """(steps,) additional age of the targets in every control step [s], or (0,)"""
     strength: np.ndarray
     """(joints,) factors on torque and damping of the motors"""
-    kp: np.ndarray
-    """(joints,) factors on this gain of the motors"""
-    kd: np.ndarray
-    """(joints,) factors on this gain of the motors"""
+    factors: Factors
+    """of the motors"""
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
         """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
@@ -216,8 +224,7 @@ def nominal_conditions(robot: Robot) -> Conditions:
         push=np.zeros((0, 2)),
         command_late=np.zeros(0),
         strength=np.ones(robot.num_joints),
-        kp=np.ones(robot.num_joints),
-        kd=np.ones(robot.num_joints),
+        factors=Factors(*np.ones((len(Factors._fields), robot.num_joints))),
     )
 
 

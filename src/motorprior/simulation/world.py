@@ -7,7 +7,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, with_gain_factors
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, with_factors
 from motorprior.actuator.torque_law import reset_actuator
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.fatal_errors import install_handler
@@ -82,7 +82,7 @@ class World:
         """
         joint_pos = self.config.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal_conditions if conditions is None else conditions
-        actuator = with_gain_factors(actuator, conditions.kp, conditions.kd)
+        actuator = with_factors(actuator, conditions.factors)
         self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_armature[self.first_dof :] = actuator.armature + conditions.armature

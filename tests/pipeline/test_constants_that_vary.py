@@ -1,4 +1,4 @@
-"""Gains that vary of motors that have none are refused before anything is trained or lost."""
+"""Constants that vary of motors that lack them are refused before anything is trained or lost."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from motorprior.simulation.randomization import Randomization
 
-WITHOUT_GAINS = r"^randomization\.kd: motors of the model 'latent' .* have no gains that could vary -> leave the ranges"
+WITHOUT_GAINS = r"^randomization\.kd: motors of the model 'latent' .* have no kd that could vary -> leave the range"
 
 
 @pytest.fixture

@@ -1,0 +1,102 @@
+"""Motors whose constants are multiplied are the motors that have those constants."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.actuator import Factors, with_factors
+from motorprior.actuator.friction_pd import FrictionPd
+from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator
+from motorprior.bench.fleet import load_fleet
+from motorprior.exceptions import ConfigError
+
+DT = 0.001
+ONE = np.ones(3)
+FACTORS = Factors(
+    kp=np.array([0.7, 1.0, 1.2]), kd=np.array([1.5, 1.0, 0.5]), torque_limit=np.array([0.5, 0.9, 1.1]),
+    coulomb=np.array([0.0, 1.6, 1.0]),
+)  # fmt: skip
+WITHOUT_FRICTION = FACTORS._replace(coulomb=ONE)
+
+
+def same_parameters(one, other):
+    first, second = one.arrays(DT), other.arrays(DT)
+    np.testing.assert_allclose(first.parameters, second.parameters, rtol=1e-12)
+    np.testing.assert_allclose(first.damping, second.damping, rtol=1e-12)
+    np.testing.assert_allclose(one.damping, other.damping, rtol=1e-12)
+
+
+def pd(factors):
+    return IdealPd(9.0 * factors.kp, 0.8 * factors.kd, 1.3 * factors.torque_limit, np.full(3, 0.003), np.full(3, 0.01))
+
+
+def test_of_a_pd_with_and_without_friction():
+    one = pd(Factors(ONE, ONE, ONE, ONE))
+    same_parameters(with_factors(one, WITHOUT_FRICTION), pd(FACTORS))
+    same_parameters(with_factors(FrictionPd(one, 0.1 * ONE), FACTORS), FrictionPd(pd(FACTORS), 0.1 * FACTORS.coulomb))
+
+
+@pytest.mark.parametrize(
+    ("fleet", "standstill"),
+    [("pupper_v2", "stribeck_torque"), ("foreign_direct", "static_torque"), ("foreign_servo", "static_torque")],
+)
+def test_of_true_motors(fleet, standstill):
+    motors = load_fleet(fleet).center(3)
+    changed = FACTORS._asdict() | {standstill: FACTORS.coulomb}
+    other = replace(motors, **{name: getattr(motors, name) * factor for name, factor in changed.items()})
+    same_parameters(with_factors(motors.actuator(), FACTORS), other.actuator())
+    for name in Factors._fields:
+        alone = Factors(ONE, ONE, ONE, ONE)._replace(**{name: getattr(FACTORS, name)})
+        moved = with_factors(motors.actuator(), alone).arrays(DT).parameters - motors.actuator().arrays(DT).parameters
+        assert np.abs(moved).max() > 0.0, name
+
+
+@pytest.mark.parametrize("stated", [None, np.array([[9.0] * 3, [0.8] * 3])])
+def test_of_a_grey_box(grey_network, stated):
+    constants = {"kp": 2.0, "kd_over_kp": 0.1, "coulomb": 0.06, "stribeck_torque": 0.01}
+    of_own = grey_network(spread=0.0, **constants)
+    latents = np.zeros((3, of_own.num_latents))
+    net = of_own if stated is None else replace(of_own, gain_unit="N·m/rad")
+    varied = with_factors(LatentActuator(net, latents, gains=stated), FACTORS)
+    for motor in (1, 2):
+        kp, kd, limit, dry = (factor[motor] for factor in FACTORS)
+        of_kp, of_kd = (1.0, 1.0) if stated is None else stated[:, motor]
+        told = grey_network(
+            spread=0.0, kp=2.0 * kp * of_kp, kd_over_kp=0.1 * kd * of_kd / (kp * of_kp), coulomb=0.06 * dry,
+            stribeck_torque=0.01 * dry,
+        )  # fmt: skip
+        told.motor.center[PARAMETERS.index("torque_limit")] += np.log(limit)
+        np.testing.assert_allclose(
+            varied.arrays(DT).parameters[:, motor], LatentActuator(told, latents).arrays(DT).parameters[:, motor],
+            rtol=1e-9,
+        )  # fmt: skip
+
+
+def test_factors_multiply(grey_network):
+    net = grey_network(spread=0.0)
+    actuator = LatentActuator(net, np.zeros((3, net.num_latents)))
+    twice = with_factors(with_factors(actuator, FACTORS), FACTORS)
+    same_parameters(twice, with_factors(actuator, Factors(*(factor**2 for factor in FACTORS))))
+
+
+@pytest.mark.parametrize("name", Factors._fields)
+def test_a_network_has_no_constants(grey_network, name):
+    network = replace(grey_network(network=0.1), motor=None)
+    actuator, one = LatentActuator(network, np.zeros((3, network.num_latents))), Factors(ONE, ONE, ONE, ONE)
+    assert with_factors(actuator, one) is actuator
+    with pytest.raises(ConfigError, match=rf"'latent' .* have no {name} that .* leave the range of {name} at 1 to 1"):
+        with_factors(actuator, one._replace(**{name: 0.9 * ONE}))
+
+
+def test_a_pd_has_no_friction():
+    with pytest.raises(ConfigError, match=r"'ideal_pd' .* have no coulomb that could vary"):
+        with_factors(pd(FACTORS), FACTORS)
+
+
+def test_factors_are_no_stated_gains(grey_network):
+    net = replace(grey_network(kp=2.0, kd_over_kp=0.1, spread=0.0), gain_unit="N·m/rad")
+    with pytest.raises(ConfigError, match=r"stated gains \[N·m/rad\] -> say which"):
+        with_factors(LatentActuator(net, np.zeros((3, net.num_latents))), FACTORS)
