@@ -40,12 +40,16 @@ def test_of_a_pd_with_and_without_friction():
 
 
 @pytest.mark.parametrize(
-    ("fleet", "standstill"),
-    [("pupper_v2", "stribeck_torque"), ("foreign_direct", "static_torque"), ("foreign_servo", "static_torque")],
+    ("fleet", "others"),
+    [
+        ("pupper_v2", {"stribeck_torque": FACTORS.coulomb}),
+        ("foreign_direct", {"static_torque": FACTORS.coulomb, "ki": FACTORS.kp}),
+        ("foreign_servo", {"static_torque": FACTORS.coulomb, "ki": FACTORS.kp}),
+    ],
 )
-def test_of_true_motors(fleet, standstill):
+def test_of_true_motors(fleet, others):
     motors = load_fleet(fleet).center(3)
-    changed = FACTORS._asdict() | {standstill: FACTORS.coulomb}
+    changed = FACTORS._asdict() | others
     other = replace(motors, **{name: getattr(motors, name) * factor for name, factor in changed.items()})
     same_parameters(with_factors(motors.actuator(), FACTORS), other.actuator())
     for name in Factors._fields:

@@ -38,7 +38,8 @@ def test_worn_motors_have_more_play_and_friction(new: MotorParameters):
     worn = WEAR["worn"](new, 5)
     np.testing.assert_allclose(left(worn, new), 1.0)
     np.testing.assert_allclose(worn.backlash, PLAY * new.backlash)
-    np.testing.assert_allclose(worn.coulomb, FRICTION * new.coulomb)
+    for name in ("coulomb", "load_friction"):
+        np.testing.assert_allclose(getattr(worn, name), FRICTION * getattr(new, name))
 
 
 def test_any_one_joint_of_a_robot_may_be_damaged(new: MotorParameters):

@@ -1,6 +1,7 @@
 """A load that nobody weighed: found with its motor, with deviations that hold, or refused."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,12 @@ from motorprior.logs.motor_log import POSTURES
 @pytest.fixture(scope="module")
 def bars() -> Bars:
     return swing(12.0)
+
+
+@dataclass(frozen=True)
+class Found:
+    loss: np.ndarray
+    start: int
 
 
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,6 +39,28 @@ def test_inertia_and_weight_are_found_within_their_deviations(bars: Bars):
         assert away @ np.linalg.solve(load.gravity_covariance, away) < 9.0
         assert np.all(np.sqrt(np.diagonal(load.gravity_covariance)) < 0.2 * weight)
         assert load.error < 3e-3
+
+
+def test_the_best_of_the_starts_is_fitted_on(monkeypatch: pytest.MonkeyPatch):
+    rounds = []
+
+    class Start:
+        def __init__(self, *given):
+            self.start = given[3]
+
+        def begin(self):
+            return Found(np.array([abs(self.start - 1.0)]), self.start)
+
+        def rounds(self, found: "Found", most: int):
+            rounds.append((found.start, most))
+            return found
+
+    monkeypatch.setattr(load_fit, "_Search", Start)
+    nothing: Any = None
+    best: Any = load_fit._search(nothing, nothing, nothing, nothing)
+    first = [(start, load_fit.FIRST_ROUNDS) for start in range(load_fit.STARTS)]
+    assert best.start == 1 and load_fit.STARTS > 2 and rounds == [*first, (1, load_fit.ROUNDS)]
+    assert sum(most for _, most in rounds) == load_fit.MOST_ROUNDS
 
 
 def test_registers_that_the_log_states_are_the_motors(monkeypatch: pytest.MonkeyPatch):

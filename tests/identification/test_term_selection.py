@@ -87,9 +87,11 @@ def test_a_term_that_is_off_is_not_tried(decoder_data: Data, monkeypatch: pytest
 def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data):
     runs = logs(decoder_data, ("profile",))
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 0.0),))
-    state = term_selection._Trial(bare(initial_center(()), ()), runs, 0).fitted(("profile",), None)
-    row = parameters_of(state.terms).index("profile_acceleration")
-    np.testing.assert_allclose(np.exp(state.raw[:, row]), UNLIMITED["profile_acceleration"], rtol=1e-12)
+    trial = term_selection._Trial(bare(initial_center(()), ()), runs, 0)
+    without, state = trial.fitted((), None), trial.fitted(("profile",), None)
+    for each in (state, trial._from(without, ("profile",))):
+        row = parameters_of(each.terms).index("profile_acceleration")
+        np.testing.assert_allclose(np.exp(each.raw[:, row]), UNLIMITED["profile_acceleration"], rtol=1e-12)
 
 
 def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):

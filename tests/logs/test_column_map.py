@@ -112,7 +112,12 @@ def test_registers_of_the_firmware_are_those_of_the_map(tmp_path: Path, columns:
     log = read_log(path, columns=a_map(tmp_path, told))
     assert log.firmware == {"profile_acceleration": 39, "dead_zone": 0.0015}
     assert read_log(path, columns=a_map(tmp_path, TICKS)).firmware == {}
-    for wrong, said in (("= 39", "= -39"), "profile_acceleration"), (("profile_acceleration", "speed"), "speed"):
+    off = read_log(path, columns=a_map(tmp_path, told.replace("= 39", "= 0"))).firmware
+    assert off == {"profile_acceleration": 0.0, "dead_zone": 0.0015}
+    for wrong, said in (
+        (("= 39", "= -39"), r"-39 is not 0 \(off\) or a number"),
+        (("profile_acceleration", "speed"), "speed"),
+    ):
         with pytest.raises(ArtifactError, match=said):
             read_log(path, columns=a_map(tmp_path, told.replace(*wrong)))
 

@@ -137,13 +137,13 @@ class Factors(NamedTuple):
 
 @runtime_checkable
 class HasConstants(Protocol):
-    """An actuator whose law has constants, or of a class of which some have."""
+    """An actuator whose law has constants; some motors of a class may lack some."""
 
     def with_factors(self, factors: Factors) -> Actuator:
         """The same motors with their constants times these factors.
 
         Raises:
-            ConfigError: these lack one that is to change, see `require_unchanged`, or it is not known.
+            ConfigError: a constant that is to change is missing, see `require_unchanged`, or was not told.
         """
         ...
 
@@ -152,7 +152,7 @@ def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
     """The same motors with their constants times these factors.
 
     Raises:
-        ConfigError: a factor is not 1, and the motors lack that constant, or it is not known.
+        ConfigError: a factor is not 1, and that constant is missing, or was not told.
     """
     if all(np.all(factor == 1.0) for factor in factors):
         return actuator

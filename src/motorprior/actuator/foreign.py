@@ -182,8 +182,8 @@ class ForeignActuator:
         return self.motors.output_damping
 
     def with_factors(self, factors: Factors) -> ForeignActuator:
-        """See `HasConstants`."""
-        changed = factors._asdict() | {"static_torque": factors.coulomb}
+        """See `HasConstants`; the integral's gain follows kp, as that of the learned motors does."""
+        changed = factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp}
         return ForeignActuator(
             replace(self.motors, **{name: getattr(self.motors, name) * factor for name, factor in changed.items()})
         )

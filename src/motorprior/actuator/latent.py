@@ -180,7 +180,9 @@ class LatentActuator:
         return np.zeros(self.num_motors)
 
     def with_factors(self, factors: Factors) -> LatentActuator:
-        """See `HasConstants`; of a grey box only. A servo's integral gain, kp·integral_rate, follows kp.
+        """See `HasConstants`; of a grey box only.
+
+        A servo's integral gain, kp·integral_rate, follows kp; what the residual network adds stays.
 
         Raises:
             ConfigError: a network, which has no constants, or stated gains that nobody stated.

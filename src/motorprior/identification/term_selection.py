@@ -9,7 +9,8 @@ a term changes where the other constants belong. It stays if it is worth its pri
 
 (at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
 test is of the held-out stretches of each). In the end all that stayed are compared with no term at all, by the same
-price and the test at 5 %. Terms whose constants the log states are not asked about: motors have them. A fit of all
+price and the test at 5 %. A term is not asked about where the log states a constant of it: motors have it, or, where
+all of its constants are stated to be off, do not. A fit of all
 terms at once may be a bad one: where SERVO alone fits better, that is where the leaving out begins.
 """
 
@@ -158,7 +159,7 @@ class _Trial:
 
     def _from(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones faint at first, fitted on."""
-        faint = encoded(FAINT, terms)
+        faint = encoded(FAINT | self._runs.preset.stated_constants, terms)
         rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
         columns = [
             before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), faint[row])

@@ -30,6 +30,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS
+from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS, is_register
 from motorprior.outside_files import read_toml
 from motorprior.schema import TABLE, TEXT, Field, Schema, integer, number, one_of, require
 
@@ -76,7 +77,12 @@ _UNITS = Schema(
     name="units",
 )  # fmt: skip
 _FIRMWARE = Schema(
-    {name: number(*bounds) for name, bounds in FIRMWARE.items()}, _REMEDY, optional=frozenset(FIRMWARE),
+    {
+        name: Field(f"0 (off) or a number from {least:g} to {most:g}", partial(is_register, name))
+        for name, (least, most) in FIRMWARE.items()
+    },
+    _REMEDY,
+    optional=frozenset(FIRMWARE),
     name="firmware",
 )  # fmt: skip
 _JOINT = Schema(

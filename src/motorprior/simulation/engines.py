@@ -71,10 +71,11 @@ class Scene:
         for name in Factors._fields:
             if getattr(self.walk.randomization, name) == (1.0, 1.0):
                 continue
+            motors = self.draw_motors(np.random.default_rng(0))
             try:
-                with_factors(self.draw_motors(np.random.default_rng(0)), same._replace(**{name: 0.5 * same.kp}))
+                with_factors(motors, same._replace(**{name: 0.5 * same.kp}))
             except ConfigError as error:
-                argument = f"randomization.{name}"
+                argument = error.argument or f"randomization.{name}"
                 raise ConfigError(f"{argument}: {error.problem}", remedy=error.remedy, argument=argument) from error
 
     def backend(self) -> Backend:

@@ -45,7 +45,8 @@ class Randomization:
     torque_limit: Range = (1.0, 1.0)
     """Factor on the torque limit of each motor, least and most [-]."""
     coulomb: Range = (1.0, 1.0)
-    """Factor on the dry friction of each motor, least and most [-]; not on what grows with its load."""
+    """Factor on the dry friction of each motor, least and most [-]; not on what grows with its load. Motors whose
+    friction is 0 keep it."""
     friction: Range = (1.0, 1.0)
     """Factor on the friction of the feet, least and most [-]."""
     mass: Range = (1.0, 1.0)
