@@ -18,7 +18,7 @@ from motorprior.signals import rmse
 EVALUATIONS = 200
 """Largest number of evaluations of the objective, unless told otherwise."""
 _SEGMENTS = 5
-"""Number of log segments that a quick fit replays: one per excitation of the bench's preset ``rollout``."""
+"""Number of segments of a bench log that a fit replays: one per excitation of the bench's preset ``rollout``."""
 
 
 def trials(log: MotorLog, count: int | None = None) -> list[tuple[Trial, np.ndarray]]:
@@ -62,7 +62,11 @@ TUNING = len(_BEGINNINGS) + EVALUATIONS
 
 
 def fit_pd(
-    log: MotorLog, nominal: IdealPd, free: tuple[str, ...], progress: Callable[[int], None] | None = None
+    log: MotorLog,
+    nominal: IdealPd,
+    free: tuple[str, ...],
+    progress: Callable[[int], None] | None = None,
+    segments: int | None = _SEGMENTS,
 ) -> IdealPd:
     """Fit one PD, shared by all motors, with the least closed-loop error on the bench log.
 
@@ -74,11 +78,12 @@ def fit_pd(
         nominal: initial kp, kd and torque_limit; armature and delay, if free, start at 0.001 kg·m² and 0.008 s.
         free: GAINS or EVERYTHING; the other constants stay nominal.
         progress: called after every evaluation.
+        segments: so many of the log's first are replayed; all if None.
 
     Returns:
         A PD of one motor; `repeated` copies it for several.
     """
-    error = closed_loop_error(log, progress, _SEGMENTS)
+    error = closed_loop_error(log, progress, segments)
     first = np.log([START.get(name, float(getattr(nominal, name)[0])) for name in free])
 
     def model(values: np.ndarray) -> IdealPd:
@@ -94,12 +99,13 @@ def fit_pd(
 def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> IdealPd:
     """One PD with armature and delay for all motors of the log, tuned from the best of many gains; M copies of it.
 
-    Nothing needs to be known of the motors: the gains that are tried span small servos and large direct drives.
+    Nothing needs to be known of the motors: the gains that are tried span small servos and large direct drives. The
+    whole log counts: motions of a real one show other things each.
     """
-    error = closed_loop_error(log, progress, _SEGMENTS)
+    error = closed_loop_error(log, progress)
     starts = [IdealPd.uniform(1, kp, kp * share, limit) for kp, share, limit in _BEGINNINGS]
     return repeated(
-        fit_pd(log, min(starts, key=lambda start: error(repeated(start, log.num_joints))), EVERYTHING, progress),
+        fit_pd(log, min(starts, key=lambda start: error(repeated(start, log.num_joints))), EVERYTHING, progress, None),
         log.num_joints,
     )
 
