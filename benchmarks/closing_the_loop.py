@@ -2,7 +2,7 @@
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop --robots 3 \
-        --wear none weak worn damaged
+        --wear none weak worn damaged --torque-limit 0.6 1
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
 docs/hardware.md. For each robot 60 s of recording in the air, `logs import --hung`, `adapt`; for each seed of the
@@ -11,9 +11,11 @@ training, policies:
     longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
+All but the first vary the torque limit of every motor within `--torque-limit` [-]: no recording in the air shows it.
 Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
-and written to figures_SPEED.json (figures_SPEED_WEAR_WEAR.json with --wear): of each pair of robot and seed the median
-way [m], standing up and coming to rest included, in straight segments of a second, which a curve does not shorten, the
+and written to figures_SPEED.json (with the two options to figures_SPEED_WEAR_WEAR_limit_LEAST_MOST.json): of each pair
+of robot and seed the median way
+[m], standing up and coming to rest included, in straight segments of a second, which a curve does not shorten, the
 median displacement from the start [m], which it does, and the share of the walks that a fault ended; over the pairs the
 medians (of the share the mean), and median, quartiles and sign of what a policy gains over the control; and for how
 many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same robots; of several, each one's
@@ -26,7 +28,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -44,12 +46,14 @@ from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
+from motorprior.simulation.randomization import ROBUST
 from simulated_port import SimulatedPort, on_its_clock
 from worn_motors import WEAR
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 SECONDS = 10.0
 CONTROL = "longer"
+SAME = (1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -101,21 +105,28 @@ def deploy(robot: VirtualRobot, policy: Path, life: int, speed: float) -> Outcom
 
 @dataclass(frozen=True)
 class Training:
-    """How to train: prior, seed, iterations from the beginning and further ones, highest commanded speed [m/s]."""
+    """How to train: prior, seed, iterations from the beginning and further ones, highest commanded speed [m/s].
+
+    ``torque_limit`` are the least and the most factor on the limits of the motors in all but the first training [-].
+    """
 
     prior: Path
     seed: int
     iterations: int
     further: int
     max_speed: float
+    torque_limit: tuple[float, float] = SAME
 
     def policy(self, folder: Path, kind: str, posterior: Path | None = None, start: Path | None = None) -> Path:
         """A policy in ``folder``, trained on the prior or a posterior, anew or from ``start``; the file."""
-        out = folder / f"{kind}_{self.max_speed:g}_{self.seed}"
+        first = posterior is None and start is None
+        limits = SAME if first else self.torque_limit
+        out = folder / "_".join([kind, f"{self.max_speed:g}", str(self.seed), *words_of(limits)])
         motors = MotorChoice(prior=self.prior, posterior=posterior)
         iterations = self.iterations if start is None else self.further
         told, search = Commands(forward=(0.0, self.max_speed)), ArsConfig(seed=self.seed)
-        walk = Walk(out, motors, start, iterations, commands=told, search=search)
+        randomization = replace(ROBUST, torque_limit=limits)
+        walk = Walk(out, motors, start, iterations, commands=told, search=search, randomization=randomization)
         run_walk(walk, Lines(sys.stderr), out.name)
         return out / POLICY
 
@@ -178,10 +189,15 @@ def by_wear(
     return every
 
 
-def figures_file(out: Path, max_speed: float, wear: Sequence[str]) -> Path:
+def words_of(torque_limit: tuple[float, float]) -> list[str]:
+    """In the names of files, of what varied the torque limit."""
+    return [] if torque_limit == SAME else ["limit", *(f"{factor:g}" for factor in torque_limit)]
+
+
+def figures_file(out: Path, max_speed: float, wear: Sequence[str], torque_limit: tuple[float, float] = SAME) -> Path:
     """Where the figures are written."""
     kinds = [] if list(wear) == ["none"] else wear
-    return out / f"figures_{'_'.join([f'{max_speed:g}', *kinds])}.json"
+    return out / f"figures_{'_'.join([f'{max_speed:g}', *kinds, *words_of(torque_limit)])}.json"
 
 
 def main() -> None:
@@ -198,13 +214,14 @@ def main() -> None:
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors")
+    parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor [-]")
     given = parser.parse_args()
-    kinds = list(dict.fromkeys(given.wear))
+    kinds, limits = list(dict.fromkeys(given.wear)), (given.torque_limit[0], given.torque_limit[1])
     robots = [VirtualRobot(number, wear) for wear in kinds for number in range(given.robots)]
     known = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
     pairs, rows = [], []
     for seed in range(given.seeds):
-        training = Training(given.prior, seed, given.iterations, given.further, given.max_speed)
+        training = Training(given.prior, seed, given.iterations, given.further, given.max_speed, limits)
         before = training.policy(given.out, "before")
         longer = training.policy(given.out, CONTROL, start=before)
         for robot in robots:
@@ -221,7 +238,7 @@ def main() -> None:
                 rows.append(told | {"policy": name, "walks": [asdict(walk) for walk in walks]})
     figures = by_wear(pairs, {robot: unlike for robot, (_, unlike) in known.items()})
     told = json.dumps({"figures": figures, "pairs": rows}, indent=1)
-    figures_file(given.out, given.max_speed, kinds).write_text(told + "\n")
+    figures_file(given.out, given.max_speed, kinds, limits).write_text(told + "\n")
     for key, value in figures.items():
         print(f"{key:40} {value:8.3f}")
 

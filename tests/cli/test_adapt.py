@@ -197,11 +197,17 @@ def test_the_loop_closes_on_a_virtual_robot(
 ):
     """Record, import, adapt, walk on, deploy, as `benchmarks/closing_the_loop.py` does; figures are of its walks."""
     sizes = {"robots": 1, "seeds": 1, "walks": 2, "recorded": 3, "iterations": 1, "further": 1}
-    words = [f"--{name}={value}" for name, value in sizes.items()]
+    words = [*(f"--{name}={value}" for name, value in sizes.items()), "--torque-limit", "0.6", "1"]
     prior = folder / "prior" / "prior.safetensors"
     monkeypatch.setattr(sys, "argv", ["closing_the_loop", "--prior", str(prior), "--out", str(tmp_path), *words])
     closing_the_loop.main()
-    told = read_json(tmp_path / "figures_0.5.json")
+    told = read_json(tmp_path / "figures_0.5_limit_0.6_1.json")
+    for folder_of, limits in (
+        (tmp_path / "before_0.5_0", 1.0),
+        (tmp_path / "robot_0" / "adapted_0.5_0_limit_0.6_1", 0.6),
+    ):
+        policy = Policy.load(folder_of / "policy.safetensors")
+        assert policy.provenance["randomization"]["torque_limit"] == [limits, 1.0]
     assert [pair["policy"] for pair in told["pairs"]] == ["before", "longer", "adapted"]
     paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])

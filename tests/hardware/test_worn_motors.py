@@ -83,4 +83,5 @@ def test_no_two_kinds_share_a_file():
     kinds = (["none"], ["weak"], ["none", "weak"], ["weak", "worn"])
     names = [figures_file(out, 0.5, wear).name for wear in kinds]
     assert names == [f"figures_0.5{rest}.json" for rest in ("", "_weak", "_none_weak", "_weak_worn")]
+    assert figures_file(out, 0.5, ["weak"], (0.6, 1.0)).name == "figures_0.5_weak_limit_0.6_1.json"
     assert {VirtualRobot(1).folder(out), VirtualRobot(1, "worn").folder(out)} == {out / "robot_1", out / "robot_1_worn"}
