@@ -14,12 +14,11 @@ training, policies:
 All but the first vary the torque limit of every motor within `--torque-limit` [-]: no recording in the air shows it.
 Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
 and written to figures_SPEED.json (with the two options to figures_SPEED_WEAR_WEAR_limit_LEAST_MOST.json): of each pair
-of robot and seed the median way
-[m], standing up and coming to rest included, in straight segments of a second, which a curve does not shorten, the
-median displacement from the start [m], which it does, and the share of the walks that a fault ended; over the pairs the
-medians (of the share the mean), and median, quartiles and sign of what a policy gains over the control; and for how
-many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same robots; of several, each one's
-figures are there, too, as WEAR/…. Finished trainings are kept.
+of robot and seed the median way [m], standing up and coming to rest included, in straight segments of a second, which a
+curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks that a
+fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy gains
+over the control; and for how many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same
+robots; of several, each one's figures are there, too, as WEAR/…. Finished trainings are kept.
 """
 
 from __future__ import annotations

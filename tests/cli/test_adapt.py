@@ -13,6 +13,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
 from motorprior.identification import response_fit, term_selection
 from motorprior.identification.presets import identification_preset
+from motorprior.locomotion.policy import Policy
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
@@ -202,12 +203,9 @@ def test_the_loop_closes_on_a_virtual_robot(
     monkeypatch.setattr(sys, "argv", ["closing_the_loop", "--prior", str(prior), "--out", str(tmp_path), *words])
     closing_the_loop.main()
     told = read_json(tmp_path / "figures_0.5_limit_0.6_1.json")
-    for folder_of, limits in (
-        (tmp_path / "before_0.5_0", 1.0),
-        (tmp_path / "robot_0" / "adapted_0.5_0_limit_0.6_1", 0.6),
-    ):
-        policy = Policy.load(folder_of / "policy.safetensors")
-        assert policy.provenance["randomization"]["torque_limit"] == [limits, 1.0]
+    for name, least in (("before_0.5_0", 1.0), ("robot_0/adapted_0.5_0_limit_0.6_1", 0.6)):
+        provenance = Policy.load(tmp_path / name / "policy.safetensors").provenance
+        assert provenance["randomization"]["torque_limit"] == [least, 1.0]
     assert [pair["policy"] for pair in told["pairs"]] == ["before", "longer", "adapted"]
     paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
