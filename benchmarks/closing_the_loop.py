@@ -11,14 +11,16 @@ training, policies:
     longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     anew      trained on that posterior from the beginning, with --anew
-All but the first vary the torque limit of every motor within `--torque-limit` [-]: no recording in the air shows it.
+All but the first are trained with the torque limit of every motor varied within `--torque-limit` [-], 1 to 1 unless
+told: no recording in the air shows it.
 Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
 and written to figures_SPEED.json (with the two options to figures_SPEED_WEAR_WEAR_limit_LEAST_MOST.json): of each pair
 of robot and seed the median way [m], standing up and coming to rest included, in straight segments of a second, which a
 curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks that a
 fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy gains
 over the control; and for how many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same
-robots; of several, each one's figures are there, too, as WEAR/…. Finished trainings are kept.
+robots; of several, each one's figures are there, too, as WEAR/…. Finished trainings are kept; with other `--iterations` or `--further`, give another
+`--out`: theirs would be overwritten.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from motorprior.exceptions import LogError, RobotFault
+from motorprior.exceptions import ConfigError, LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.locomotion.command import Commands
@@ -213,9 +215,13 @@ def main() -> None:
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors")
-    parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor [-]")
+    parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor on every limit [-]")
     given = parser.parse_args()
     kinds, limits = list(dict.fromkeys(given.wear)), (given.torque_limit[0], given.torque_limit[1])
+    try:
+        replace(ROBUST, torque_limit=limits)
+    except ConfigError as error:  # before anything is recorded
+        parser.error(str(error))
     robots = [VirtualRobot(number, wear) for wear in kinds for number in range(given.robots)]
     known = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
     pairs, rows = [], []
