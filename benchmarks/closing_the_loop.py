@@ -19,8 +19,8 @@ of robot and seed the median way [m], standing up and coming to rest included, i
 curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks that a
 fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy gains
 over the control; and for how many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same
-robots; of several, each one's figures are there, too, as WEAR/…. Finished trainings are kept; with other `--iterations` or `--further`, give another
-`--out`: theirs would be overwritten.
+robots; of several, each one's figures are there, too, as WEAR/…. Finished trainings are kept; with other `--iterations`
+or `--further`, give another `--out`: theirs would be overwritten.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def main() -> None:
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors")
-    parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor on every limit [-]")
+    parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor [-]")
     given = parser.parse_args()
     kinds, limits = list(dict.fromkeys(given.wear)), (given.torque_limit[0], given.torque_limit[1])
     try:
