@@ -70,7 +70,7 @@ def help_of(
     motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[str], tuple[str, dict[str, str]]]:
     """The help of a sub-command, and of each of its options."""
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("COLUMNS", "120")  # wider, a long help has two columns
 
     def run(command: str) -> tuple[str, dict[str, str]]:
         outcome = motorprior(*command.split(), "--help")
