@@ -239,8 +239,8 @@ def main() -> None:
             for name, walks in pairs[-1][1].items():
                 words = (f"{key} {value:.2f}" for key, value in summary(walks).items())
                 print(f"{folder.name} seed {seed} {name:8}", *words, flush=True)
-                told = {"robot": robot.number, "wear": robot.wear, "unlike": known[robot][1], "seed": seed}
-                rows.append(told | {"policy": name, "walks": [asdict(walk) for walk in walks]})
+                pair = {"robot": robot.number, "wear": robot.wear, "unlike": known[robot][1], "seed": seed}
+                rows.append(pair | {"policy": name, "walks": [asdict(walk) for walk in walks]})
     figures = by_wear(pairs, {robot: unlike for robot, (_, unlike) in known.items()})
     told = json.dumps({"figures": figures, "pairs": rows}, indent=1)
     figures_file(given.out, given.max_speed, kinds, limits).write_text(told + "\n")

@@ -10,12 +10,13 @@ MOTORS motors of the fleet, and the same with one constant changed, each adapted
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import tyro
 
+from motorprior.actuator.actuator import multiplied
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.recording import bench_preset, record
@@ -58,7 +59,7 @@ def measure(path: Path) -> Results:
     rows: list[Result] = []
     for seconds in SECONDS:
         for name, change in CHANGES.items():
-            motors = replace(own, **{constant: factor * getattr(own, constant) for constant, factor in change.items()})
+            motors = multiplied(own, change)
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
             found = adapt_to(prior, path, log, name)

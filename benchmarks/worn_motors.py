@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
+from motorprior.actuator.actuator import multiplied
 from motorprior.actuator.physical import MotorParameters
 
 WEAK, DAMAGED = 0.75, 0.4
@@ -23,12 +23,7 @@ def weak(motors: MotorParameters, number: int) -> MotorParameters:
 
 def worn(motors: MotorParameters, number: int) -> MotorParameters:
     """Gears with more play and friction."""
-    return replace(
-        motors,
-        backlash=PLAY * motors.backlash,
-        coulomb=FRICTION * motors.coulomb,
-        load_friction=FRICTION * motors.load_friction,
-    )
+    return multiplied(motors, {"backlash": PLAY, "coulomb": FRICTION, "load_friction": FRICTION})
 
 
 def damaged(motors: MotorParameters, number: int) -> MotorParameters:
@@ -39,8 +34,7 @@ def damaged(motors: MotorParameters, number: int) -> MotorParameters:
 
 
 def _of_strength(motors: MotorParameters, left: np.ndarray) -> MotorParameters:
-    names = ("kp", "kd", "torque_limit", "stall_torque")
-    return replace(motors, **{name: left * getattr(motors, name) for name in names})
+    return multiplied(motors, dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), left))
 
 
 WEAR: dict[str, Callable[[MotorParameters, int], MotorParameters]] = {

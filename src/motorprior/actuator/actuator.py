@@ -12,7 +12,9 @@ An actuator may renew its damping every step (a gear that touches): engines read
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -134,10 +136,15 @@ class Factors(NamedTuple):
     coulomb: np.ndarray
     """dry friction, that of standstill included, that of the load not"""
 
+    @classmethod
+    def ones(cls, count: int) -> Factors:
+        """Nothing changes."""
+        return cls(*np.ones((len(cls._fields), count)))
+
 
 @runtime_checkable
 class HasConstants(Protocol):
-    """An actuator whose law has constants; some motors of a class may lack some."""
+    """An actuator whose constants can be multiplied."""
 
     def with_factors(self, factors: Factors) -> Actuator:
         """The same motors with their constants times these factors.
@@ -154,12 +161,15 @@ def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
     Raises:
         ConfigError: a factor is not 1, and that constant is missing, or was not told.
     """
-    if all(np.all(factor == 1.0) for factor in factors):
-        return actuator
-    if not isinstance(actuator, HasConstants):
-        require_unchanged(actuator.kind, factors, *Factors._fields)
-        return actuator
-    return actuator.with_factors(factors)
+    if isinstance(actuator, HasConstants) and any(np.any(factor != 1.0) for factor in factors):
+        return actuator.with_factors(factors)
+    require_unchanged(actuator.kind, factors, *Factors._fields)
+    return actuator
+
+
+def multiplied(motors: Any, factors: Mapping[str, Any]) -> Any:
+    """The same motors, of a dataclass with a field (n,) per constant, with these constants times these factors [-]."""
+    return replace(motors, **{name: getattr(motors, name) * factor for name, factor in factors.items()})
 
 
 def require_unchanged(kind: ActuatorKind, factors: Factors, *lacking: str) -> None:

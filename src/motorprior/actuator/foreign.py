@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from motorprior.actuator import foreign_step as rows
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, multiplied, require_step
 from motorprior.actuator.foreign_step import FOREIGN
 from motorprior.actuator.kind import ActuatorKind
 
@@ -183,9 +183,8 @@ class ForeignActuator:
 
     def with_factors(self, factors: Factors) -> ForeignActuator:
         """See `HasConstants`; the integral's gain follows kp, as that of the learned motors does."""
-        changed = factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp}
         return ForeignActuator(
-            replace(self.motors, **{name: getattr(self.motors, name) * factor for name, factor in changed.items()})
+            multiplied(self.motors, factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp})
         )
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:

@@ -185,7 +185,7 @@ class LatentActuator:
         A servo's integral gain, kp·integral_rate, follows kp; what the residual network adds stays.
 
         Raises:
-            ConfigError: a network, which has no constants, or stated gains that nobody stated.
+            ConfigError: a network, which has no constants, or motors that are not told the gains they need.
         """
         if self.network.motor is None:
             require_unchanged(self.kind, factors, *Factors._fields)
@@ -204,6 +204,16 @@ class LatentActuator:
                 f"these motors were learned with stated gains [{self.network.gain_unit}]",
                 remedy="say which gains they have", argument="gains",
             )  # fmt: skip
+
+    def _told(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Decoded constants (n,) by name, with the gains and the factors."""
+        if self.gains is not None:
+            values = with_stated_gains(values, *self.gains)
+        if self.factors is None:
+            return values
+        kp, kd, torque_limit, coulomb = self.factors
+        others = {"torque_limit": torque_limit, "coulomb": coulomb, "stribeck_torque": coulomb}
+        return with_stated_gains(values, kp, kd) | {name: values[name] * factor for name, factor in others.items()}
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`.
@@ -228,14 +238,7 @@ class LatentActuator:
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
-            values = net.motor.decode(latents[: self.num_motors], self.warmth)
-            if self.gains is not None:
-                values = with_stated_gains(values, *self.gains)
-            if self.factors is not None:
-                values = with_stated_gains(values, self.factors.kp, self.factors.kd)
-                changed = {name: self.factors.coulomb for name in ("coulomb", "stribeck_torque")}
-                changed["torque_limit"] = self.factors.torque_limit
-                values |= {name: values[name] * factor for name, factor in changed.items()}
+            values = self._told(net.motor.decode(latents[: self.num_motors], self.warmth))
             parameters = np.concatenate([parameters, motor_table(values, physics_dt, net.motor.terms)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(

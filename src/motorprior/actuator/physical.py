@@ -19,11 +19,11 @@ puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, multiplied, require_step
 from motorprior.actuator.kind import ActuatorKind, Model
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
@@ -135,10 +135,7 @@ class PhysicalActuator:
 
     def with_factors(self, factors: Factors) -> PhysicalActuator:
         """See `HasConstants`."""
-        changed = factors._asdict() | {"stribeck_torque": factors.coulomb}
-        return PhysicalActuator(
-            replace(self.motors, **{name: getattr(self.motors, name) * factor for name, factor in changed.items()})
-        )
+        return PhysicalActuator(multiplied(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""

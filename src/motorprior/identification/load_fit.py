@@ -28,7 +28,7 @@ from motorprior.identification.grey_box_fit import inverse_precision
 from motorprior.identification.initial_motor import initial_center, with_motor
 from motorprior.identification.loss import POSITION_SCALE
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
-from motorprior.identification.presets import PRESETS, Preset
+from motorprior.identification.presets import PRESETS, Preset, with_what_is_stated
 from motorprior.identification.residual import without_residual
 from motorprior.identification.window_runs import Segment, WindowRuns
 from motorprior.identification.windows import (
@@ -184,7 +184,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(
         log, load_inertia=nothing + 1.0, external_torque=nothing, load_stiffness=None, joint_torque=None
     )  # a torque computed from a current is not the torque on the joint
-    preset = replace(that_fits(RECIPE, log), gain_unit=PHYSICAL_GAINS, firmware=tuple(log.firmware.items()))
+    preset = with_what_is_stated(that_fits(RECIPE, log), log)
     data = some_stretches(training_data(bare, preset, log.source), preset, _ROWS)
     runs, terms = _LoadedRuns(data, preset), preset.stated_terms
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)

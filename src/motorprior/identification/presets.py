@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from motorprior.actuator.kind import Model
 from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
+
+if TYPE_CHECKING:
+    from motorprior.logs.motor_log import MotorLog
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Preset:
 
     @property
     def stated_constants(self) -> dict[str, float]:
-        """Constants that are not fitted, where the motors have their term: of registers that are off, no limit."""
+        """Values of the constants that the logs state; UNLIMITED of a limit that is off."""
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
@@ -171,3 +175,12 @@ def identification_preset(name: str) -> Preset:
     if name not in PRESETS:
         raise ConfigError(f"no identification preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
     return PRESETS[name]
+
+
+def with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
+    """The recipe for a log that states gains or registers of the firmware: a grey box takes them as given."""
+    if recipe.grey_box and log.stated_kp is not None:
+        recipe = replace(recipe, gain_unit=log.gain_unit)
+    if recipe.physics_first:
+        recipe = replace(recipe, firmware=tuple(sorted(log.firmware.items())))
+    return recipe

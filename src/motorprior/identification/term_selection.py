@@ -9,9 +9,9 @@ a term changes where the other constants belong. It stays if it is worth its pri
 
 (at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
 test is of the held-out stretches of each). In the end all that stayed are compared with no term at all, by the same
-price and the test at 5 %. A term is not asked about where the log states a constant of it: motors have it, or, where
-all of its constants are stated to be off, do not. A fit of all
-terms at once may be a bad one: where SERVO alone fits better, that is where the leaving out begins.
+price and the test at 5 %. A term is not asked about where the log states a value for it, which motors have, nor where
+the log states that all of it is off. A fit of all terms at once may be a bad one: where SERVO alone fits better, that
+is where the leaving out begins.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def select_terms(
         return Selection(told, {})
     trial = _Trial(network, runs, seed)
     best, saved = trial.fitted(tried, None), {}
-    servo = trial.fitted(tuple(name for name in (*SERVO, *told) if name not in off), None)
+    servo = trial.fitted((*(name for name in SERVO if name not in off), *told), None)
     best = servo if _saved(best, servo) > 0.0 else best
     for name in ORDER:
         if name in (*told, *off):

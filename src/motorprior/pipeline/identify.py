@@ -96,7 +96,7 @@ def fit_recipe(
     Raises:
         LogError, ArtifactError: see `fit_prior`.
     """
-    recipe = _with_what_is_stated(recipe, log)
+    recipe = _for_log(recipe, log)
     job = _Job(log, log.source, preset, recipe, seed, Origin(log.robot, log.motor, {"log": log.source}))
     if out is None:
         return _fitted(job, _data(job), progress, None)
@@ -113,7 +113,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     _require_numbers(config.steps, config.seed)
     recipe = _recipe(config.preset, config.steps)
     log, inputs, origin = training_log(config.bench)
-    recipe = _with_what_is_stated(recipe, log)
+    recipe = _for_log(recipe, log)
     settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # the inputs speak for it
     wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
@@ -153,13 +153,10 @@ def _one_log(logs: MotorLog | Sequence[MotorLog]) -> MotorLog:
     return joined([checked(log, where=log.source) for log in every])
 
 
-def _with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
-    """The recipe for a log that states gains or registers of the firmware: a grey box takes them as given."""
-    if recipe.grey_box and log.stated_kp is not None:
-        recipe = replace(recipe, gain_unit=log.gain_unit)
-    if recipe.physics_first:
-        recipe = replace(recipe, firmware=tuple(sorted(log.firmware.items())))
-    return recipe
+def _for_log(recipe: Preset, log: MotorLog) -> Preset:
+    from motorprior.identification.presets import with_what_is_stated
+
+    return with_what_is_stated(recipe, log)
 
 
 def _data(job: _Job) -> TrainingData:

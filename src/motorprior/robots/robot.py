@@ -111,9 +111,9 @@ class Gait:
         """The gait of a robot of this size; robots of equal Froude number v² / (g·h) move alike.
 
         frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h); our choice. From hips
-        of 0.11 m on every robot has 3 Hz, measured on a Unitree Go2: the position-controlled legs of quadrupeds of 10
-        to 20 kg are springs on which the body swings at about 2 Hz, and steps of that frequency rock it
-        (docs/training.md). Smaller robots step faster, as Froude's number says; none was measured.
+        of 0.11 m on every robot has 3 Hz, measured on a Unitree Go2: its position-controlled legs are springs on which
+        the body swings at about 2 Hz, and steps of that frequency rock it (docs/training.md). Smaller robots step
+        faster, as Froude's number says; none was measured.
 
         Args:
             hip_height: h, of the hip axes over the ground in the nominal pose [m].

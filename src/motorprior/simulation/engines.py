@@ -67,7 +67,7 @@ class Scene:
         Raises:
             ConfigError: names the range.
         """
-        same = Factors(*np.ones((len(Factors._fields), self.robot.num_joints)))
+        same = Factors.ones(self.robot.num_joints)
         for name in Factors._fields:
             if getattr(self.walk.randomization, name) == (1.0, 1.0):
                 continue

@@ -83,8 +83,8 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = {"friction": 0.01, "mass": 0.1, "push_interval": 1e-3, "strength": 0.01}
-        least |= {name: 0.0 if name == "coulomb" else 0.01 for name in Factors._fields}
+        least = dict.fromkeys(("friction", "strength", "kp", "kd", "torque_limit"), 0.01)
+        least |= {"mass": 0.1, "push_interval": 1e-3}
         most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
         most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
         for field in fields(self):
@@ -225,7 +225,7 @@ def nominal_conditions(robot: Robot) -> Conditions:
         push=np.zeros((0, 2)),
         command_late=np.zeros(0),
         strength=np.ones(robot.num_joints),
-        factors=Factors(*np.ones((len(Factors._fields), robot.num_joints))),
+        factors=Factors.ones(robot.num_joints),
     )
 
 
