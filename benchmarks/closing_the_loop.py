@@ -1,7 +1,7 @@
 """Benefit of adapting to a robot's motors: record, adapt, continue training and walk, on held-out robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
-    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop --robots 3 \
+    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop \
         --wear none weak worn damaged --torque-limit 0.6 1
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
@@ -10,6 +10,7 @@ training, policies:
     before    trained on samples of the prior (`walk`), the same for all robots
     longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
+    current   the same, but that the torque limits follow the gains (`MotorChoice.limit_follows_gain`), with --current
     anew      trained on that posterior from the beginning, with --anew
 All but the first are trained with the torque limit of every motor varied within `--torque-limit` [-], 1 to 1 unless
 told: no recording in the air shows it.
@@ -37,7 +38,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError, RobotFault
 from motorprior.hardware import commands
-from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.locomotion.command import Commands
 from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.motor_choice import MotorChoice
@@ -78,15 +79,14 @@ class VirtualRobot:
         return out / (f"robot_{self.number}" if self.wear == "none" else f"robot_{self.number}_{self.wear}")
 
 
-def record(robot: VirtualRobot, folder: Path, seconds: float) -> Path:
+def record(robot: VirtualRobot, folder: Path, seconds: float, excitation: Excitation) -> Path:
     """The robot's recording, hung, as a motor log."""
     log = folder / f"log_{seconds:g}" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(ROBOT, robot.number, hung=True, rate=200, wear=WEAR[robot.wear])
         with on_its_clock(port):
-            recorded = commands.run_record(
-                ROBOT, port.port, RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True), print
-            )
+            settings = RecordSettings(folder / f"recorded_{seconds:g}", excitation, seconds=seconds, yes=True)
+            recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
         import_logs(LogsImport((recorded,), log.parent, hung=True))
     return log
 
@@ -118,12 +118,14 @@ class Training:
     max_speed: float
     torque_limit: tuple[float, float] = SAME
 
-    def policy(self, folder: Path, kind: str, posterior: Path | None = None, start: Path | None = None) -> Path:
+    def policy(
+        self, folder: Path, kind: str, posterior: Path | None = None, start: Path | None = None, current: bool = False
+    ) -> Path:
         """A policy in ``folder``, trained on the prior or a posterior, anew or from ``start``; the file."""
         first = posterior is None and start is None
         limits = SAME if first else self.torque_limit
         out = folder / "_".join([kind, f"{self.max_speed:g}", str(self.seed), *words_of(limits)])
-        motors = MotorChoice(prior=self.prior, posterior=posterior)
+        motors = MotorChoice(prior=self.prior, posterior=posterior, limit_follows_gain=current)
         iterations = self.iterations if start is None else self.further
         told, search = Commands(forward=(0.0, self.max_speed)), ArsConfig(seed=self.seed)
         randomization = replace(ROBUST, torque_limit=limits)
@@ -132,9 +134,11 @@ class Training:
         return out / POLICY
 
 
-def posterior_of(robot: VirtualRobot, folder: Path, prior: Path, seconds: float) -> tuple[Path, bool]:
+def posterior_of(
+    robot: VirtualRobot, folder: Path, prior: Path, seconds: float, excitation: Excitation = "varied"
+) -> tuple[Path, bool]:
     """The posterior of the robot's motors, found from a recording, and whether one is unlike the prior's."""
-    posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(robot, folder, seconds)
+    posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(robot, folder, seconds, excitation)
     try:
         run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
     except LogError as error:
@@ -214,6 +218,7 @@ def main() -> None:
     parser.add_argument("--further", type=int, default=100, help="of the training on")
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
     parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
+    parser.add_argument("--current", action="store_true", help="train on posteriors with limits that follow, too")
     parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors")
     parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor [-]")
     given = parser.parse_args()
@@ -233,6 +238,8 @@ def main() -> None:
             folder, posterior = robot.folder(given.out), known[robot][0]
             policies = {"before": before, CONTROL: longer}
             policies["adapted"] = training.policy(folder, "adapted", posterior, before)
+            if given.current:
+                policies["current"] = training.policy(folder, "current", posterior, before, current=True)
             if given.anew:
                 policies["anew"] = training.policy(folder, "anew", posterior)
             pairs.append((robot, walked(robot, policies, given.walks, given.max_speed)))

@@ -6,6 +6,7 @@ and its delays are left out; `hardware.py` measures them in real time.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -25,7 +26,9 @@ from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.robot import Robot
 
 WAY = 1e-4
-"""From the robot to the host [s]."""
+"""From the robot to the host, and back [s]."""
+_ROUNDING = 1e-6
+"""Of times [ms]."""
 
 
 class SimulatedPort(SerialLink):
@@ -66,7 +69,8 @@ class SimulatedPort(SerialLink):
         self._period = 1000 // rate
         self.firmware = Firmware(robot, self.body, FirmwareConfig(self._period, homes=False))
         self._to_host, self._to_robot = (
-            NoisyLine(drop, corrupt, rng=np.random.default_rng([number, life, way])) for way in (0, 1)
+            NoisyLine(drop, corrupt, delay=delay, rng=np.random.default_rng([number, life, way]))
+            for way, delay in enumerate((0.0, WAY))
         )
         self._cutter, self._reader = CommandCutter(), telemetry_reader(self._sizes)
 
@@ -91,7 +95,6 @@ class SimulatedPort(SerialLink):
         self._live()
         for piece in self._cutter.cut(command_frame(command, self._sizes)):
             self._to_robot.put(piece, self.now)
-        self.firmware.receive(self._to_robot.take(self.now))
         return self.now
 
     def forget_unsent(self) -> None:
@@ -105,8 +108,15 @@ class SimulatedPort(SerialLink):
         self.now += seconds
 
     def _live(self) -> None:
-        """Bring the robot up to date."""
-        for piece in self.firmware.frames(int(1e3 * (self.now - WAY) + 1e-6) - self.firmware.now):
+        """Bring the robot up to date; it reads what came before the beginning of each of its milliseconds."""
+        end = int(1e3 * (self.now - WAY) + _ROUNDING)
+        while (due := 1e3 * self._to_robot.due() - _ROUNDING) <= end:
+            self._live_until(math.ceil(due))
+            self.firmware.receive(self._to_robot.take(1e-3 * (self.firmware.now + _ROUNDING)))
+        self._live_until(end)
+
+    def _live_until(self, milliseconds: int) -> None:
+        for piece in self.firmware.frames(milliseconds - self.firmware.now):
             self._to_host.put(piece, self.now)
 
 

@@ -46,6 +46,21 @@ def test_a_single_motor_stands_for_every_joint_and_another_number_is_refused():
         posterior(3).sample(12, 0)
 
 
+def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_network):
+    network = grey_network(spread=0.2, kp=9.0, torque_limit=1.26)
+    prior = MotorPrior(network, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+    known = MotorPosterior(prior, np.eye(3), np.tile(1e-6 * np.eye(3), (3, 1, 1)), ("a", "b", "c"), 10.0, (0.5,) * 3)
+    plain, following = (known.sample(3, 0, limit_follows_gain=follows) for follows in (False, True))
+    share = network.constants(plain.z)["kp"] / 9.0
+    assert np.abs(share - 1.0).max() > 0.1 and plain.factors is None and following.factors is not None
+    np.testing.assert_array_equal(following.z, plain.z)
+    np.testing.assert_allclose(following.factors.torque_limit, share, rtol=1e-9)
+    for others in (following.factors.kp, following.factors.kd, following.factors.coulomb):
+        np.testing.assert_array_equal(others, 1.0)
+    with pytest.raises(ConfigError, match="no constants, so no limit can follow"):
+        posterior(1).sample(1, 0, limit_follows_gain=True)
+
+
 def test_a_round_trip_is_exact(tmp_path: Path):
     posterior(2).save(tmp_path / "p.safetensors")
     loaded = MotorPosterior.load(tmp_path / "p.safetensors", PRIOR)

@@ -241,7 +241,7 @@ def test_silence_is_a_diagnosis(host: Callable):
 
 
 @given(
-    kind=st.sampled_from(["sine", "chirp", "steps", "multisine", "gait"]),
+    kind=st.sampled_from(["varied", "sine", "chirp", "steps", "multisine", "gait"]),
     joint=st.sampled_from(["all", "FR", "knee", "RL_hip"]),
     seconds=st.floats(1.0, 20.0),
     amplitude=st.floats(0.05, 1.5),
@@ -257,8 +257,19 @@ def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, am
     moving = set(np.flatnonzero(np.abs(away).max(axis=0)))
     assert moving <= set(joints_of(PUPPER_V2, joint)) and moving
     assert np.abs(away[0]).max() == 0.0 and np.abs(away[-1]).max() < 1e-9
-    if kind != "steps":
+    if kind not in ("steps", "varied"):
         assert np.abs(np.diff(targets, axis=0)).max() <= speed * spec.CONTROL_DT + 1e-9
+
+
+def test_a_varied_excitation_moves_all_joints_and_then_one_after_the_other():
+    targets = excitation_targets(PUPPER_V2, "varied", joints_of(PUPPER_V2, "all"), 24.0, 0.4, 40.0, 0)
+    together, alone = np.split(np.abs(targets - spec.NOMINAL_POSE) > 0.0, 2)
+    assert np.all(together[1:-1].sum(axis=1) == 12)
+    assert alone.sum(axis=1).max() == 1
+    order = [int(row.argmax()) for row in alone if row.any()]
+    assert list(dict.fromkeys(order)) == list(range(12)) and order == sorted(order)
+    jumps = np.abs(np.diff(targets[1200:], axis=0)).max(axis=0)
+    assert np.all(jumps > 0.1), "every joint makes a step of its own"
 
 
 @pytest.mark.parametrize("joint", ["abduction", "FL_abduction"])

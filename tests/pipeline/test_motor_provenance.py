@@ -27,8 +27,9 @@ def choice(tmp_path: Path) -> MotorChoice:
     for name in ("prior", "posterior"):
         (folder / f"{name}.safetensors").write_text(name)
     return MotorChoice(
-        "prior", folder / "prior.safetensors", folder / "posterior.safetensors", str(folder / "mine.toml"), kp=3.0
-    )
+        "prior", folder / "prior.safetensors", folder / "posterior.safetensors", str(folder / "mine.toml"), kp=3.0,
+        limit_follows_gain=True,
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -58,6 +59,9 @@ def test_what_was_written_is_read_back_also_after_a_move(choice: MotorChoice, po
     again = choice_from_json(said, tmp_path / "elsewhere" / "walk" / policy.name)
     assert again.prior is not None and again.prior.read_text() == "prior" and again.fleet is not None
     assert Path(again.fleet).resolve() == tmp_path / "elsewhere" / "inputs" / "mine.toml" and again.kp == 3.0
+    assert again.limit_follows_gain
+    del said["limit_follows_gain"]  # a policy of an earlier version
+    assert not choice_from_json(said, tmp_path / "elsewhere" / "walk" / policy.name).limit_follows_gain
 
 
 @pytest.mark.parametrize("name", FILES)

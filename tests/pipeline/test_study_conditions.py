@@ -170,6 +170,7 @@ def test_a_quick_study_keeps_what_is_given():
         (MotorChoice("fleet", kp=8.0), "kp 8 has no effect on actuator fleet"),
         (MotorChoice("pd", latent_spread=0.5), "latent_spread 0.5 has no effect on actuator pd"),
         (MotorChoice("prior", posterior=Path("p"), latent_spread=0.5), "with a posterior"),
+        (MotorChoice("prior", limit_follows_gain=True), "limit_follows_gain 1 has no effect on actuator prior"),
     ],
 )
 def test_numbers_without_effect_are_refused(choice: MotorChoice, words: str):

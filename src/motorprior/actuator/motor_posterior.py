@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.actuator.actuator import Factors
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior, are_gains, checked_gains
 from motorprior.artifacts import write_tensors
@@ -58,16 +59,25 @@ class MotorPosterior:
     surprise: tuple[float, ...]
     gains: np.ndarray | None = None
 
-    def sample(self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None) -> LatentActuator:
+    def sample(
+        self,
+        count: int,
+        seed: int | np.random.Generator,
+        gains: np.ndarray | None = None,
+        limit_follows_gain: bool = False,
+    ) -> LatentActuator:
         """Draw ``count`` motors: of each joint its own, or, of a single motor, ``count`` times that one.
 
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
             gains: (2, count) stated kp and kd, ignored where none count; those of the log if not given.
+            limit_follows_gain: the torque limit of every motor drawn is multiplied by its kp over that of the prior's
+                central motor. So it is of motors that give less torque per ampere, whose gains and limit are currents.
 
         Raises:
-            ConfigError: the posterior is of neither one motor nor ``count``, or ``seed`` is no seed.
+            ConfigError: the posterior is of neither one motor nor ``count``, ``seed`` is no seed, or the limits of
+                motors without constants are to follow.
         """
         require_count("count", count)
         if len(self.mean) not in (1, count):
@@ -81,7 +91,8 @@ class MotorPosterior:
             gains = None
         else:
             gains = checked_gains(np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count)
-        return LatentActuator(self.prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise), gains=gains)
+        motors = LatentActuator(self.prior.network, self.mean + np.einsum("mij,mj->mi", factors, noise), gains=gains)
+        return _limited_by_gain(motors) if limit_follows_gain else motors
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it names the prior by digest and does not contain it.
@@ -128,6 +139,18 @@ class MotorPosterior:
             )
         names, surprise = tuple(header["joint_names"]), tuple(header["surprise"])
         return cls(prior, tensors["mean"], covariance, names, header["seconds"], surprise, tensors.get("gains"))
+
+
+def _limited_by_gain(motors: LatentActuator) -> LatentActuator:
+    network = motors.network
+    if network.motor is None:
+        raise ConfigError(
+            "the motors of this prior have no constants, so no limit can follow a gain",
+            remedy="leave that out, or identify the prior with preset rollout", argument="limit_follows_gain",
+        )  # fmt: skip
+    central = network.constants(np.zeros((1, network.num_latents)))["kp"]
+    share = network.constants(motors.z)["kp"] / central
+    return motors.with_factors(Factors.ones(motors.num_motors)._replace(torque_limit=share))
 
 
 def _has_factor(covariance: np.ndarray) -> bool:

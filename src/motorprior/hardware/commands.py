@@ -28,6 +28,8 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 LOG = "run.csv"
+_FAST, _CAREFUL = 40.0, 8.0
+"""Fastest targets [rad/s], see `RecordSettings`."""
 _NEVER_PUSHED = (
     "note: this policy was trained without pushes, and a pause of this computer may throw it over: measure how long a "
     "pause it survives, and give that as longest_pause ('A machine that stands still' in docs/hardware.md)"
@@ -118,18 +120,19 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
     wire = robot.require_wire()
     _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
     _require("amplitude", settings.amplitude, 0.0, 1.5)
-    _require("speed", settings.speed, 0.0, wire.safety.target_speed)
+    speed = _speed(settings)
+    _require("speed", speed, 0.0, wire.safety.target_speed)
     if settings.seed < 0:
         raise ConfigError(f"seed {settings.seed} is below 0", remedy="give 0 or more", argument="seed")
     gains = Gains.of(wire, settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, wire.safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(
-        robot, settings.excitation, joints, settings.seconds, _amplitude(settings), settings.speed, settings.seed
+        robot, settings.excitation, joints, settings.seconds, _amplitude(settings), speed, settings.seed
     )
     require_terminal(settings.yes)
     out = settings.out or _dated("record")
-    limits = replace(wire.safety, target_speed=settings.speed)
+    limits = replace(wire.safety, target_speed=speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang askew
     facts, timing = RunFacts(out), Timing()
@@ -180,6 +183,13 @@ def _amplitude(settings: RecordSettings) -> float:
     if settings.amplitude is not None:
         return settings.amplitude
     return 0.1 if settings.standing else 0.4
+
+
+def _speed(settings: RecordSettings) -> float:
+    """The fastest target [rad/s]: in the air steps must be fast, to bring a motor to its limit of torque."""
+    if settings.speed is not None:
+        return settings.speed
+    return _FAST if settings.excitation in ("steps", "varied") and not settings.standing else _CAREFUL
 
 
 def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:

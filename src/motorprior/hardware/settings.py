@@ -9,7 +9,7 @@ from typing import Literal
 
 from motorprior.exceptions import ConfigError
 
-Excitation = Literal["sine", "chirp", "steps", "multisine", "gait"]
+Excitation = Literal["varied", "sine", "chirp", "steps", "multisine", "gait"]
 
 
 def require_robot_extra() -> None:
@@ -64,11 +64,12 @@ class RecordSettings:
     Attributes:
         out: folder for run.csv, ready for `motorprior logs import`, run.json and figures.json; runs/record/<date> if
             not given.
-        excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot.
+        excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot, varied is a multisine
+            of all and then steps of one joint after the other.
         joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
         amplitude: largest distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
-        speed: fastest target [rad/s].
+        speed: fastest target [rad/s]; if not given, 40 for steps and varied in the air, as a walk has, and otherwise 8.
         standing: the robot stands on the ground and sits down afterwards; otherwise it hangs in the air.
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
@@ -79,11 +80,11 @@ class RecordSettings:
     """
 
     out: Path | None = None
-    excitation: Excitation = "multisine"
+    excitation: Excitation = "varied"
     joint: str = "all"
     seconds: float = 60.0
     amplitude: float | None = None
-    speed: float = 8.0
+    speed: float | None = None
     standing: bool = False
     kp: float | None = None
     kd: float | None = None

@@ -78,8 +78,8 @@ def read_robot_run(
         path: the recording.
         robot: that was recorded.
         modes: what the robot must have been doing.
-        period: put every segment on this grid [s]: angles by cubic splines, velocities as their derivatives, and each
-            target from the very moment it came into force. As recorded if not given.
+        period: put every segment on this grid [s]: angles by cubic splines, velocities as their derivatives, and in
+            every step the mean of the targets in force in it, so that none is late or early. As recorded if not given.
 
     Raises:
         LogError: not a recording, damaged before its last line, without a row of these modes, a time that does not
@@ -150,9 +150,19 @@ def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.nda
     spline = CubicSpline(time, part[:, 3 + joints :], axis=0)
     since = np.maximum.accumulate(part[:, 2])
     in_force = np.maximum(0, np.searchsorted(since, grid, side="right") - 1)
-    out = np.column_stack([grid, part[in_force, 1:3], part[in_force, targets], spline(grid)])
+    means = _means_of_steps(since, part[:, targets], grid, period)
+    out = np.column_stack([grid, part[in_force, 1:3], means, spline(grid)])
     out[:, 3 + 2 * joints : 3 + 3 * joints] = CubicSpline(time, part[:, angles], axis=0)(grid, 1)
     return out
+
+
+def _means_of_steps(since: np.ndarray, targets: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
+    """(steps, joints) means, from each time of the grid to the next, of targets that hold ``since`` their times."""
+    since = np.append(since, np.maximum(since[-1], grid[-1] + period))
+    sums = np.vstack([np.zeros_like(targets[:1]), np.cumsum(np.diff(since)[:, None] * targets, axis=0)])
+    bounds = np.append(grid, grid[-1] + period)
+    at_bounds = np.stack([np.interp(bounds, since, column) for column in sums.T], axis=1)
+    return np.diff(at_bounds, axis=0) / period
 
 
 ROBOT_RUN = LogReader(

@@ -29,7 +29,8 @@ LONGEST_DELAY = 1.0
 """[s]; a PD keeps every physics step's target for so long."""
 
 _OF_A_PD = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread")
-_OF_A_PRIOR = ("latent_spread",)
+_OF_A_PRIOR, _OF_A_POSTERIOR = ("latent_spread",), ("limit_follows_gain",)
+_OF_SOME = (*_OF_A_PD, *_OF_A_PRIOR, *_OF_A_POSTERIOR)
 WIDEST, WIDEST_LATENT = 0.9, 10.0
 _LATE = 0.02
 """Delay that counts as the whole of a spread [s]: that of a PD may be fitted to 0, of which no share is a delay."""
@@ -148,6 +149,9 @@ class MotorChoice:
     delay within this share of 20 ms [-]."""
     latent_spread: float = 1.0
     """Factor on the standard deviation of z, for the actuator prior without a posterior: 0 is its mean motor [-]."""
+    limit_follows_gain: bool = False
+    """Each motor of a posterior has the prior's torque limit times its kp's share of the prior's central one: for a log
+    that shows gains and no limit, of motors that give less torque per ampere."""
     name: str | None = None
     """What these motors are called in a study; by what they are if not given."""
 
@@ -214,13 +218,15 @@ class MotorChoice:
             )  # fmt: skip
         prior = load_prior(self.prior, robot)
         require_number("latent_spread", self.latent_spread, most=WIDEST_LATENT)
+        gains, count = told_gains(prior, robot), robot.num_joints
         if self.posterior is None:
-            gains, count = told_gains(prior, robot), robot.num_joints
             return lambda rng: prior.sample(count, rng, gains, self.latent_spread)
         try:
-            return drawn_from(MotorPosterior.load(self.posterior, prior), robot)[0]
+            posterior = _of_the_robot(MotorPosterior.load(self.posterior, prior), robot)
+            posterior.sample(count, 0, gains, self.limit_follows_gain)  # refuses now what it cannot do
         except ConfigError as error:
             raise ConfigError(error.problem, where=self.posterior, remedy=error.remedy) from error
+        return lambda rng: posterior.sample(count, rng, gains, self.limit_follows_gain)
 
     def _refuse_what_has_no_effect(self) -> None:
         """Refuse numbers of a PD or a prior for motors that are none.
@@ -228,11 +234,12 @@ class MotorChoice:
         Raises:
             ConfigError: names the number.
         """
-        used = {"pd": _OF_A_PD, "prior": () if self.posterior is not None else _OF_A_PRIOR, "fleet": ()}[self.actuator]
+        of_latents = _OF_A_PRIOR if self.posterior is None else _OF_A_POSTERIOR
+        used = {"pd": _OF_A_PD, "prior": of_latents, "fleet": ()}[self.actuator]
         for field in fields(self):
             given = getattr(self, field.name)
-            if field.name in (*_OF_A_PD, *_OF_A_PRIOR) and field.name not in used and given != field.default:
-                posterior = " with a posterior" if self.posterior is not None else ""
+            if field.name in _OF_SOME and field.name not in used and given != field.default:
+                posterior = "" if self.actuator != "prior" else f" with{'' if self.posterior else 'out'} a posterior"
                 raise ConfigError(
                     f"{field.name} {given:g} has no effect on actuator {self.actuator}{posterior}",
                     remedy="leave it out, or use another actuator", argument=field.name,

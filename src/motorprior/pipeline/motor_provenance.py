@@ -15,7 +15,7 @@ from typing import Any
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.pipeline.digests import digest
 from motorprior.pipeline.motor_choice import ACTUATORS, MotorChoice
-from motorprior.schema import TEXT, Schema, maybe, number, one_of
+from motorprior.schema import TEXT, TRUTH, Schema, maybe, number, one_of
 
 LARGEST_FILE = 64 * 2**20
 """Bytes of a prior, posterior or fleet that a policy names; they have some thousands."""
@@ -33,10 +33,13 @@ _CHOICE = Schema(
         **dict.fromkeys(_KEYS, maybe(TEXT)),
         **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-_LARGEST, _LARGEST))),
         **dict.fromkeys(("armature", "delay", *_NEWER), number(-_LARGEST, _LARGEST)),
+        "limit_follows_gain": TRUTH,
         "name": maybe(TEXT),
     },
     _REMEDY,
-    optional=frozenset({"fleet_beside", "fleet_sha256", "name", *_NEWER}),  # policies of earlier versions lack them
+    optional=frozenset(
+        {"fleet_beside", "fleet_sha256", "limit_follows_gain", "name", *_NEWER}
+    ),  # policies of earlier versions lack them
     name="its motors",
 )
 
