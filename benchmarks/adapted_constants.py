@@ -5,7 +5,8 @@
 Virtual Puppers, recorded and adapted to as in `closing_the_loop.py`, without wear. For every excitation and every
 constant that differs between motors, over the motors of all robots, to figures.json:
     EXCITATION/CONSTANT/correlation    of the found with the true values
-    EXCITATION/CONSTANT/off            root mean square of the found less the true ones, of logarithms; of a delay [s]
+    EXCITATION/CONSTANT/off            root mean square of the found less the true ones, of logarithms; of delay [s],
+                                       load-dependent friction [-] and zero of the encoder [rad] themselves
     EXCITATION/CONSTANT/off_of_median  the same of the true motors' median in place of the found ones
 and EXCITATION/robots_unlike_the_prior. Recordings and posteriors are kept.
 """
@@ -29,7 +30,7 @@ CONSTANTS = (
     *("kp", "kd_over_kp", "delay", "armature", "coulomb"),
     *("load_friction", "gear_stiffness", "backlash", "encoder_zero"),
 )
-NOT_OF_LOGARITHMS = ("delay", "encoder_zero")
+NOT_OF_LOGARITHMS = ("delay", "load_friction", "encoder_zero")
 """They are near 0, or below."""
 
 
