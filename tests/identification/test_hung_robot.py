@@ -49,7 +49,7 @@ def known() -> GearedMotor:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory, known: GearedMotor) -> Posterior:
-    log = read_parquet(record(VirtualRobot(ROBOT), tmp_path_factory.mktemp("robot"), SECONDS))
+    log = read_parquet(record(VirtualRobot(ROBOT), tmp_path_factory.mktemp("robot"), SECONDS, "varied"))
     assert log.encoder == "rotor", "a Pupper's"
     data = training_data(log, RECIPE, "log")
     silent = export(initial_parameters(np.random.default_rng(0), RECIPE), RECIPE, data.scales)
