@@ -152,6 +152,8 @@ def test_seeds_are_one_or_one_for_each_robot():
         ({"task": 3.0}, "task 3.0 is not a TaskWeights -> import it"),
         ({"kp": "8"}, "kp '8' is not a finite number of at least 0"),
         ({"delay": True}, "delay True is not a finite number"),
+        ({"limit_follows_gain": 1}, "limit_follows_gain 1 is neither True nor False"),
+        ({"limit_follows_gain": True}, "limit_follows_gain 1 has no effect on actuator pd"),
         ({"armature": np.nan}, "armature nan is not a finite number"),
         ({"roughness": -0.01}, "roughness -0.01 is not a finite number of at least 0"),
         ({"episode_steps": 0}, "episode_steps 0 is not a whole number of at least 1"),

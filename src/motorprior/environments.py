@@ -65,6 +65,7 @@ class EnvOptions:
         coulomb: friction of the PD's motors [N·m].
         spread: share by which every constant of the PD differs between motors and episodes [-].
         latent_spread: factor on the standard deviation of z of the prior [-].
+        limit_follows_gain: torque limits of a posterior's motors follow their gains (`MotorChoice`).
         task: reward.
         randomization: what else differs between episodes.
         commands: of speed and yaw rate, drawn for every episode; all that the robot is built for if not given.
@@ -91,6 +92,7 @@ class EnvOptions:
     coulomb: float = 0.0
     spread: float = 0.0
     latent_spread: float = 1.0
+    limit_follows_gain: bool = False
     task: TaskWeights = field(default_factory=TaskWeights)
     randomization: Randomization = field(default_factory=Randomization)
     commands: Commands = field(default_factory=Commands)
@@ -110,6 +112,10 @@ class EnvOptions:
             value = getattr(self, name)
             if value is not None:
                 require_number(name, value)
+        if not isinstance(self.limit_follows_gain, bool):
+            raise ConfigError(
+                f"limit_follows_gain {self.limit_follows_gain!r} is neither True nor False", remedy="give one of them"
+            )
         for name, kind in (("task", TaskWeights), ("randomization", Randomization), ("commands", Commands)):
             value = getattr(self, name)
             if not isinstance(value, kind):
