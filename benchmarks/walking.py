@@ -5,9 +5,11 @@
 Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
 PLACE/MEASURE/SPEED of each speed, where PLACE is
 sampled (draws of the learned prior, where it was trained), twin (physical motors, noisy sensors) or hard (a twin with
-other friction, masses, slope, late sensors and pushes); also seconds_to_quarter_meter_per_second, and the highest
-speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five policies are
-kept; what follows them is computed again. About forty minutes on two cores.
+other friction, masses, slope, late sensors and pushes); the same of the gait that nothing was trained of, as
+untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told … of commands to turn, to go backward and to stand (`turning.py`);
+seconds_to_quarter_meter_per_second and seconds_to_straight_quarter_meter_per_second, see `seconds_to_goal`; and the
+highest speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five
+policies are kept; what follows them is computed again. About forty minutes on two cores.
 """
 
 from __future__ import annotations
@@ -41,20 +43,24 @@ from motorprior.search.executor import make_executor
 from motorprior.search.policy_search import Champion, contest, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
-from motorprior.simulation.randomization import ROBUST
+from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.gait_quality import gait_quality
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
 from motorprior.transfer.twin import HARD, NOISY, twin_of
+from turning import TURNS, commands_of, followed, rows_of
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)
-"""Commanded speeds, as shares of the robot's fastest: 0.15, 0.275 and 0.4 m/s for the shipped robot."""
+"""0.15, 0.275 and 0.4 m/s for the shipped robot."""
 PLACES = ("sampled", "twin", "hard")
 GOAL_SPEED, GOAL_UPRIGHT, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS = 0.25, 0.98, 0.3, 50, 10.0
 GOAL_EVERY, GOAL_ITERATIONS, TOP_UPRIGHT = 5, 200, 0.9
+GOAL_HEADING, GOAL_SIDEWAYS = 3.0, 0.05
+"""Largest heading error [°/m] and share of the way to the side [-] of a straight walk."""
+UNTRAINED = "untrained_"
 TOP = 1.5
 """Fastest command of the search for the highest speed, as a share of the robot's usual fastest. At 2.4 the gait trips
 over its own start, since a command comes into force within half a second."""
@@ -70,6 +76,8 @@ class Settings:
     """Robot."""
     fleet: str | None = None
     """Population of motors; the robot's own if not given."""
+    speeds: tuple[float, ...] = SPEEDS
+    """Commanded speeds, as shares of the robot's fastest."""
     seeds: int = 5
     """Policies."""
     iterations: int = 150
@@ -79,7 +87,9 @@ class Settings:
     seconds: float = 20.0
     """Of a walk [s]."""
     top_iterations: int = 150
-    """Of each search for the highest speed; 0 leaves them out."""
+    """Of each search for the highest speed; 0 leaves them, and the seconds to the goal, out."""
+    robust: bool = True
+    """Vary ground, masses, sensors and pushes in training, too; otherwise motors and commands only."""
     workers: int = 2
     """Threads."""
 
@@ -108,20 +118,38 @@ class Stage:
             return WalkSimulator(draw, WorldConfig.of(self.robot, physics_dt=physics_dt), walk)
         return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
 
-    def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
-        """Measures of every draw at one commanded speed."""
-        steps = round(seconds / self.robot.control_dt)
-        walk = WalkConfig(steps, commands=Commands.steady(forward))
+    def episodes(
+        self, place: str, policy: PolicyArrays, command: tuple[float, float], draws: int, steps: int
+    ) -> list[Episode]:
+        """One of every draw, told a speed [m/s] and a yaw rate [rad/s]."""
+        walk = WalkConfig(steps, commands=Commands.steady(*command))
         executor = make_executor(partial(self.simulator, place, walk), self.workers)
         episodes = executor.map(_walk, policy, [STUDY_SEED + draw for draw in range(draws)])
         executor.close()
+        return episodes
+
+    def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
+        """Measures of every draw at one commanded speed."""
+        steps = round(seconds / self.robot.control_dt)
+        episodes = self.episodes(place, policy, (forward, 0.0), draws, steps)
         qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
         return Results.of(row for each in qualities for row in quality_results(each, self.robot, "walk", place))
 
+    def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
+        """How a policy follows commands to turn, to go backward and to stand."""
+        steps, rows = round(settings.seconds / self.robot.control_dt), []
+        for command in commands_of(self.robot):
+            episodes = self.episodes(place, policy, command, settings.draws, steps)
+            rows += rows_of(place, command, seed, followed(self.robot, episodes, steps))
+        return Results.of(rows)
+
     def watch(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:
-        """Means over the draws of every measure, by commanded speed [m/s]; a fall is no way and all error."""
+        """Means over the draws of every measure, by commanded speed [m/s].
+
+        A fall within two seconds is no way and all error, and has no part in the other means.
+        """
         fastest, found = self.robot.require_legs().forward[1], []
-        for share in SPEEDS:
+        for share in settings.speeds:
             walks = self.walks(place, policy, share * fastest, settings.draws, settings.seconds)
             found += means(walks, f"{share * fastest:.3g}")
         return Results.of(found)
@@ -150,33 +178,43 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     run_walk(
         Walk(
             folder, motors, iterations=settings.iterations, search=ArsConfig(seed=seed), workers=settings.workers,
-            robot=settings.robot,
+            robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
         ),
         PROGRESS, f"seed {seed}",
     )  # fmt: skip
     return folder / POLICY
 
 
-def seconds_to_goal(stage: Stage, seed: int) -> float:
-    """Seconds of training until the best policy walks 0.25 m/s, 98 % upright, on sampled motors; infinite if never."""
+def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
+    """Seconds of training until the best policy walks 0.25 m/s, 98 % upright, on sampled motors; infinite if never.
+
+    The second number counts until it walks straight besides: at most 3 °/m and 5 % of the way aside, in the mean.
+    """
     draw, physics_dt = drawn_from(MotorPrior.load(stage.prior), stage.robot)
     shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
     scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(randomization=ROBUST))
     search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)
-    executor, seconds = make_executor(scene.simulator, stage.workers), 0.0
+    executor, seconds, walking = make_executor(scene.simulator, stage.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
         began = time.monotonic()
         champion = train(search, shape, executor, iterations, contest(search, shape, executor, champion))
         seconds += time.monotonic() - began
         rows = stage.walks("sampled", champion.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
-        speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
-        PROGRESS.note(f"seed {seed}: {seconds:.0f} s, {iterations} iterations: {speed:.2f} m/s, {upright:.0%} upright")
+        speed, upright, heading, aside = (
+            rows.mean(quantity=name) for name in ("speed", "upright", "heading_deg_per_m", "lateral_share")
+        )
+        PROGRESS.note(
+            f"seed {seed}: {seconds:.0f} s, {iterations} iterations: {speed:.2f} m/s, {upright:.0%} upright, "
+            f"heading {heading:.1f} °/m, {aside:.1%} aside"
+        )
         if speed >= GOAL_SPEED and upright >= GOAL_UPRIGHT:
-            break
+            walking = min(walking, seconds)
+            if heading <= GOAL_HEADING and aside <= GOAL_SIDEWAYS:
+                break
     else:
         seconds = float("inf")
     executor.close()
-    return seconds
+    return walking, seconds
 
 
 def top_speeds(settings: Settings, stage: Stage) -> list[Result]:
@@ -222,7 +260,9 @@ def measure(settings: Settings) -> Results:
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
     stage = Stage(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
-    found = []
+    found, gait = [], Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
+    for place in PLACES:
+        found += stage.watch(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):
         policy = Policy.load(trained(settings, prior, seed)).arrays()
         for place in PLACES:
@@ -231,9 +271,11 @@ def measure(settings: Settings) -> Results:
             for speed in watched.distinct("part"):
                 said = ", ".join(f"{row.quantity} {row.value:.3g}" for row in watched.where(part=speed))
                 PROGRESS.note(f"seed {seed}, {place}, told {speed} m/s: {said}")
+            found += stage.turns(place, policy, settings, seed).rows
     if settings.top_iterations:
-        goals = [seconds_to_goal(stage, seed) for seed in range(settings.seeds)]
-        found.append(Result("seconds_to_quarter_meter_per_second", "s", float(np.median(goals))))
+        goals = np.median([seconds_to_goal(stage, seed) for seed in range(settings.seeds)], axis=0)
+        for kind, seconds in zip(("", "straight_"), goals, strict=True):
+            found.append(Result(f"seconds_to_{kind}quarter_meter_per_second", "s", float(seconds)))
         found += top_speeds(settings, stage)
     return Results.of(found)
 
@@ -246,26 +288,36 @@ def figures_of(results: Results) -> dict[str, float]:
             figures[row.quantity] = row.value
             continue
         name, here = f"{row.motors}/{row.quantity}", {"quantity": row.quantity, "motors": row.motors}
-        figures[name] = results.mean(**here)
         figures[f"{name}/{row.part}"] = results.mean(**here, part=row.part)
-        figures[f"{name}/seed_{row.seed}"] = results.mean(**here, seed=row.seed)
+        if not row.quantity.startswith(TURNS):  # a mean over other commands means nothing
+            figures[name] = results.mean(**here)
+            figures[f"{name}/seed_{row.seed}"] = results.mean(**here, seed=row.seed)
     return figures
 
 
-def table(results: Results) -> str:
-    """Markdown: a row per measure; by commanded speed means over the seeds, and the range of the seeds in brackets."""
-    walked = results.where(motors=PLACES)
-    columns = [(place, speed) for place in PLACES for speed in walked.distinct("part")]
-    heads = [f"{place}, {speed} m/s" for place, speed in columns]
+def tables(results: Results) -> str:
+    """Markdown: of the policies, of the gait they began with, of turns, and the numbers that are not of walks."""
+    walked = Results.of(row for row in results if not row.quantity.startswith(TURNS))
+    turns = Results.of(row for row in results if row.quantity.startswith(TURNS))
+    numbers = [f"{row.quantity}: {row.value:.3g} {row.unit}" for row in results.where(motors=None)]
+    untrained = tuple(UNTRAINED + place for place in PLACES)
+    return "\n\n".join([table(walked, PLACES), table(walked, untrained), table(turns, PLACES), *numbers])
+
+
+def table(results: Results, places: tuple[str, ...]) -> str:
+    """Markdown: a row per measure; by command means over the seeds, and the range of the seeds in brackets."""
+    walked = results.where(motors=places)
+    columns = [(place, speed) for place in places for speed in walked.distinct("part")]
+    heads = [f"{place}, {speed}{'' if speed.startswith('told') else ' m/s'}" for place, speed in columns]
     lines = ["| measure | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
     for quantity in walked.distinct("quantity"):
         cells = []
         for place, speed in columns:
             values = [row.value for row in walked.where(quantity=quantity, motors=place, part=speed)]
-            cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})")
+            cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})" if values else "")
         unit = walked.where(quantity=quantity).rows[0].unit
         lines.append(f"| {quantity}{'' if unit == '1' else f' [{unit}]'} | {' | '.join(cells)} |")
-    return "\n".join([*lines, *(f"\n{row.quantity}: {row.value:.3g} {row.unit}" for row in results.where(motors=None))])
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -274,8 +326,8 @@ def main() -> None:
     results = measure(settings)
     results.save(settings.out / "results.json")
     write_json(settings.out / "figures.json", figures_of(results))
-    write_text(settings.out / "tables.md", table(results) + "\n")
-    print(table(results))
+    write_text(settings.out / "tables.md", tables(results) + "\n")
+    print(tables(results))
 
 
 if __name__ == "__main__":

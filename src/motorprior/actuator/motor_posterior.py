@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior, are_gains, checked_gains
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import generator_of, require_count
@@ -148,9 +148,13 @@ def _limited_by_gain(motors: LatentActuator) -> LatentActuator:
             "the motors of this prior have no constants, so no limit can follow a gain",
             remedy="leave that out, or identify the prior with preset rollout", argument="limit_follows_gain",
         )  # fmt: skip
+    return motors.with_factors(Factors.ones(motors.num_motors)._replace(torque_limit=kp_share(network, motors.z)))
+
+
+def kp_share(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
+    """(M,) kp of motors (M, Z) over that of the central motor, of a network that decodes constants [-]."""
     central = network.constants(np.zeros((1, network.num_latents)))["kp"]
-    share = network.constants(motors.z)["kp"] / central
-    return motors.with_factors(Factors.ones(motors.num_motors)._replace(torque_limit=share))
+    return network.constants(z)["kp"] / central
 
 
 def _has_factor(covariance: np.ndarray) -> bool:

@@ -1,0 +1,45 @@
+"""Who adapts to weak motors is told that their torque limits may be lower, too."""
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.motor_posterior import kp_share
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.pipeline.adapt import WEAK_MOTOR, WEAK_ROBOT, advice_on_weak_motors
+
+NAMES = ("hip", "knee", "ankle")
+
+
+@pytest.fixture
+def prior(grey_network) -> MotorPrior:
+    network = grey_network(spread=0.3, kp=9.0)
+    return MotorPrior(network, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+
+
+def latents(prior: MotorPrior, *shares: float) -> np.ndarray:
+    """(M, Z) of motors with these shares of the central motor's kp."""
+    steepest = np.log(kp_share(prior.network, 1e-3 * np.eye(3)))
+    way = np.linspace(-8.0, 8.0, 4001)[:, None] * steepest / np.linalg.norm(steepest)
+    found = kp_share(prior.network, way)
+    z = way[[int(np.abs(found - share).argmin()) for share in shares]]
+    np.testing.assert_allclose(kp_share(prior.network, z), shares, atol=0.01)
+    return z
+
+
+def test_no_advice_for_motors_like_the_prior(prior: MotorPrior):
+    assert advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, WEAK_MOTOR + 0.02, 1.0)) == ""
+
+
+def test_one_weak_motor_is_named(prior: MotorPrior):
+    advice = advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, 0.5, 0.9))
+    assert "knee 0.50. If" in advice and "hip" not in advice and "--limit-follows-gain" in advice
+
+
+def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: MotorPrior):
+    advice = advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, WEAK_ROBOT - 0.05, 0.75))
+    assert "knee 0.80, ankle 0.75. If" in advice and "hip" not in advice
+
+
+def test_ten_of_many_are_named(prior: MotorPrior):
+    advice = advice_on_weak_motors(prior, NAMES * 4, latents(prior, *[0.6] * 12))
+    assert advice.count("0.60") == 10 and "and 2 more. If" in advice
