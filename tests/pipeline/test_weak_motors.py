@@ -32,7 +32,7 @@ def test_no_advice_for_motors_like_the_prior(prior: MotorPrior):
 
 def test_one_weak_motor_is_named(prior: MotorPrior):
     advice = advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, 0.5, 0.9))
-    assert "knee 0.50. If" in advice and "hip" not in advice and "--limit-follows-gain" in advice
+    assert "knee 0.50. If" in advice and "hip" not in advice and "limit_follows_gain" in advice
 
 
 def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: MotorPrior):

@@ -13,7 +13,7 @@ from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.moments import Moments
-from motorprior.search.policy_search import Champion, Round, contest, new_search, train
+from motorprior.search.policy_search import Champion, Round, advance, contest, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import Episode
 
@@ -117,10 +117,11 @@ class Judge:
     """An executor whose episodes all earn the same; it remembers what walked."""
 
     def __init__(self, total: float):
-        self.total, self.walked = total, []
+        self.total, self.walked, self.tasks = total, [], []
 
     def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:
         self.walked.append(shared.policy(tasks[0].candidate))
+        self.tasks.append(list(tasks))
         nothing = np.zeros(OBSERVATIONS)
         return [Episode(self.total, 1, np.zeros(2), 0, 1, nothing, nothing, nothing, nothing) for _ in tasks]
 
@@ -139,6 +140,21 @@ def test_the_averaged_policy_challenges_the_champion_and_must_be_better():
     assert contest(search, shape, judge, champion) is champion, "as good is not better"
     judge.total = 1.1
     assert contest(search, shape, judge, champion).score == 1.1
+
+
+def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do():
+    shape, walker = shape_of(), Judge(1.0)
+    search = new_search(ArsConfig(num_directions=5, num_top_directions=5), shape)
+    for _ in range(3):
+        advance(search, shape, walker)
+    pairs: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for iteration, tasks in enumerate(walker.tasks):
+        for task in tasks:
+            met = pairs.setdefault((iteration, task.candidate.direction), [])
+            met.append((task.candidate.sign, task.seed))
+    assert len(pairs) == 15
+    assert all({sign for sign, _ in met} == {-1, 1} and len({seed for _, seed in met}) == 1 for met in pairs.values())
+    assert len({met[0][1] for met in pairs.values()}) == 15
 
 
 @pytest.mark.parametrize(("patience", "ends"), [(1, 10), (3, 30), (None, 45)])

@@ -1,9 +1,10 @@
 """A gait that follows a command, shaped by five numbers that the policy modulates.
 
 Policies Modulating Trajectory Generators: Iscen et al., CoRL 2018, section 3, whose generator is parameterised by
-frequency, amplitude, height and the ratio of swing to stance. Ours differs in three points: the foot's path is drawn in
-metres and turned into angles by the leg's kinematics, so that a foot in stance moves at the speed of the ground; the
-stride follows from the commanded speed and yaw rate; and targets lead the path by the lag of the motors' PD.
+frequency, amplitude, height and the ratio of swing to stance. Ours differs: the foot's path is drawn in metres and
+turned into angles by the leg's kinematics, so that a foot in stance moves at the speed of the ground; the stride
+follows from the commanded speed and yaw rate; targets lead the path by the lag of the motors' PD, and are raised by
+what the PD yields under the weight; and legs on the low side of a body that its motors carry softly reach further.
 """
 
 from __future__ import annotations

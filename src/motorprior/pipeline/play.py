@@ -53,7 +53,7 @@ class Play:
     """The motors: those that each policy was trained on, or the twin, unseen motors with 1 kHz physics and noise, or
     that on unknown ground, with an unknown load and pushes."""
     forward: float | None = None
-    """Commanded speed [m/s]; the fastest that the policies were trained for if not given."""
+    """Commanded speed [m/s]; the fastest that all policies may be told if not given."""
     yaw_rate: float = 0.0
     """Commanded yaw rate, to the left [rad/s]."""
     schedule: Path | None = None
@@ -86,8 +86,9 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     """Walk, measure, write the film, and open the window if it is asked for.
 
     Raises:
-        ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command that a
-            policy was not trained for; no OpenGL where a rendered film is asked for; no screen where a window is.
+        ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command beyond the
+            robot's usual speeds and those of a policy's training; no OpenGL where a rendered film is asked for; no
+            screen where a window is.
     """
     with taken(config.out):
         played, walks = _play(config, progress)

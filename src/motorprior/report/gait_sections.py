@@ -95,6 +95,6 @@ def robustness_section(maps: Mapping[str, Sequence[UprightMap]]) -> Section:
         )
         for name, each in maps.items()
     )
-    lead = "Time upright, told to walk as fast as the robot is built for, where two things at a time are not as usual."
+    lead = "Time upright, told to walk as fast as the policy may be told, where two things at a time are not as usual."
     body = ("Every cell has the same draws of the motors that the policy was trained on, in MuJoCo on flat ground.",)
     return Section("Robustness", lead, body, pictures)
