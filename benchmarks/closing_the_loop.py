@@ -1,8 +1,8 @@
 """Benefit of adapting to a robot's motors: record, adapt, continue training and walk, on held-out robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
-    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop \
-        --wear none weak worn damaged --torque-limit 0.6 1
+    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop_wear \
+        --robots 2 --wear none weak worn damaged --max-speed 0.75 --current --iterations 150 --further 50 --walks 2
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
 docs/hardware.md. For each robot 60 s of recording in the air, `logs import --hung`, `adapt`; for each seed of the
@@ -11,6 +11,7 @@ training, policies:
     longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     current   the same, but that the torque limits follow the gains (`MotorChoice.limit_follows_gain`), with --current
+    advised   current where `adapt` calls motors weak, adapted elsewhere, with --current
     anew      trained on that posterior from the beginning, with --anew
 All but the first are trained with the torque limit of every motor varied within `--torque-limit` [-], 1 to 1 unless
 told: no recording in the air shows it.
@@ -36,12 +37,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.exceptions import ConfigError, LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.locomotion.command import Commands
-from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
+from motorprior.pipeline.adapt import POSTERIOR, Adapt, advice_on_weak_motors, run_adapt
 from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
@@ -148,6 +151,13 @@ def posterior_of(
     return posterior, False
 
 
+def has_weak_motors(prior: Path, posterior: Path) -> bool:
+    """Whether `adapt` advises that the torque limits follow the gains."""
+    known = load_prior(prior, ROBOT)
+    found = MotorPosterior.load(posterior, known)
+    return bool(advice_on_weak_motors(known, found.joint_names, found.mean))
+
+
 def walked(robot: VirtualRobot, policies: dict[str, Path], walks: int, speed: float) -> dict[str, list[Outcome]]:
     """Every policy on the robot, with the same noise for each."""
     return {name: [deploy(robot, policy, life, speed) for life in range(walks)] for name, policy in policies.items()}
@@ -242,8 +252,11 @@ def main() -> None:
                 policies["current"] = training.policy(folder, "current", posterior, before, current=True)
             if given.anew:
                 policies["anew"] = training.policy(folder, "anew", posterior)
-            pairs.append((robot, walked(robot, policies, given.walks, given.max_speed)))
-            for name, walks in pairs[-1][1].items():
+            found = walked(robot, policies, given.walks, given.max_speed)
+            if given.current:
+                found["advised"] = found["current" if has_weak_motors(given.prior, posterior) else "adapted"]
+            pairs.append((robot, found))
+            for name, walks in found.items():
                 words = (f"{key} {value:.2f}" for key, value in summary(walks).items())
                 print(f"{folder.name} seed {seed} {name:8}", *words, flush=True)
                 pair = {"robot": robot.number, "wear": robot.wear, "unlike": known[robot][1], "seed": seed}
