@@ -14,7 +14,7 @@ training, policies:
     advised   current where `adapt` calls motors weak, adapted elsewhere, with --current
     anew      trained on that posterior from the beginning, with --anew
 All but the first are trained with the torque limit of every motor varied within `--torque-limit` [-], 1 to 1 unless
-told: no recording in the air shows it.
+told: a recording in the air hardly shows it.
 Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
 and written to figures_SPEED.json (with the two options to figures_SPEED_WEAR_WEAR_limit_LEAST_MOST.json): of each pair
 of robot and seed the median way [m], standing up and coming to rest included, in straight segments of a second, which a
@@ -84,11 +84,13 @@ class VirtualRobot:
 
 def record(robot: VirtualRobot, folder: Path, seconds: float, excitation: Excitation) -> Path:
     """The robot's recording, hung, as a motor log."""
-    log = folder / f"log_{seconds:g}" / "run.parquet"
+    log = folder / f"log_{excitation}_{seconds:g}" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(ROBOT, robot.number, hung=True, rate=200, wear=WEAR[robot.wear])
         with on_its_clock(port):
-            settings = RecordSettings(folder / f"recorded_{seconds:g}", excitation, seconds=seconds, yes=True)
+            settings = RecordSettings(
+                folder / f"recorded_{excitation}_{seconds:g}", excitation, seconds=seconds, yes=True
+            )
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
         import_logs(LogsImport((recorded,), log.parent, hung=True))
     return log
@@ -141,7 +143,10 @@ def posterior_of(
     robot: VirtualRobot, folder: Path, prior: Path, seconds: float, excitation: Excitation = "varied"
 ) -> tuple[Path, bool]:
     """The posterior of the robot's motors, found from a recording, and whether one is unlike the prior's."""
-    posterior, log = folder / f"posterior_{seconds:g}" / POSTERIOR, record(robot, folder, seconds, excitation)
+    posterior, log = (
+        folder / f"posterior_{excitation}_{seconds:g}" / POSTERIOR,
+        record(robot, folder, seconds, excitation),
+    )
     try:
         run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
     except LogError as error:

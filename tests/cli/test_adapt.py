@@ -15,6 +15,7 @@ from motorprior.identification import response_fit, term_selection
 from motorprior.identification.presets import identification_preset
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.parquet_io import read_parquet, write_log
+from motorprior.pipeline import adapt
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.pipeline.stage import read_results
@@ -53,6 +54,14 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     choice = ("--actuator", "prior", "--prior", prior, "--posterior", out / "posterior.safetensors")
     assert motorprior("walk", *choice, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk").code == 0
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
+
+
+def test_weak_motors_are_told_of(folder: Path, tmp_path: Path, motorprior, monkeypatch):
+    """Every motor of a log is weak where the bound is above all."""
+    monkeypatch.setattr(adapt, "WEAK_MOTOR", 99.0)
+    line = ("adapt", folder / "prior" / "prior.safetensors", folder / "few" / "log.parquet", "--anyway")
+    told = " ".join(motorprior(*line, "--out", tmp_path / "out").err.split())
+    assert "weak motors, as shares of the central motor's kp: motor_00" in told and "limit_follows_gain" in told
 
 
 def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, refused, monkeypatch):

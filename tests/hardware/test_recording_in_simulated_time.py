@@ -45,6 +45,8 @@ def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     ("excitation", "standing", "speed", "fastest"),
     [
         ("varied", False, None, 40.0),
+        (None, False, None, 40.0),
+        (None, True, None, 8.0),
         ("varied", True, None, 8.0),
         ("sine", False, None, 8.0),
         ("steps", False, 3.0, 3.0),

@@ -1,11 +1,16 @@
-"""Who adapts to weak motors is told that their torque limits may be lower, too."""
+"""Who adapts to weak motors is told that their torque limits may be lower, too, and can have it so."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from motorprior.actuator.motor_posterior import kp_share
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.pipeline.adapt import WEAK_MOTOR, WEAK_ROBOT, advice_on_weak_motors
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 NAMES = ("hip", "knee", "ankle")
 
@@ -43,3 +48,20 @@ def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: Motor
 def test_ten_of_many_are_named(prior: MotorPrior):
     advice = advice_on_weak_motors(prior, NAMES * 4, latents(prior, *[0.6] * 12))
     assert advice.count("0.60") == 10 and "and 2 more. If" in advice
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(prior: MotorPrior, tmp_path: Path, follows: bool):
+    joints, files = PUPPER_V2.joint_names, (tmp_path / "prior.safetensors", tmp_path / "posterior.safetensors")
+    prior.save(files[0])
+    covariance = np.tile(0.1 * np.eye(3), (len(joints), 1, 1))
+    known = MotorPosterior(prior, latents(prior, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
+    known.save(files[1])
+    choice = MotorChoice("prior", *files, limit_follows_gain=follows)
+    drawn = choice.drawer(PUPPER_V2)(np.random.default_rng(0))
+    assert isinstance(drawn, LatentActuator)
+    if not follows:
+        assert drawn.factors is None
+    else:
+        assert drawn.factors is not None
+        np.testing.assert_allclose(drawn.factors.torque_limit, kp_share(prior.network, drawn.z))

@@ -48,7 +48,7 @@ def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
         if kind is bool:
             command.add_argument(option, action="store_true", help=texts[field.name])
             continue
-        choices = [choice for choice in get_args(kind) if isinstance(choice, str)]
+        choices = [word for words in (kind, *get_args(kind)) for word in get_args(words) if isinstance(word, str)]
         plain = next((inner for inner in get_args(kind) if isinstance(inner, type)), kind)
         command.add_argument(
             option, type=str if choices else plain, choices=choices or None, default=field.default,

@@ -20,7 +20,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_facts import RunFacts
 from motorprior.hardware.serial_link import SerialLink, find_ports
 from motorprior.hardware.session import Gains, stop_on_signals
-from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_terminal
 from motorprior.locomotion.policy import Policy
 from motorprior.results import Results
@@ -120,7 +120,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
     wire = robot.require_wire()
     _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
     _require("amplitude", settings.amplitude, 0.0, 1.5)
-    speed = _speed(settings)
+    excitation, speed = _excitation(settings), _speed(settings, wire.safety.target_speed)
     _require("speed", speed, 0.0, wire.safety.target_speed)
     if settings.seed < 0:
         raise ConfigError(f"seed {settings.seed} is below 0", remedy="give 0 or more", argument="seed")
@@ -128,7 +128,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
     _require_gains(gains, wire.safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(
-        robot, settings.excitation, joints, settings.seconds, _amplitude(settings), speed, settings.seed
+        robot, excitation, joints, settings.seconds, _amplitude(settings), speed, settings.seed
     )
     require_terminal(settings.yes)
     out = settings.out or _dated("record")
@@ -185,11 +185,22 @@ def _amplitude(settings: RecordSettings) -> float:
     return 0.1 if settings.standing else 0.4
 
 
-def _speed(settings: RecordSettings) -> float:
-    """The fastest target [rad/s]: in the air steps must be fast, to bring a motor to its limit of torque."""
+def _excitation(settings: RecordSettings) -> Excitation:
+    """Steps of a leg that carries would tip a standing robot."""
+    if settings.excitation is not None:
+        return settings.excitation
+    return "multisine" if settings.standing else "varied"
+
+
+def _speed(settings: RecordSettings, most: float) -> float:
+    """The fastest target [rad/s], no faster than the robot's ``most`` unless asked for.
+
+    In the air steps must be fast, to bring a motor to its limit of torque.
+    """
     if settings.speed is not None:
         return settings.speed
-    return _FAST if settings.excitation in ("steps", "varied") and not settings.standing else _CAREFUL
+    fast = _excitation(settings) in ("steps", "varied") and not settings.standing
+    return min(most, _FAST if fast else _CAREFUL)
 
 
 def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:

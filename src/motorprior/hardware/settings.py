@@ -65,7 +65,7 @@ class RecordSettings:
         out: folder for run.csv, ready for `motorprior logs import`, run.json and figures.json; runs/record/<date> if
             not given.
         excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot, varied is a multisine
-            of all and then steps of one joint after the other.
+            of all and then steps of one joint after the other; if not given, varied in the air and otherwise multisine.
         joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
         amplitude: largest distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
@@ -80,7 +80,7 @@ class RecordSettings:
     """
 
     out: Path | None = None
-    excitation: Excitation = "varied"
+    excitation: Excitation | None = None
     joint: str = "all"
     seconds: float = 60.0
     amplitude: float | None = None

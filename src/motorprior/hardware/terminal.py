@@ -15,7 +15,10 @@ from motorprior.hardware.pilot import KEYS
 Say = Callable[[str], None]
 WALKING = f"Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it."
 STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
-HUNG = "Ctrl-C takes the current away at once and the legs drop; no key does anything."
+HUNG = (
+    "Legs kick, unless the excitation is a gentle one. Ctrl-C takes the current away at once and the legs drop; "
+    "no key does anything."
+)
 
 
 def require_terminal(yes: bool) -> None:

@@ -36,8 +36,9 @@ _NAMED = 10
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-"""Share of the central motor's kp below which one motor, or the median of a robot's, is called weak [-]. Of the shipped
-fleet, whose kp differs by 12 %, these are motors and robots three and two deviations off."""
+"""Share of the central motor's kp below which one motor, or the median of a robot's, is called weak [-]. If kp
+differs by 12 % between motors, of which 7 are shared by a robot's, one sound robot in 25 has a motor that is called
+weak, and one in a hundred is called so as a whole."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     more = f" and {weak.size - _NAMED} more" if weak.size > _NAMED else ""
     return (
         f"weak motors, as shares of the central motor's kp: {named}{more}. If they give less torque per ampere, their "
-        "torque limits are lower, too, which only a log that reaches them shows -> train with limit_follows_gain"
+        "torque limits are lower, too, which a log in the air hardly shows -> train with limit_follows_gain"
     )
 
 
