@@ -123,7 +123,7 @@ def test_a_process_that_gets_sigint_keeps_a_checkpoint_and_exits_with_130(tmp_pa
 
 @pytest.mark.slow
 def test_kill_9_at_random_moments_loses_at_most_one_iteration_and_changes_no_byte(tmp_path: Path):
-    line = ("walk", "--actuator", "pd", "--episode-steps", 300, "--iterations", 150, "--workers", 1)
+    line = ("walk", "--actuator", "pd", "--episode-steps", 300, "--iterations", 120, "--workers", 1)
     code = "from motorprior.pipeline import training; training._SAVING_SHARE = 1e9  # however slow the disk\n"
     code += "from motorprior.cli.main import main\nmain()"
     words = [sys.executable, "-c", code, *map(str, line), "--out"]
