@@ -143,10 +143,8 @@ def posterior_of(
     robot: VirtualRobot, folder: Path, prior: Path, seconds: float, excitation: Excitation = "varied"
 ) -> tuple[Path, bool]:
     """The posterior of the robot's motors, found from a recording, and whether one is unlike the prior's."""
-    posterior, log = (
-        folder / f"posterior_{excitation}_{seconds:g}" / POSTERIOR,
-        record(robot, folder, seconds, excitation),
-    )
+    posterior = folder / f"posterior_{excitation}_{seconds:g}" / POSTERIOR
+    log = record(robot, folder, seconds, excitation)
     try:
         run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
     except LogError as error:
@@ -244,6 +242,7 @@ def main() -> None:
         parser.error(str(error))
     robots = [VirtualRobot(number, wear) for wear in kinds for number in range(given.robots)]
     known = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
+    weak = [each for each in robots if given.current and has_weak_motors(given.prior, known[each][0])]
     pairs, rows = [], []
     for seed in range(given.seeds):
         training = Training(given.prior, seed, given.iterations, given.further, given.max_speed, limits)
@@ -259,7 +258,7 @@ def main() -> None:
                 policies["anew"] = training.policy(folder, "anew", posterior)
             found = walked(robot, policies, given.walks, given.max_speed)
             if given.current:
-                found["advised"] = found["current" if has_weak_motors(given.prior, posterior) else "adapted"]
+                found["advised"] = found["current" if robot in weak else "adapted"]
             pairs.append((robot, found))
             for name, walks in found.items():
                 words = (f"{key} {value:.2f}" for key, value in summary(walks).items())

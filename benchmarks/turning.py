@@ -14,14 +14,17 @@ from motorprior.transfer.gait_quality import WARM_UP, way_along
 
 TURNS = "commanded/"
 """Beginning of the names of these quantities."""
-COMMANDS = ((0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.2, 0.0), (-0.4, 0.0), (0.0, 0.0))
-"""Commanded speed as a share of the robot's fastest, and yaw rate as a share of its fastest turn, to the left."""
+COMMANDS = ((0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0))
+"""Commanded speed as a share of the robot's fastest, forward or, below 0, backward; and yaw rate as a share of its
+fastest turn, to the left."""
+UNITS = {"upright": "1", "speed": "m/s", "yaw_rate": "rad/s"}
 
 
 def commands_of(robot: Robot) -> list[tuple[float, float]]:
     """COMMANDS in m/s and rad/s."""
     legs = robot.require_legs()
-    return [(share * legs.forward[1], turn * legs.yaw_rate) for share, turn in COMMANDS]
+    slowest, fastest = legs.forward
+    return [(share * (fastest if share > 0.0 else -slowest), turn * legs.yaw_rate) for share, turn in COMMANDS]
 
 
 def followed(robot: Robot, episodes: Sequence[Episode], steps: int) -> dict[str, float]:
@@ -40,9 +43,6 @@ def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
     yaw = np.unwrap([roll_pitch_yaw(quat)[2] for quat in qpos[:, 3:7]])
     time = robot.control_dt * (len(qpos) - 1)
     return way_along(qpos[:, :2], yaw) / time, float(yaw[-1] - yaw[0]) / time
-
-
-UNITS = {"upright": "1", "speed": "m/s", "yaw_rate": "rad/s"}
 
 
 def rows_of(place: str, command: tuple[float, float], seed: int, found: dict[str, float]) -> Iterator[Result]:

@@ -5,7 +5,7 @@
 Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
 PLACE/MEASURE/SPEED of each speed, where PLACE is
 sampled (draws of the learned prior, where it was trained), twin (physical motors, noisy sensors) or hard (a twin with
-other friction, masses, slope, late sensors and pushes); the same of the gait that nothing was trained of, as
+other friction, masses, slope, late sensors and pushes); the same of the untrained gait, as
 untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told … of commands to turn, to go backward and to stand (`turning.py`);
 seconds_to_quarter_meter_per_second and seconds_to_straight_quarter_meter_per_second, see `seconds_to_goal`; and the
 highest speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five

@@ -36,9 +36,9 @@ _NAMED = 10
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-"""Share of the central motor's kp below which one motor, or the median of a robot's, is called weak [-]. If kp
-differs by 12 % between motors, of which 7 are shared by a robot's, one sound robot in 25 has a motor that is called
-weak, and one in a hundred is called so as a whole."""
+"""Share of the central motor's kp below which one motor, or the median of a robot's, is called weak [-].
+Where kp differs by 12 % between motors, one sound robot in 25 has a motor that is called weak. Where the motors of a
+robot share a deviation of 7 %, one sound robot in a hundred is called weak by its median."""
 
 
 @dataclass(frozen=True)
