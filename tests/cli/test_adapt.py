@@ -220,5 +220,5 @@ def test_the_loop_closes_on_a_virtual_robot(
     assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
     assert told["figures"]["robots_unlike_the_prior"] in (0.0, 1.0)
     assert "robot_0 seed 0 adapted" in capsys.readouterr().out
-    posterior = tmp_path / "robot_0" / "posterior_3" / "posterior.safetensors"
+    posterior = tmp_path / "robot_0" / "posterior_varied_3" / "posterior.safetensors"
     assert MotorPosterior.load(posterior, MotorPrior.load(prior)).joint_names == JOINT_NAMES

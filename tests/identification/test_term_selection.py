@@ -50,7 +50,7 @@ def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None
     found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
     others = max(1, tried // 5) if terms else 0
     assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others, found.saved
-    assert all(found.saved[name] > PRICE for name in terms) and len(said) == tried
+    assert all(found.saved[name] > PRICE for name in terms) and len(said) >= tried
 
 
 @CASES
@@ -70,7 +70,7 @@ def test_a_term_whose_constants_are_stated_is_there_and_not_asked_about(
     runs, said = logs(decoder_data, ()), []
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 4000.0), ("profile_speed", 100.0)))
     found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
-    assert found.terms == ("profile",) and "profile" not in found.saved and said[1] == "profile: stated"
+    assert found.terms == ("profile",) and "profile" not in found.saved and "profile: stated" in said
 
 
 def test_a_term_that_is_off_is_not_tried(decoder_data: Data, monkeypatch: pytest.MonkeyPatch):

@@ -153,7 +153,7 @@ def test_without_a_screen_there_is_no_window(gait_walk: Path, tmp_path: Path, mo
 def test_a_robot_that_fell_lies_still_until_the_end_of_the_film():
     trace = np.array([[0.0] * 19, [0.2] + [0.0] * 18])
     np.testing.assert_array_equal(_held(trace, 4)[:, 0], [0.0, 0.2, 0.2, 0.2])
-    fell = Episode(0.0, 2, np.zeros(2), 0, 2, np.zeros(1), np.zeros(1), trace, np.zeros((0, 30)))
+    fell = Episode(0.0, 2, 0.0, np.zeros(2), 0, 2, np.zeros(1), np.zeros(1), trace, np.zeros((0, 30)))
     notes = _notes(PUPPER_V2, fell, _held(trace, 4), np.full((4, 2), 0.1))
     assert [note.endswith("fell") for note in notes] == [False, False, True, True]
     assert "told 0.10 m/s" in notes[1] and "0.01 s    0.20 m" in notes[1]

@@ -59,7 +59,7 @@ def test_a_line_says_what_the_learning_curve_says(whole: tuple[Path, list[str]])
     assert [line["episodes"] for line in lines] == [episodes * n for n in (1, 2, 3, 4)]
     for line, point in zip(lines, curve, strict=True):
         assert (line["return_mean"], line["return_best"]) == (point["mean_return"], point["best_return"])
-        assert line["upright"] == point["mean_steps"] / 20
+        assert line["upright"] == point["mean_steps"] / 20 and line["speed_error"] == point["mean_speed_error"]
     assert not {"seconds", "time"} & lines[0].keys()
 
 
@@ -87,11 +87,14 @@ def test_the_line_on_the_terminal_has_return_uprightness_speed_and_time_left(
     monkeypatch.setattr(walk_metrics.time, "monotonic", lambda: next(now))
     done: list[dict[str, Any]] = [point(number) for number in range(2)]
     metrics = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32))
-    assert metrics.add(point(2)) == "return 1.50 m, upright 80 %, 3 episodes/s, 1:06:30 left"
+    assert metrics.add(point(2)) == (
+        "return 1.50 m, off the speed by 0.05 m/s, upright 80 %, 3 episodes/s, 1:06:30 left"
+    )
 
 
 def point(iteration: int) -> dict[str, Any]:
-    return {"iteration": iteration, "mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "faults": {}}
+    means = {"mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "mean_speed_error": 0.05}
+    return {"iteration": iteration, **means, "faults": {}}
 
 
 def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_path: Path):
@@ -102,7 +105,7 @@ def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_
     run_walk(walk)
     told = read_metrics(tmp_path)
     (path,) = (tmp_path / EVENTS).iterdir()
-    for name in ("return_mean", "return_best", "upright"):
+    for name in ("return_mean", "return_best", "upright", "speed_error"):
         np.testing.assert_allclose(scalars(path, f"walk/{name}"), list(enumerate(told[name])), rtol=1e-6)
 
 

@@ -123,7 +123,7 @@ class Judge:
         self.walked.append(shared.policy(tasks[0].candidate))
         self.tasks.append(list(tasks))
         nothing = np.zeros(OBSERVATIONS)
-        return [Episode(self.total, 1, np.zeros(2), 0, 1, nothing, nothing, nothing, nothing) for _ in tasks]
+        return [Episode(self.total, 1, 0.0, np.zeros(2), 0, 1, nothing, nothing, nothing, nothing) for _ in tasks]
 
     def close(self) -> None:
         pass

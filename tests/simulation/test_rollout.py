@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 
+import math
 from dataclasses import replace
 
 import mujoco
@@ -19,10 +20,12 @@ from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.control_step import RAMP
 from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.locomotion.policy import PolicyArrays, zero_policy
-from motorprior.locomotion.task import TaskWeights
+from motorprior.locomotion.task import SPEED_FILTER, TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.rotations import roll_pitch_yaw
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
 from motorprior.search.policy_search import Champion, advance, new_search, train
@@ -138,6 +141,7 @@ def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
         episode, *others = (simulator.run(policy, seed, trace=True) for simulator in simulators)
         for other in others:
             assert (episode.total, episode.steps, episode.fault) == (other.total, other.steps, other.fault)
+            assert episode.speed_error == other.speed_error
             for name in ("displacement", "mean", "m2"):
                 np.testing.assert_array_equal(getattr(episode, name), getattr(other, name))
             np.testing.assert_array_equal(episode.trace[:, :7], other.trace[:, :7])
@@ -158,6 +162,7 @@ def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait:
     for seed in (0, 1):
         one, other = (each.run(policy, seed, trace=True) for each in (WalkSimulator(draw, world, walk), python))
         assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
+        assert one.speed_error == other.speed_error
         for name in ("displacement", "mean", "m2"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
@@ -183,6 +188,19 @@ def test_a_robot_told_to_stand_stands_and_one_told_to_walk_goes_its_way():
     assert np.abs(still.displacement).max() < 0.01 and np.ptp(still.trace[100:, 7:], axis=0).max() < 0.01
     assert ahead.steps == back.steps == 300
     assert ahead.displacement[0] > 0.4 and back.displacement[0] < -0.2
+
+
+def test_the_speed_error_is_that_of_the_filtered_speed_along_the_heading():
+    draw, world = KINDS["physical"]
+    simulators = [WalkSimulator(draw, world, WalkConfig(steps, commands=Commands.steady(0.4))) for steps in (60, 61)]
+    short, whole = (simulator.run(POLICY, 0, trace=True) for simulator in simulators)
+    share, speed, errors = 1.0 - math.exp(-PUPPER_V2.control_dt / SPEED_FILTER), 0.0, []
+    for step, (qpos, qvel) in enumerate(zip(whole.trace[1:], whole.motion[1:], strict=True)):
+        yaw = roll_pitch_yaw(qpos[3:7])[2]
+        speed += share * (math.cos(yaw) * qvel[0] + math.sin(yaw) * qvel[1] - speed)
+        in_force = min(0.4, 0.5 * (step + 1) * PUPPER_V2.control_dt / RAMP)
+        errors.append(abs(speed - in_force))
+    assert short.speed_error == pytest.approx(np.mean(errors), rel=1e-9)
 
 
 def test_motion_goes_with_the_trace():

@@ -26,7 +26,7 @@ def gliding(
     trace[:, 2], trace[:, 3], trace[:, 6] = ROBOT.standing_height + height, np.cos(heading / 2), np.sin(heading / 2)
     trace[:, 7:], motion[:, :2] = ROBOT.nominal_pose, velocity.T
     nothing = np.zeros(23)
-    return Episode(0.0, steps, trace[-1, :2], 0, steps, nothing, nothing, trace[:steps], motion[:steps])
+    return Episode(0.0, steps, 0.0, trace[-1, :2], 0, steps, nothing, nothing, trace[:steps], motion[:steps])
 
 
 def measured(episode: Episode, forward: float = 0.3, yaw_rate: float = 0.0) -> GaitQuality:

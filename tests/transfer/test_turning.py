@@ -17,7 +17,7 @@ def circle(steps: int = STEPS, fault: int = 0) -> Episode:
     trace[:, 0], trace[:, 1] = SPEED / RATE * np.sin(yaw), SPEED / RATE * (1.0 - np.cos(yaw))
     trace[:, 3], trace[:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
     nothing = np.zeros(1)
-    return Episode(0.0, steps, np.zeros(2), fault, 1, nothing, nothing, trace, nothing)
+    return Episode(0.0, steps, 0.0, np.zeros(2), fault, 1, nothing, nothing, trace, nothing)
 
 
 def test_a_circle_has_its_speed_and_its_yaw_rate():

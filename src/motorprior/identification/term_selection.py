@@ -8,10 +8,11 @@ a term changes where the other constants belong. It stays if it is worth its pri
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
 
 (at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
-test is of the held-out stretches of each). In the end all that stayed are compared with no term at all, by the same
-price and the test at 5 %. A term is not asked about where the log states a value for it, which motors have, nor where
-the log states that all of it is off. A fit of all terms at once may be a bad one: where SERVO alone fits better, that
-is where the leaving out begins.
+test is of the held-out stretches of each). A fit may have ended in a poor optimum, and a term may have made up for one
+that is gone by then: those that stayed are left out in turn again, until none leaves. In the end all that stayed are
+compared with no term at all, by the same price and the test at 5 %. A term is not asked about where the log states a
+value for it, which motors have, nor where the log states that all of it is off. A fit of all terms at once may be a bad
+one: where SERVO alone fits better, that is where the leaving out begins.
 """
 
 from __future__ import annotations
@@ -101,15 +102,12 @@ def select_terms(
     for name in ORDER:
         if name in (*told, *off):
             report(f"{name}: {'stated' if name in told else 'off'}")
-            continue
-        if name not in best.terms:
+        elif name not in best.terms:
             report(f"{name}: not tried by itself")
-            continue
-        less = trial.fitted(tuple(other for other in best.terms if other != name), best)
-        best = trial.fitted_on(less, best)  # as many attempts with the term as without it
-        saved[name] = _saved(less, best)
-        best = best if _worth(less, best, _LEVEL) else less
-        report(f"{name}: saves {100 * saved[name]:.0f} %")
+    before: tuple[str, ...] = ()
+    while best.terms != before:
+        before = best.terms
+        best = trial.left_out_in_turn(best, told, saved, report)
     if best.terms != told:
         bare = trial.fitted(told, best)
         best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
@@ -156,6 +154,18 @@ class _Trial:
     def fitted_on(self, other: _State, state: _State) -> _State:
         """Of every motor the better of ``state`` and of what another fit, of other terms, gives when fitted on."""
         return _better(state, self._from(other, state.terms))
+
+    def left_out_in_turn(
+        self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    ) -> _State:
+        """Each of the terms but ``told`` once, the rarest first; what each saves goes to ``saved``."""
+        for name in [name for name in ORDER if name in best.terms and name not in told]:
+            less = self.fitted(tuple(other for other in best.terms if other != name), best)
+            best = self.fitted_on(less, best)  # as many attempts with the term as without it
+            saved[name] = _saved(less, best)
+            report(f"{name}: saves {100 * saved[name]:.0f} %")
+            best = best if _worth(less, best, _LEVEL) else less
+        return best
 
     def _from(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones faint at first, fitted on."""

@@ -44,7 +44,7 @@ FURTHEST_DRIFT = 0.3
 """Largest observed drift, as a share of the way in a second at the fastest speed [-]."""
 TOUCHING = 0.002
 """A foot whose lowest point is below this height [m] is on the ground."""
-_PHASE, _HEADING, _DRIFT, _GOAL, _FORWARD, _LEFT = 0, 1, 2, 3, 4, 5
+_PHASE, _HEADING, _DRIFT, _GOAL, _FORWARD, _LEFT, _OFF = 0, 1, 2, 3, 4, 5, 6
 
 
 class GaitState(NamedTuple):
@@ -61,8 +61,9 @@ class GaitState(NamedTuple):
     twist: np.ndarray
     """(2,) command in force: speed [m/s], yaw rate [rad/s]"""
     scalars: np.ndarray
-    """(6,) phase in [0, 1); heading error that the gyroscope adds up [rad]; drift to the left of the commanded path
-    that follows from it [m]; heading that the commands lead to [rad]; filtered speeds, forward and left [m/s]"""
+    """(7,) phase in [0, 1); heading error that the gyroscope adds up [rad]; drift to the left of the commanded path
+    that follows from it [m]; heading that the commands lead to [rad]; filtered speeds, forward and left [m/s]; sum over
+    the steps of |filtered forward speed - commanded speed| [m/s]"""
 
     feet: np.ndarray
     """(legs, 4) centre of each foot [m] and angle of its shank about the body's y axis [rad] one control step ago"""
@@ -72,11 +73,16 @@ class GaitState(NamedTuple):
         """In the cycle of the gait, in [0, 1)."""
         return float(self.scalars[_PHASE])
 
+    @property
+    def speed_errors(self) -> float:
+        """Sum over the control steps so far of |filtered forward speed - commanded speed| [m/s]."""
+        return float(self.scalars[_OFF])
+
 
 def new_gait(num_joints: int, num_legs: int) -> GaitState:
     """Memory of a robot's gait; `begin_gait` fills it."""
     actions = action_size(num_joints)
-    shapes = (actions, actions, num_joints, (2, num_joints), 2, 6, (num_legs, 4))
+    shapes = (actions, actions, num_joints, (2, num_joints), 2, 7, (num_legs, 4))
     return GaitState(*(np.zeros(shape) for shape in shapes))
 
 
@@ -250,7 +256,7 @@ def evaluate_step(
         foot_pos: shape (legs, 3), centres of the feet [m], world; NaN where they are not known.
         sum_torque_squared: over joints, mean over the physics steps [(N·m)²].
         fault: the backend's, 0 for none.
-        gait: its filtered speeds and its feet are updated in place.
+        gait: its filtered speeds, its sum of speed errors and its feet are updated in place.
         control_dt: control period [s].
         weights: shape (8,), `TaskWeights.array()`.
         observation: shape (observations,), its readings are overwritten.
@@ -267,10 +273,12 @@ def evaluate_step(
     share, scalars = 1.0 - math.exp(-control_dt / SPEED_FILTER), gait.scalars
     scalars[_FORWARD] += share * (cosine * base_lin_vel[0] + sine * base_lin_vel[1] - scalars[_FORWARD])
     scalars[_LEFT] += share * (cosine * base_lin_vel[1] - sine * base_lin_vel[0] - scalars[_LEFT])
+    speed_error = scalars[_FORWARD] - gait.twist[0]
+    scalars[_OFF] += abs(speed_error)
     slip = sliding(body, gait, foot_pos, measured_joint_pos, pitch, yaw, control_dt)
     effort = sum_torque_squared / (body.reference_torque * body.reference_torque)
     earned = reward(
-        scalars[_FORWARD] - gait.twist[0], scalars[_LEFT], wrapped(yaw - scalars[_GOAL]),
+        speed_error, scalars[_LEFT], wrapped(yaw - scalars[_GOAL]),
         base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, control_dt, weights,
     )  # fmt: skip
     return earned, down

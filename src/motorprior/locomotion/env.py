@@ -126,6 +126,11 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._running = not (terminated or truncated)
         return observation, earned, terminated, truncated, self._info(state)
 
+    @property
+    def speed_errors(self) -> float:
+        """Of the episode so far, see `GaitState.speed_errors` [m/s]."""
+        return self._controller.gait.speed_errors
+
     def close(self) -> None:
         """Close the backend."""
         self._backend.close()

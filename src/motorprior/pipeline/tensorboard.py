@@ -14,7 +14,7 @@ from motorprior.exceptions import ConfigError
 
 EVENTS = "tensorboard"
 """Folder of the events, in that of a walk."""
-_NUMBERS = ("return_mean", "return_best", "upright")
+_NUMBERS = ("return_mean", "return_best", "upright", "speed_error")
 
 
 def require_tensorboard() -> Any:

@@ -17,8 +17,8 @@ from motorprior.outside_files import read_text
 
 METRICS = "metrics.jsonl"
 MAX_BYTES = 40_000_000
-"""Of a file; a line at a time is parsed, and six numbers of it are kept."""
-_NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright")
+"""Of a file; a line at a time is parsed, and seven numbers of it are kept."""
+_NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright", "speed_error")
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Metrics:
             self._also(row)
 
     def add(self, point: dict[str, Any]) -> str:
-        """Append a line; returns return, time upright, speed of the training and time left for the terminal."""
+        """Append a line; returns it in words: return, speed error, time upright, episodes a second, time left."""
         with self._path.open("a", encoding="utf-8") as file:
             file.write(_line(row := self._row(point)))
         self._also(row)
@@ -69,14 +69,15 @@ class Metrics:
         rate = self._extent.episodes * done / seconds
         upright = 100.0 * self._upright(point)
         return (
-            f"return {point['mean_return']:.2f} m, upright {upright:.0f} %, {rate:.0f} episodes/s, {_time(left)} left"
+            f"return {point['mean_return']:.2f} m, off the speed by {point['mean_speed_error']:.2f} m/s, "
+            f"upright {upright:.0f} %, {rate:.0f} episodes/s, {_time(left)} left"
         )
 
     def _upright(self, point: dict[str, Any]) -> float:
         return point["mean_steps"] / self._extent.episode_steps
 
     def _row(self, point: dict[str, Any]) -> dict[str, Any]:
-        """Return of the perturbed policies [m], share of the time upright [-], episodes so far."""
+        """Return of the perturbed policies [m], share of the time upright [-], speed error [m/s], episodes so far."""
         return {
             "iteration": point["iteration"],
             "episodes": self._extent.episodes * (int(point["iteration"]) + 1),
@@ -84,6 +85,7 @@ class Metrics:
             "return_best": point["best_return"],
             "steps_mean": point["mean_steps"],
             "upright": self._upright(point),
+            "speed_error": point["mean_speed_error"],
             "faults": dict(sorted(point["faults"].items())),
         }
 

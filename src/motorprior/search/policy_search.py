@@ -29,6 +29,7 @@ class EpisodeLike(Protocol):
 
     total: float
     steps: int
+    speed_error: float
     fault: int
     count: int
     mean: np.ndarray
@@ -43,6 +44,7 @@ class Iteration:
     mean_return: float
     best_return: float
     mean_steps: float
+    mean_speed_error: float
     faults: dict[int, int]
 
 
@@ -123,7 +125,8 @@ def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:
     search.tell(returns, [Moments(episode.count, episode.mean, episode.m2) for episode in episodes])
     steps = float(np.mean([episode.steps for episode in episodes]))
     faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
-    return Iteration(iteration, float(returns.mean()), float(returns.max()), steps, dict(sorted(faults.items())))
+    off = float(np.mean([episode.speed_error for episode in episodes]))
+    return Iteration(iteration, float(returns.mean()), float(returns.max()), steps, off, dict(sorted(faults.items())))
 
 
 def contest(search: Ars, shape: PolicyShape, executor: Executor, champion: Champion) -> Champion:

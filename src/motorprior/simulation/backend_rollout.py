@@ -53,7 +53,8 @@ class BackendSimulator:
         fault = info["fault"]
         where = np.zeros(2) if fault else info["base_pos"][:2]
         trace_rows = np.array(rows).reshape(-1, 7 + joints)
-        return Episode(total, count, where, fault, count, mean, m2, trace_rows, np.zeros((0, 6 + 2 * joints)))
+        off = self._env.speed_errors / count
+        return Episode(total, count, off, where, fault, count, mean, m2, trace_rows, np.zeros((0, 6 + 2 * joints)))
 
     def close(self) -> None:
         """Close the backend."""

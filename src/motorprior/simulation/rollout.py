@@ -71,6 +71,7 @@ class Episode:
     Attributes:
         total: sum of rewards [m].
         steps: control steps until the fall or the time limit.
+        speed_error: mean over the steps of |filtered forward speed - commanded speed| [m/s].
         displacement: (2,) forward and left [m].
         fault: 0 or a key of `world.FAULTS`.
         count: observations; mean and m2 (observations,) are their Welford statistics.
@@ -83,6 +84,7 @@ class Episode:
 
     total: float
     steps: int
+    speed_error: float
     displacement: np.ndarray
     fault: int
     count: int
@@ -249,7 +251,8 @@ class WalkSimulator:
         )  # fmt: skip
         where = np.zeros(2) if fault else qpos[:2].copy()
         seen, moved = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
-        return Episode(total, done, where, fault, done, mean, m2, seen, moved)
+        off = walker.gait.speed_errors / done
+        return Episode(total, done, off, where, fault, done, mean, m2, seen, moved)
 
     def close(self) -> None:
         """Nothing to give back."""
