@@ -88,6 +88,8 @@ class Settings:
     """Of a walk [s]."""
     top_iterations: int = 150
     """Of each search for the highest speed; 0 leaves them, and the seconds to the goal, out."""
+    hidden_units: int = 0
+    """Of the policies; none for linear ones. The goals and highest speeds are those of linear ones."""
     robust: bool = True
     """Vary ground, masses, sensors and pushes in training, too; otherwise motors and commands only."""
     workers: int = 2
@@ -178,7 +180,7 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     run_walk(
         Walk(
             folder, motors, iterations=settings.iterations, search=ArsConfig(seed=seed), workers=settings.workers,
-            robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
+            hidden_units=settings.hidden_units, robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
         ),
         PROGRESS, f"seed {seed}",
     )  # fmt: skip

@@ -89,6 +89,27 @@ def test_the_drift_is_the_way_aside_that_follows_from_the_heading_error():
     assert followed(standing, 0.0, steps=100, rate=0.3)[17] == 0.0
 
 
+@pytest.mark.parametrize("forward", [0.3, -0.2])
+def test_a_turn_against_drift_and_heading_error_brings_a_robot_back_on_its_way(forward: float):
+    """The sign of both gains is one for both ways: a linear policy has no other."""
+    gait, seen, aside, heading = begun(), np.zeros(OBSERVATIONS), [], 0.0
+    for step in range(3000):
+        seen[4] = 1.0 if step in range(100, 110) else -2.0 * seen[18] - 4.0 * seen[17]  # led astray by 0.1 rad at first
+        heading += DT * seen[4]
+        follow_command(BODY, gait, forward, 0.0, DT, seen)
+        aside.append(abs(gait.scalars[2]))
+    assert max(aside) > 0.005 and aside[-1] < 0.1 * max(aside) and abs(heading) < 0.01
+
+
+def test_a_robot_that_turns_on_its_place_goes_no_way_and_observes_no_drift():
+    gait = begun()
+    gait.scalars[2] = 0.05
+    seen = np.zeros(OBSERVATIONS)
+    for _ in range(100):
+        follow_command(BODY, gait, 0.0, 0.5, DT, seen)
+    assert seen[17] == 0.0
+
+
 def test_the_phase_is_observed_as_far_as_the_robot_walks():
     gait = begun()
     gait.scalars[0] = 0.2

@@ -34,8 +34,8 @@ HOLDS_FOR = {
 }
 """Compiled code is made for the processor, numpy and the C library choose theirs by it: other sums, other bits."""
 DIGESTS = {
-    "ideal_pd": "f0180858c4685c8a3a730e151d5497a2049e1e61cac78bb619998b492305c6a0",
-    "grey_box": "f06a12962bb17d610501f8a276770f28ea3b44635a74bf6ba7203ece41706202",
+    "ideal_pd": "f7c78db9002b1e0d503069acf07bf4082bd02cb278f7d97d3a4a3b2d095464ab",
+    "grey_box": "6ca61084a7fb9eb24f68e3125326fffdfb3085492842635067ba4fd9bc900792",
 }
 """SHA-256 of everything that the search below has found. A change that moves one must say why in the changelog."""
 

@@ -104,8 +104,10 @@ def follow_command(
 
     The command in force follows the given one at a bounded rate. The heading error ψ adds up the observed rate less the
     commanded one, the drift adds up v sin ψ at the commanded speed v: without it a robot that pulls to one side walks
-    straight on at a small constant error. Standing, neither adds up anything: the constant error of a gyroscope would
-    turn the robot at its next step. All but the command fade out as the robot comes to a stand.
+    straight on at a small constant error. The observed drift is to the left of the way that the robot goes, backward
+    that is to the body's right: a turn against it brings the robot back on either way, where one against the drift to
+    the body's left would lead it further aside backward. Standing, neither adds up anything: the constant error of a
+    gyroscope would turn the robot at its next step. All but the command fade out as the robot comes to a stand.
 
     Args:
         body: of the robot.
@@ -127,8 +129,8 @@ def follow_command(
     gait.scalars[_HEADING] = min(FURTHEST_HEADING, max(-FURTHEST_HEADING, gait.scalars[_HEADING]))
     farthest, drift = FURTHEST_DRIFT * body.fastest, control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
     gait.scalars[_DRIFT] = min(farthest, max(-farthest, gait.scalars[_DRIFT] + drift))
-    first = observation.shape[0] - FOLLOWED
-    observation[first], observation[first + 1] = share * gait.scalars[_DRIFT], share * gait.scalars[_HEADING]
+    first, along = observation.shape[0] - FOLLOWED, math.copysign(how_much(body, gait.twist[0], 0.0), gait.twist[0])
+    observation[first], observation[first + 1] = along * gait.scalars[_DRIFT], share * gait.scalars[_HEADING]
     observation[first + 2], observation[first + 3] = gait.twist[0], gait.twist[1]
     observation[first + 4], observation[first + 5] = share * math.cos(angle), share * math.sin(angle)
 
