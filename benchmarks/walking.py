@@ -180,7 +180,8 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     run_walk(
         Walk(
             folder, motors, iterations=settings.iterations, search=ArsConfig(seed=seed), workers=settings.workers,
-            hidden_units=settings.hidden_units, robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
+            robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
+            hidden_units=settings.hidden_units,
         ),
         PROGRESS, f"seed {seed}",
     )  # fmt: skip

@@ -152,15 +152,19 @@ def test_several_files_are_one_log(log: mp.MotorLog, tmp_path: Path):
 
 
 class Notes(mp.Lines):
-    """What is reported."""
+    """What is reported: begun, and noted."""
 
     def __init__(self):
         super().__init__(sys.stderr)
         self.started: list[str] = []
+        self.noted: list[str] = []
 
     def start(self, name: str, total: int):
         self.started.append(name)
         return super().start(name, total)
+
+    def note(self, text: str) -> None:
+        self.noted.append(text)
 
 
 def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
@@ -210,10 +214,13 @@ def test_a_prior_becomes_motors_of_a_model_of_ones_own(prior: mp.MotorPrior, tmp
     assert data.qpos[0] != 0.0
 
 
-def test_a_grey_box_that_was_never_written_adapts():
-    log = mp.record_bench(ROBOT, motors=3, steps=600, preset="rollout")
-    found = mp.adapt(mp.fit_prior(log, "pace"), log, anyway=True)
-    assert found.mean.shape[0] == 3
+def test_a_grey_box_that_was_never_written_adapts_and_tells_of_weak_motors(monkeypatch: pytest.MonkeyPatch):
+    log, notes = mp.record_bench(ROBOT, motors=3, steps=600, preset="rollout"), Notes()
+    prior = mp.fit_prior(log, "pace")
+    assert mp.adapt(prior, log, anyway=True).mean.shape[0] == 3
+    monkeypatch.setattr("motorprior.pipeline.adapt.WEAK_MOTOR", 99.0)
+    mp.adapt(prior, log, anyway=True, progress=notes)
+    assert any("weak motors" in note and "limit_follows_gain" in note for note in notes.noted)
 
 
 def test_adapted_motors_need_nothing_else(prior: mp.MotorPrior, tmp_path: Path):

@@ -148,13 +148,16 @@ def _prepared(
     return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 
-def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False) -> MotorPosterior:
+def adapt(
+    prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = SILENT
+) -> MotorPosterior:
     """Find where in a prior's latent space the motors of a log are.
 
     Args:
         prior: of such motors.
         log: with load_inertia and external_torque, at the prior's sample period; seconds are enough.
         anyway: also if the log is unlike anything that the prior knows.
+        progress: where motors that are weak are named, and what to do about it.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these very motors.
@@ -165,6 +168,8 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False) -> MotorPos
     """
     log = checked(log, where=log.source)
     found = adapt_to(prior, "the prior", log, log.source)
+    if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
+        progress.note(advice)
     outliers = outlier_test(prior, "the prior", log, log.source, found)
     if not anyway:
         _require_like_the_fleet(log, outliers, log.source)
