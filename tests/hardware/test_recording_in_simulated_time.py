@@ -57,4 +57,7 @@ def test_steps_are_fast_in_the_air_only(tmp_path: Path, excitation, standing, sp
     settings = RecordSettings(tmp_path, excitation, seconds=1.0, speed=speed, standing=standing, yes=True)
     with on_its_clock(port):
         run_record(PUPPER_V2, port.port, settings, lambda _: None)
-    assert read_json(tmp_path / "run.json")["safety"]["target_speed"] == fastest
+    facts = read_json(tmp_path / "run.json")
+    assert facts["safety"]["target_speed"] == facts["settings"]["speed"] == fastest
+    assert facts["settings"]["excitation"] == (excitation or ("multisine" if standing else "varied"))
+    assert facts["settings"]["amplitude"] == (0.1 if standing else 0.4)

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -102,6 +104,28 @@ def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):
     for state in (both, trial.fitted(("profile",), both)):
         row = parameters_of(state.terms).index("profile_acceleration")
         np.testing.assert_allclose(np.exp(state.raw[:, row]), stated, rtol=1e-12)
+
+
+def test_a_term_that_made_up_for_one_that_is_gone_leaves_in_the_next_turn(monkeypatch: pytest.MonkeyPatch):
+    """Without the dead zone the loss is larger as long as the integral is there, which leaves after it."""
+
+    class Trial(term_selection._Trial):
+        def __init__(self, *given: object):
+            """Fits are made up."""
+
+        def fitted(self, terms: tuple[str, ...], before: term_selection._State | None) -> term_selection._State:
+            misled = "integral" in terms and "dead_zone" not in terms
+            losses = (1.0 if "profile" in terms else 3.0) * (1.3 if misled else 1.0) * np.exp(1e-6 * np.arange(8))
+            return term_selection._State(in_order(terms), np.zeros((8, 1)), losses, losses, np.zeros((8, 4)))
+
+        def fitted_on(self, other: term_selection._State, state: term_selection._State) -> term_selection._State:
+            return state
+
+    monkeypatch.setattr(term_selection, "_Trial", Trial)
+    monkeypatch.setattr(term_selection, "held_out_windows", lambda runs: np.array([False, True]))
+    runs = SimpleNamespace(preset=replace(PRESET, firmware=()))
+    found = select_terms(bare(initial_center(()), ()), cast(WindowRuns, runs), 0)
+    assert found.terms == ("profile",)
 
 
 @pytest.mark.slow

@@ -103,11 +103,12 @@ def test_a_turn_against_drift_and_heading_error_brings_a_robot_back_on_its_way(f
 
 def test_a_robot_that_turns_on_its_place_goes_no_way_and_observes_no_drift():
     gait = begun()
-    gait.scalars[2] = 0.05
-    seen = np.zeros(OBSERVATIONS)
-    for _ in range(100):
-        follow_command(BODY, gait, 0.0, 0.5, DT, seen)
-    assert seen[17] == 0.0
+    followed(gait, 0.3, steps=100)
+    followed(gait, 0.3, steps=10, rate=1.0)
+    assert followed(gait, 0.3, steps=50)[17] > 0.01
+    assert followed(gait, 0.0, 0.5, steps=100)[17] == 0.0
+    followed(gait, 0.3, 0.0, steps=1)
+    assert abs(gait.scalars[2]) < 1e-3, "nor does it remember one"
 
 
 def test_the_phase_is_observed_as_far_as_the_robot_walks():

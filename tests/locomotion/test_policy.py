@@ -155,7 +155,7 @@ def test_a_policy_of_another_gait_or_clock_is_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda tensors, header: header.update(schema_version=1), "schema_version = 1 is not 2"),
+        (lambda tensors, header: header.update(schema_version=2), "schema_version = 2 is not 3"),
         (lambda tensors, header: header.update(kind="prior"), "a prior, not a policy"),
         (lambda tensors, header: header.update(colour=1), r"unknown keys \['colour'\]"),
         (lambda tensors, header: header.pop("robot"), r"missing keys \['robot'\]"),

@@ -49,8 +49,9 @@ def test_the_joints_of_a_mirrored_robot_are_its_partners_with_abduction_turned(r
     np.testing.assert_array_equal(mirror_of(PUPPER_V2).action.of(action), expected)
 
 
+@pytest.mark.parametrize(("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)])
 @pytest.mark.parametrize("gait", GAITS)
-def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, rng):
+def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forward: float, yaw_rate: float, rng):
     """Both gaits run from the same phase, the mirrored one half a cycle later where the legs of a pair alternate."""
     mirror, body = mirror_of(PUPPER_V2, gait), body_of(PUPPER_V2, gait)._replace(level=0.2)
     one, other = new_gait(12, 4), new_gait(12, 4)
@@ -65,8 +66,8 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, rng)
         observe(np.array([w, x, y, z]) / length, rates, joints + pose, pose, seen)
         flipped, turned = np.array([w, -x, y, -z]) / length, rates * [-1.0, 1.0, -1.0]
         observe(flipped, turned, ABDUCTIONS * joints[RIGHT_TO_LEFT] + pose, pose, reflected)
-        follow_command(body, one, 0.3, 0.4, 0.01, seen)
-        follow_command(body, other, 0.3, -0.4, 0.01, reflected)
+        follow_command(body, one, forward, yaw_rate, 0.01, seen)
+        follow_command(body, other, forward, -yaw_rate, 0.01, reflected)
         np.testing.assert_allclose(mirror.observation.of(seen), reflected, atol=1e-12)
         action = rng.uniform(-1.0, 1.0, ACTIONS)
         command_step(body, action, seen, one, 0.01)

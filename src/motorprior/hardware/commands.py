@@ -120,18 +120,18 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
     wire = robot.require_wire()
     _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
     _require("amplitude", settings.amplitude, 0.0, 1.5)
-    excitation, speed = _excitation(settings), _speed(settings, wire.safety.target_speed)
+    excitation, amplitude = _excitation(settings), _amplitude(settings)
+    speed = _speed(settings, wire.safety.target_speed)
     _require("speed", speed, 0.0, wire.safety.target_speed)
     if settings.seed < 0:
         raise ConfigError(f"seed {settings.seed} is below 0", remedy="give 0 or more", argument="seed")
     gains = Gains.of(wire, settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, wire.safety)
     joints = joints_of(robot, settings.joint)
-    targets = excitation_targets(
-        robot, excitation, joints, settings.seconds, _amplitude(settings), speed, settings.seed
-    )
+    targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     require_terminal(settings.yes)
     out = settings.out or _dated("record")
+    used = replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
     limits = replace(wire.safety, target_speed=speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang askew
@@ -141,7 +141,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> P
 
         def confirm() -> None:
             ask_to_arm(stop, settings.yes, STANDING if settings.standing else HUNG, say)
-            facts.begin("record", port, settings, gains, link)
+            facts.begin("record", port, used, gains, link)
 
         excitation_run.excite(
             link, targets, gains, stop,

@@ -88,7 +88,7 @@ def select_terms(
         network: with a residual that stays as it is.
         runs: logs of m motors; MOTORS of a fleet are enough.
         seed: of the searches.
-        report: called after every fit.
+        report: called once for every term of ORDER in the first turn, then once for every fit of a further turn.
     """
     held_out = held_out_windows(runs)
     told, off = runs.preset.stated_terms, runs.preset.terms_that_are_off

@@ -9,6 +9,7 @@ the variances are computed afterwards (`posterior`). A preset with ``physics_fir
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import chain, repeat
 
 import jax.numpy as jnp
 import numpy as np
@@ -185,7 +186,8 @@ def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, r
     some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
     part = some_stretches(data, preset, max(ROWS, WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
-    chosen = select_terms(bare, few, seed, lambda text: report(_STAGE, text))
+    work = chain(repeat(_STAGE, len(TERMS)), repeat(0))  # nobody knows how many turns there will be after the first
+    chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
         report(_STAGE * len(TERMS), "the log is too short to choose terms by")
     return chosen

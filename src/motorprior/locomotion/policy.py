@@ -34,7 +34,7 @@ RATIO_HIGH = 2.0  # the swing/stance ratio is at most so many times the usual on
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
     "policy",
-    2,
+    3,
     {
         "control_dt": number(above=0.0),
         "robot": TEXT,

@@ -37,8 +37,8 @@ FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
 """Share of the central motor's kp below which one motor, or the median of a robot's, is called weak [-].
-Where kp differs by 12 % between motors, one sound robot in 25 has a motor that is called weak. Where the motors of a
-robot share a deviation of 7 %, one sound robot in a hundred is called weak by its median."""
+Of a fleet whose kp differs by 10 % between the motors of a robot and by 7 % between robots (log-normal), one sound
+robot of twelve motors in fifty has a motor that is called weak, and as many are called weak by their median."""
 
 
 @dataclass(frozen=True)
@@ -148,9 +148,7 @@ def _prepared(
     return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 
-def adapt(
-    prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = SILENT
-) -> MotorPosterior:
+def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = SILENT) -> MotorPosterior:
     """Find where in a prior's latent space the motors of a log are.
 
     Args:
@@ -240,7 +238,8 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     more = f" and {weak.size - _NAMED} more" if weak.size > _NAMED else ""
     return (
         f"weak motors, as shares of the central motor's kp: {named}{more}. If they give less torque per ampere, their "
-        "torque limits are lower, too, which a log in the air hardly shows -> train with limit_follows_gain"
+        "torque limits are lower, too, which a log in the air hardly shows -> train with limit_follows_gain "
+        "(`motorprior walk --posterior FILE --limit-follows-gain`)"
     )
 
 
