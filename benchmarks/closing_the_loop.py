@@ -57,6 +57,8 @@ from worn_motors import WEAR
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 SECONDS = 10.0
+EPISODE_STEPS, HOLD = 500, 1.25
+"""Of trainings: control steps of an episode, and seconds that a command is held."""
 CONTROL = "longer"
 SAME = (1.0, 1.0)
 
@@ -132,9 +134,12 @@ class Training:
         out = folder / "_".join([kind, f"{self.max_speed:g}", str(self.seed), *words_of(limits)])
         motors = MotorChoice(prior=self.prior, posterior=posterior, limit_follows_gain=current)
         iterations = self.iterations if start is None else self.further
-        told, search = Commands(forward=(0.0, self.max_speed)), ArsConfig(seed=self.seed)
+        told, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
         randomization = replace(ROBUST, torque_limit=limits)
-        walk = Walk(out, motors, start, iterations, commands=told, search=search, randomization=randomization)
+        walk = Walk(
+            out, motors, start, iterations, episode_steps=EPISODE_STEPS, commands=told, search=search,
+            randomization=randomization,
+        )  # fmt: skip
         run_walk(walk, Lines(sys.stderr), out.name)
         return out / POLICY
 

@@ -34,8 +34,8 @@ HOLDS_FOR = {
 }
 """Compiled code is made for the processor, numpy and the C library choose theirs by it: other sums, other bits."""
 DIGESTS = {
-    "ideal_pd": "f7c78db9002b1e0d503069acf07bf4082bd02cb278f7d97d3a4a3b2d095464ab",
-    "grey_box": "6ca61084a7fb9eb24f68e3125326fffdfb3085492842635067ba4fd9bc900792",
+    "ideal_pd": "7de910ccd1c285cdac90d7429ed23f4797cefa188d76afc8971f0c0863db9569",
+    "grey_box": "b3beb5bd28cc8e3405d7bddaf2c81ebb4eb743468ecf72d67a4cd94386c5f2ea",
 }
 """SHA-256 of everything that the search below has found. A change that moves one must say why in the changelog."""
 

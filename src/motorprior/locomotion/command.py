@@ -34,7 +34,7 @@ class Commands:
 
     forward: Range | None = None
     yaw_rate: Range | None = None
-    hold: float = 1.25
+    hold: float = 5.0
     straight: float = 0.5
     still: float = 0.1
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
+from motorprior.locomotion.command import Commands
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.demo_settings import Demo, comparison_of, require_settings, that_walks
 from motorprior.pipeline.digests import digest
@@ -36,6 +37,8 @@ from motorprior.robots.load import load_robot
 from motorprior.search.ars import ArsConfig
 from motorprior.simulation.randomization import Randomization
 
+_EPISODE_STEPS, _HOLD = 500, 1.25
+"""Control steps of an episode of training, and seconds that a command is held: less than `Walk` has by default."""
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 Made = TypeVar("Made")
 
@@ -220,6 +223,8 @@ def _walks(config: Demo) -> list[Walk]:
             config.out / "walk" / f"{name}_{seed}",
             motors,
             iterations=config.iterations,
+            episode_steps=_EPISODE_STEPS,
+            commands=Commands(hold=_HOLD),
             randomization=Randomization(),  # the motors alone differ between conditions
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
             workers=max(1, config.workers // policies),  # more than one where cores are left over

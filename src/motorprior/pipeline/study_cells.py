@@ -25,6 +25,9 @@ from motorprior.search.policy_shape import PolicyShape
 from motorprior.transfer.study_verdicts import UNTRAINED
 from motorprior.transfer.walk_table import WalkTable
 
+_EPISODE_STEPS = 500
+"""Of every training, which is told one command."""
+
 
 def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: Progress = SILENT) -> WalkTable:
     """Train the policies of conditions and seeds, and watch them; what is finished in ``config.out`` is read."""
@@ -60,6 +63,7 @@ def _cell(
     name, begun = condition.folder(seed), done.left.begun()
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
+        episode_steps=_EPISODE_STEPS,
         validation=config.validation, randomization=condition.randomization,
         search=ArsConfig(seed=SEEDS_APART * config.seed + seed), robot=config.robot,
         workers=config.episodes_at_a_time, executor=config.executor, ray_address=config.ray_address,

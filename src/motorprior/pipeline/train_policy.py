@@ -39,7 +39,7 @@ def train_policy(
     patience: int | None = None,
     seed: int = 0,
     workers: int | None = None,
-    episode_steps: int = 500,
+    episode_steps: int = 1000,
     gait: GaitName = "trot",
     commands: Commands | None = None,
     randomization: Randomization = ROBUST,
@@ -56,7 +56,7 @@ def train_policy(
         patience: stop after so many contests, one every 10 iterations, without a better policy; never if not given.
         seed: of the search and of the draws; same arguments, same bytes, whatever ``workers``.
         workers: episodes at a time; two, or as many as there are cores, if not given.
-        episode_steps: control steps per episode.
+        episode_steps: control steps per episode; see `Walk.episode_steps`.
         gait: which leg steps when, see `locomotion.gaits`.
         commands: what the robot is told to do; all that it is built for if not given; faster, too.
         randomization: what differs between episodes besides the motors: floor, masses, slope, sensors, pushes.
@@ -97,7 +97,8 @@ def train_policy(
 
             def report(point: Iteration, best: Champion) -> None:
                 curve.append(as_point(point))
-                task.advance(1, f"return {point.mean_return:.2f} m")
+                off = point.mean_speed_error
+                task.advance(1, f"return {point.mean_return:.2f} m, off the speed by {off:.2f} m/s")
 
             champion = contest(search, shape, executor, champion)  # what nothing improves on is kept
             champion = train(search, shape, executor, iterations, champion, report, patience=patience)
