@@ -39,7 +39,7 @@ class Metrics:
 
     Args:
         folder: of the walk.
-        curve: points so far, see `pipeline.walk.as_point`.
+        curve: points so far, see `pipeline.training.as_point`.
         extent: of the training.
         also: called with every row, from the first one on.
     """
