@@ -7,7 +7,7 @@ PLACE/MEASURE/SPEED of each speed, where PLACE is sampled (draws of the learned 
 (physical motors, noisy sensors) or hard (a twin with other friction, masses, slope, late sensors and pushes); the same
 of the untrained gait, as untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told … of commands to turn, to go backward
 and to stand (`turning.py`); seconds_to_quarter_meter_per_second and seconds_to_straight_quarter_meter_per_second, where
-half of the seeds got there, and seeds_to_…, the share that did, see `seconds_to_goal`; and the highest speeds
+most seeds got there, and seeds_to_…, the share that did, see `seconds_to_goal`; and the highest speeds
 oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five policies are kept;
 what follows them is computed again. Half an hour on two cores, and as much for the goals.
 """
@@ -287,7 +287,7 @@ def measure(settings: Settings) -> Results:
 
 
 def goals(times: Sequence[tuple[float, float]]) -> Iterator[Result]:
-    """Share of the seeds that reached a goal, and the median of their seconds if half of them did."""
+    """Share of the seeds that reached a goal, and the median of their seconds if more than half of them did."""
     for kind, seconds in zip(("", "straight_"), np.transpose(times), strict=True):
         name, median = f"{kind}quarter_meter_per_second", float(np.median(seconds))
         yield Result(f"seeds_to_{name}", "1", float(np.isfinite(seconds).mean()))

@@ -478,7 +478,7 @@ BROKEN_POLICIES = {
     "truncated": (truncate, ("not a complete safetensors file",)),
     "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
-    "newer schema": (resave(schema_version=3), ("schema_version = 3 is not 2",)),
+    "newer schema": (resave(schema_version=4), ("schema_version = 4 is not 3",)),
     "of nobody": (resave(provenance={}), ("motors",)),
 }
 

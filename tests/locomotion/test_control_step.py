@@ -20,8 +20,8 @@ from motorprior.locomotion.control_step import (
     follow_command,
     levelling,
     new_gait,
-    sliding,
 )
+from motorprior.locomotion.foot_slip import sliding
 from motorprior.locomotion.gaits import GAITS
 from motorprior.locomotion.trajectory_generator import add_support, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -109,6 +109,14 @@ def test_a_robot_that_turns_on_its_place_goes_no_way_and_observes_no_drift():
     assert followed(gait, 0.0, 0.5, steps=100)[17] == 0.0
     followed(gait, 0.3, 0.0, steps=1)
     assert abs(gait.scalars[2]) < 1e-3, "nor does it remember one"
+
+
+@pytest.mark.parametrize(("share", "least", "most"), [(0.11, 0.02, 0.05), (0.08, 0.0, 0.001)])
+def test_below_a_tenth_of_the_fastest_speed_the_drift_fades_out(share: float, least: float, most: float):
+    gait, forward = begun(), share * BODY.fastest
+    followed(gait, forward, steps=100)
+    followed(gait, forward, steps=10, rate=1.0)
+    assert least <= followed(gait, forward, steps=900)[17] <= most
 
 
 def test_the_phase_is_observed_as_far_as_the_robot_walks():
@@ -203,7 +211,7 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
     gait, joints = begun(), PUPPER_V2.nominal_pose
 
     def slid(places, angles=joints):
-        return sliding(BODY, gait, places, angles, 0.0, 0.0, DT)
+        return sliding(BODY, gait.feet, places, angles, 0.0, 0.0, DT)
 
     assert slid(feet_at(0.0)) == 0.0, "nobody knows where they were"
     assert slid(feet_at(0.003, 0.004)) == pytest.approx(4 * 0.005 / DT)
@@ -214,13 +222,13 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
 
 def test_a_rolling_foot_does_not_slide_in_whatever_direction_the_robot_looks():
     gait, turned, yaw = begun(), PUPPER_V2.nominal_pose.copy(), 0.7
-    sliding(BODY, gait, feet_at(0.0), turned, 0.0, yaw, DT)
+    sliding(BODY, gait.feet, feet_at(0.0), turned, 0.0, yaw, DT)
     turned[2::3] += 0.1  # the shank turns about +y: the ball rolls forward
     way = 0.1 * BODY.foot_radius[0]
     places = feet_at(way * math.cos(yaw), way * math.sin(yaw))
-    assert sliding(BODY, gait, places, turned, 0.0, yaw, DT) == pytest.approx(0.0, abs=1e-12)
+    assert sliding(BODY, gait.feet, places, turned, 0.0, yaw, DT) == pytest.approx(0.0, abs=1e-12)
     turned[2::3] += 0.1
-    assert sliding(BODY, gait, places, turned, 0.0, yaw, DT) == pytest.approx(4 * way / DT), "spinning on the spot"
+    assert sliding(BODY, gait.feet, places, turned, 0.0, yaw, DT) == pytest.approx(4 * way / DT), "spinning on the spot"
 
 
 def test_statistics_of_an_episode_equal_numpy():

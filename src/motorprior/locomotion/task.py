@@ -122,7 +122,7 @@ def reward(
         yaw_rate_error: yaw rate less the commanded one [rad/s].
         tilt: |roll| + |pitch| [rad].
         sum_torque_squared: Στ², torques over the reference torque, mean over the physics steps of this control step.
-        slip: sum of the speeds at which feet slide on the ground [m/s], see `control_step.sliding`.
+        slip: sum of the speeds at which feet slide on the ground [m/s], see `foot_slip.sliding`.
         alive: false in the step in which the robot falls.
         control_dt: dt, control period [s].
         weights: shape (8,), `TaskWeights.array()`.

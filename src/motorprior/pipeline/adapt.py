@@ -238,8 +238,8 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     more = f" and {weak.size - _NAMED} more" if weak.size > _NAMED else ""
     return (
         f"weak motors, as shares of the central motor's kp: {named}{more}. If they give less torque per ampere, their "
-        "torque limits are lower, too, which a log in the air hardly shows -> train with limit_follows_gain "
-        "(`motorprior walk --posterior FILE --limit-follows-gain`)"
+        "torque limits are lower, too, which a log in the air hardly shows -> train on this posterior "
+        "with limit_follows_gain"
     )
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.control_step import TOUCHING
+from motorprior.locomotion.foot_slip import TOUCHING
 from motorprior.report.film import gif_bytes
 from motorprior.report.lettering import write
 from motorprior.report.plots_style import INK, MUTED, describe, new_figure, style
