@@ -65,8 +65,8 @@ class Walk:
     """Fleet, a name or a .toml file, on whose physical motors the contests are walked that decide which policy is kept;
     on the motors of the training if not given. Not the fleet of a twin that is to judge the policy."""
     episode_steps: int = 1000
-    """Control steps per episode. In half as many a policy does not meet what grows slowly while it walks on, and may
-    fall after twenty seconds."""
+    """Control steps per episode. In a shorter one a policy does not meet what grows slowly as it walks on, for which it
+    may fall later."""
     gait: GaitName = "trot"
     """Which leg steps when."""
     commands: Commands = field(default_factory=Commands)
