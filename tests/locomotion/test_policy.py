@@ -105,6 +105,12 @@ def test_file_holds_everything(tmp_path, units):
     np.testing.assert_array_equal(acted(loaded.arrays(), seen), acted(policy.arrays(), seen))
 
 
+def test_a_path_may_be_a_text(tmp_path):
+    path, policy = str(tmp_path / "policy.safetensors"), a_policy(0)
+    policy.save(path)
+    np.testing.assert_array_equal(Policy.load(path).weights, policy.weights)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

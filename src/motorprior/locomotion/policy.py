@@ -255,18 +255,19 @@ class Policy:
                 remedy=f"train a policy at {control_dt:g} s",
             )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""
         self.check(path)
-        write_tensors(path, {name: np.asarray(getattr(self, name)) for name in _TENSORS}, self._header())
+        write_tensors(Path(path), {name: np.asarray(getattr(self, name)) for name in _TENSORS}, self._header())
 
     @classmethod
-    def load(cls, path: Path) -> Policy:
+    def load(cls, path: str | Path) -> Policy:
         """Read what `save` wrote.
 
         Raises:
             ArtifactError: not a policy of this version, or damaged.
         """
+        path = Path(path)
         tensors, header = _HEADER.read(path)
         require_keys(tensors, _TENSORS, path, _REMEDY)
         policy = cls(
