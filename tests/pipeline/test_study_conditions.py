@@ -15,7 +15,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.study_conditions import FITS, Condition, conditions
 from motorprior.pipeline.study_settings import Study
-from motorprior.pipeline.study_spreads import validation_fleet, with_spreads
+from motorprior.pipeline.study_spreads import validation_fleet, with_spread
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -127,15 +127,13 @@ def test_a_study_spreads_z_by_what_it_is_told_and_keeps_the_mean_motor(tmp_path:
 
 def test_a_spread_is_chosen_only_where_there_is_none_and_a_condition_to_have_it(tmp_path: Path):
     for told in (
-        Study(tmp_path, spread=0.2, latent_spread=0.5),
         Study(tmp_path, spread=0.2, conditions=(PD_RANDOMISED, ADAPTED)),
-        Study(tmp_path, latent_spread=0.5, conditions=(SAMPLED, ROBUST_PRIOR)),
-        Study(tmp_path, conditions=(PD_FRICTION,)),
+        Study(tmp_path, conditions=(SAMPLED, ROBUST_PRIOR, PD_FRICTION)),
         Study(tmp_path, quick=True),
     ):
-        assert with_spreads(told.sized()) == told.sized()
+        assert with_spread(told.sized()) == told.sized()
     quick, full = Study(tmp_path, quick=True).sized(), Study(tmp_path).sized()
-    assert (quick.spread, quick.latent_spread) == (0.2, 1.0) and full.spread is full.latent_spread is None
+    assert quick.spread == 0.2 and full.spread is None
 
 
 @pytest.mark.parametrize(

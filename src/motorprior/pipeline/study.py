@@ -13,7 +13,7 @@ from motorprior.pipeline.study_cells import walk_table
 from motorprior.pipeline.study_conditions import Condition, adapt_robots, conditions, learn
 from motorprior.pipeline.study_report import STUDY, TRACES, WALKS
 from motorprior.pipeline.study_settings import Study
-from motorprior.pipeline.study_spreads import with_spreads
+from motorprior.pipeline.study_spreads import with_spread
 from motorprior.robots.load import load_robot
 from motorprior.transfer.study_results import study_results
 from motorprior.transfer.study_summary import Summary, summarise
@@ -33,7 +33,7 @@ def run_study(config: Study, progress: Progress = SILENT) -> Summary:
         if config.ray_address is None:  # told once, not at every policy
             config = replace(config, workers=threads)
         learn(config, threads, progress)
-        config = with_spreads(config, progress)
+        config = with_spread(config, progress)
         adapt_robots(config, threads, progress)
         cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
         table = walk_table(config, cells, progress)

@@ -160,13 +160,13 @@ def _fit_pds(config: Study, progress: Progress) -> None:
 
 def conditions(config: Study, seed: int) -> list[Condition]:
     """Of ``config.conditions`` those of the policies of a seed, the longest first; only the first has the gait."""
-    z = 1.0 if config.latent_spread is None else config.latent_spread
+    z = config.latent_spread
     made = {
         ORACLE: [partial(_oracle, config, population) for population in (ABROAD, HOME)],
         ADAPTED: [partial(_adapted, config, population, seed) for population in (ABROAD, HOME)],
-        SAMPLED: [partial(sampled_prior, config, z, SAMPLED)],
-        ROBUST_PRIOR: [partial(sampled_prior, config, z, ROBUST_PRIOR, ROBUST)],
-        PRIOR_MEAN: [partial(sampled_prior, config, 0.0, PRIOR_MEAN)],
+        SAMPLED: [partial(_sampled_prior, config, z, SAMPLED)],
+        ROBUST_PRIOR: [partial(_sampled_prior, config, z, ROBUST_PRIOR, ROBUST)],
+        PRIOR_MEAN: [partial(_sampled_prior, config, 0.0, PRIOR_MEAN)],
         **{name: [partial(_other_prior, config, name)] for name in _OTHER_PRESETS},
         **{name: [partial(_pd, config, name, name)] for name in _FITTED},
         UNTRAINED: [partial(_untrained, config)] if seed == 0 else [],
@@ -175,7 +175,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
 
-def sampled_prior(config: Study, spread: float, name: str, randomization: Randomization = _NOTHING) -> Condition:
+def _sampled_prior(config: Study, spread: float, name: str, randomization: Randomization = _NOTHING) -> Condition:
     """Motors of the rollout prior, z drawn ``spread`` times as wide as its motors differ, under a name."""
     motors = MotorChoice("prior", _prior(config, "rollout"), fleet=config.fleet, latent_spread=spread, name=name)
     return Condition(name, motors, randomization)

@@ -22,7 +22,6 @@ _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
 _QUICK = {
     "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
-    "latent_spread": 1.0,
 }  # fmt: skip
 _QUICK_MOTORS = 16
 """Or more, if the robot has more joints."""
@@ -57,9 +56,9 @@ class Study:
     spread: float | None = None
     """Share by which the constants of the randomised PD vary [-]; if not given, policies of several spreads walk on a
     fleet that no twin has, and the best one is kept."""
-    latent_spread: float | None = None
-    """Factor on the standard deviation of z where motors are drawn from the prior [-]; if not given, chosen likewise.
-    The paper's priors and the adapted one keep 1."""
+    latent_spread: float = 1.0
+    """Factor on the standard deviation of z where motors are drawn from the prior [-]; 1 is as far as the bench's
+    motors differ. The paper's priors and the adapted one keep 1."""
     motors: int = 32
     """Motors on the bench."""
     bench_steps: int = 10_000
@@ -70,7 +69,7 @@ class Study:
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
     """Minutes instead: 2 seeds, 4 walks of 6 s, 8 iterations, a bench of 16 motors and 4000 samples, 200 Adam steps,
-    spreads of 0.2 and 1, in place of the defaults, those that were given included. It decides nothing."""
+    a spread of 0.2, in place of the defaults, those that were given included. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -121,8 +120,7 @@ class Study:
         require_number("speed", config.told(robot), robot.require_legs().forward[1] * 0.5, 10.0)
         if config.spread is not None:
             require_number("spread", config.spread, 0.0, WIDEST)
-        if config.latent_spread is not None:
-            require_number("latent_spread", config.latent_spread, most=WIDEST_LATENT)
+        require_number("latent_spread", config.latent_spread, most=WIDEST_LATENT)
         require_count("workers", config.workers, 1, MOST_WORKERS)
         require_count("motors", config.motors, robot.num_joints)
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
