@@ -9,7 +9,7 @@ of the untrained gait, as untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told 
 and to stand (`turning.py`); seconds_to_quarter_meter_per_second and seconds_to_straight_quarter_meter_per_second, where
 most seeds got there, and seeds_to_…, the share that did, see `seconds_to_goal`; and the highest speeds
 oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five policies are kept;
-what follows them is computed again. Half an hour on two cores, and as much for the goals.
+what follows them is computed again. Half an hour on two cores.
 """
 
 from __future__ import annotations
