@@ -33,8 +33,11 @@ WITH_LOGS = ("Your motors",)
 CHAPTERS = (
     *("Bench: excitation and response", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
     *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),
+    "Robustness",
     "Where the time goes",
 )
+
+STAGES = ("bench", "priors", "validate", "replay", "walk", "transfer", "robustness")
 
 
 @dataclass(frozen=True)
@@ -108,10 +111,9 @@ def test_the_page_needs_nothing_but_itself(demo: Run):
 
 
 def test_a_second_run_finds_every_stage_done(demo: Run):
-    stages = ("bench", "priors", "validate", "replay", "walk", "transfer")
-    before = {stage: modified(demo.config.out / stage) for stage in stages}
+    before = {stage: modified(demo.config.out / stage) for stage in STAGES}
     run_demo(replace(demo.config, workers=1))
-    assert {stage: modified(demo.config.out / stage) for stage in stages} == before
+    assert {stage: modified(demo.config.out / stage) for stage in STAGES} == before
     again = finished(demo.config).figures
     assert again.keys() == demo.figures.keys()
     changed = {name for name, value in again.items() if value != demo.figures[name]}
@@ -120,10 +122,10 @@ def test_a_second_run_finds_every_stage_done(demo: Run):
 
 def test_stages_one_after_the_other_make_the_bytes_of_stages_side_by_side(moved: Demo):
     assert moved.workers == 2
-    folders = ("priors/paper", "priors/paper_wide", "walk/rollout_0", "walk/oracle_0", "transfer")
-    made = ("prior.safetensors", "policy.safetensors", "traces.safetensors", "results.json")
+    folders = ("priors/paper", "priors/paper_wide", "walk/rollout_0", "walk/oracle_0", "transfer", "robustness/paper_0")
+    made = ("prior.safetensors", "policy.safetensors", "traces.safetensors", "robustness.safetensors", "results.json")
     files = [path for folder in folders for name in made if (path := moved.out / folder / name).is_file()]
-    assert len(files) == 2 + 2 + 2
+    assert len(files) == 2 + 2 + 2 + 1
     before = {path: content(path) for path in files}
     for folder in folders:
         (moved.out / folder / MARKER).unlink()
@@ -146,9 +148,6 @@ def test_the_page_of_an_unfinished_demo_shows_what_is_there(demo: Run, tmp_path:
         shutil.copy(demo.config.out / name, tmp_path)
     found = chapters(build_report(tmp_path).read_text("utf-8"))
     assert CHAPTERS[0] in found and CHAPTERS[1] not in found
-
-
-STAGES = ("bench", "priors", "validate", "replay", "walk", "transfer")
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """Robustness maps: what differs in a cell is what its axes say, and a map does not depend on the threads."""
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -7,12 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from motorprior.exceptions import ArtifactError
+from motorprior.locomotion.policy import Policy
 from motorprior.pipeline import robustness as stage
+from motorprior.pipeline.stage import MARKER
 from motorprior.pipeline.walk_report import build_walk_report
 from motorprior.report.plots_robustness import robustness_maps
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.transfer import robustness
-from motorprior.transfer.robustness import Scale, UprightMap, grids, upright_row
+from motorprior.transfer.robustness import MAPS, Scale, UprightMap, grids, load_maps, save_maps, upright_row
 
 
 @pytest.fixture
@@ -76,6 +81,34 @@ def test_the_numbers_are_in_the_cells():
     assert [text.get_text() for text in axes.texts] == ["0", "10", "20", "30", "40", "50"]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0.3", "0.5", "1"]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("friction [-]", "push [N·s]")
+
+
+def test_maps_are_read_as_they_were_written_and_refused_where_axes_do_not_fit(tmp_path: Path):
+    shown = UprightMap(Scale("a", (0.0, 0.1)), Scale("b", (0.3, 0.5, 1.0)), np.arange(6.0).reshape(2, 3) / 10.0)
+    other = UprightMap(Scale("c", (1.0,)), Scale("d", (2.0,)), np.array([[0.25]]))
+    save_maps(tmp_path / MAPS, [shown, other])
+    found = load_maps(tmp_path / MAPS)
+    assert [(each.rows, each.columns) for each in found] == [(each.rows, each.columns) for each in (shown, other)]
+    for each, written in zip(found, (shown, other), strict=True):
+        np.testing.assert_array_equal(each.share, written.share)
+    save_maps(tmp_path / MAPS, [replace(shown, share=shown.share.T)])
+    with pytest.raises(ArtifactError, match=r"map 0 has shape \(3, 2\), its axes have 2 and 3 values"):
+        load_maps(tmp_path / MAPS)
+
+
+def test_maps_are_kept_until_the_policy_is_another(gait_walk: Path, small: None, tmp_path: Path):
+    walk = tmp_path / "walk"
+    shutil.copytree(gait_walk, walk)
+    kept = stage.Robustness(walk, tmp_path / "maps", workers=1)
+    first = stage.run_robustness(kept)
+    marker = (tmp_path / "maps" / MARKER).read_bytes()
+    again = stage.run_robustness(replace(kept, workers=2))
+    assert (tmp_path / "maps" / MARKER).read_bytes() == marker
+    np.testing.assert_array_equal(first[1].share, again[1].share)
+    policy = Policy.load(walk / "policy.safetensors")
+    replace(policy, weights=policy.weights + 1.0).save(walk / "policy.safetensors")
+    stage.run_robustness(kept)
+    assert (tmp_path / "maps" / MARKER).read_bytes() != marker
 
 
 def test_the_page_of_a_walk_has_them_unless_they_are_not_wanted(gait_walk: Path, small: None):

@@ -80,9 +80,10 @@ def test_the_rival_has_the_spread_whose_policies_stand_longest(done: Study):
 
 
 def test_motors_of_the_prior_are_drawn_as_wide_as_they_differ(done: Study):
-    header = Policy.load(done.out / "walk" / "prior_0" / "policy.safetensors").provenance
     assert read_json(done.out / "study.json")["latent_spread"] == "1.0"
-    assert header["motors"].get("latent_spread", 1.0) == 1.0
+    for name, width in (("prior", 1.0), ("prior_robust", 1.0), ("prior_mean", 0.0)):
+        header = Policy.load(done.out / "walk" / f"{name}_0" / "policy.safetensors").provenance
+        assert header["motors"]["latent_spread"] == width
 
 
 def test_what_was_interrupted_goes_on_to_the_same_bytes(done: Study):

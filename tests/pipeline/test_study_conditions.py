@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.artifacts import write_json
+from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
+from motorprior.pipeline import study_spreads
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.study_conditions import FITS, Condition, conditions
 from motorprior.pipeline.study_settings import Study
@@ -20,6 +22,7 @@ from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import ROBUST
+from motorprior.transfer.places import ABROAD
 from motorprior.transfer.study_verdicts import ADAPTED, PD_FRICTION, PD_RANDOMISED, PRIOR_MEAN, ROBUST_PRIOR
 from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
@@ -92,6 +95,9 @@ def test_only_a_simulation_without_chance_is_walked_once():
         ({"speed": 0.1}, "speed"),
         ({"speed": np.nan}, "speed"),
         ({"spread": 0.95}, "spread"),
+        ({"latent_spread": -0.1}, "latent_spread"),
+        ({"latent_spread": np.nan}, "latent_spread"),
+        ({"latent_spread": 1e3}, "latent_spread"),
         ({"ray_address": "127.0.0.1:1"}, "ray_address is for the executor ray"),
         ({"executor": "fog"}, "executor 'fog' is unknown"),
         ({"validation": "foreign_direct"}, "validation 'foreign_direct' is the fleet of a twin"),
@@ -119,6 +125,11 @@ def test_a_study_varies_its_rival_by_what_it_is_told(tmp_path: Path):
     assert condition.motors.spread == 0.15 and condition.motors.coulomb == 0.2
 
 
+def test_a_rival_without_a_width_is_refused(tmp_path: Path):
+    with pytest.raises(ConfigError, match="width of the randomised PD is not known"):
+        conditions(Study(tmp_path, conditions=(PD_RANDOMISED,)), 0)
+
+
 def test_a_study_spreads_z_by_what_it_is_told_and_keeps_the_mean_motor(tmp_path: Path):
     told = Study(tmp_path, conditions=(SAMPLED, ROBUST_PRIOR, PRIOR_MEAN), latent_spread=0.75)
     spreads = {condition.name: condition.motors.latent_spread for condition in conditions(told, 0)}
@@ -134,6 +145,32 @@ def test_a_spread_is_chosen_only_where_there_is_none_and_a_condition_to_have_it(
         assert with_spread(told.sized()) == told.sized()
     quick, full = Study(tmp_path, quick=True).sized(), Study(tmp_path).sized()
     assert quick.spread == 0.2 and full.spread is None
+
+
+def test_the_width_whose_policies_stand_longest_is_kept_the_faster_of_two(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    fitted = {"kp": 8.0, "kd": 0.8, "torque_limit": 1.5, "armature": 0.003, "delay": 0.004, "coulomb": 0.2}
+    write_json(tmp_path / "fits" / FITS, {PD_FRICTION: {"constants": fitted}})
+    walked = {
+        "pd_randomised_0.1": (0.9, 0.7), "pd_randomised_0.2": (0.95, 0.5),
+        "pd_randomised_0.3": (0.95, 0.6), "pd_randomised_0.4": (0.2, 0.8),
+    }  # fmt: skip
+    trained: list[tuple[Condition, int]] = []
+
+    def scores(place: str, condition: str, measure: str) -> np.ndarray:
+        return np.full((3, 4), walked[condition][measure == "speed"])
+
+    def walk_table(config: Study, cells: list[tuple[Condition, int]], progress: object) -> Any:
+        trained.extend(cells)
+        return SimpleNamespace(scores=scores)
+
+    monkeypatch.setattr(study_spreads, "walk_table", walk_table)
+    told = Study(tmp_path, conditions=(PD_RANDOMISED,), validation="mixed").sized()
+    assert with_spread(told) == replace(told, spread=0.3)
+    assert [condition.motors.spread for condition, seed in trained if seed == 900] == [0.1, 0.2, 0.3, 0.4]
+    assert {condition.twins for condition, _ in trained} == {(ABROAD,)}
+    assert read_json(tmp_path / "spreads" / "spreads.json")["chosen"] == 0.3
 
 
 @pytest.mark.parametrize(

@@ -69,11 +69,14 @@ def test_a_missing_twin_leaves_open_what_it_could_have_spoiled():
 
 
 def test_slow_or_fallen_is_not_enough():
-    slow = {("fleet", "prior"): 0.37, ("fleet", "prior_adapted"): 0.38}
+    slow = {("fleet", "prior"): 0.37, ("fleet", "prior_adapted"): 0.38, ("foreign", "prior_adapted"): 0.38}
     fallen = {("foreign", "prior"): {"upright": 0.97}, ("hard", "prior_robust"): {"upright": 0.89}}
     summary = summarise(study(at=slow, measures=fallen))
     assert verdict(summary.targets, "fleet").holds is False
-    assert verdict(summary.targets, "foreign").holds is False
+    foreign = verdict(summary.targets, "foreign")
+    assert foreign.holds is False
+    ways = "sampled falls: 97.0 % upright, where it was trained 100.0 %; adapted is slow: 100.0 % upright"
+    assert foreign.why == f"{ways}, where it was trained 100.0 %; the oracle here 100.0 %"
     assert verdict(summary.targets, "hard").holds is False
     hard = verdict(summary.targets, "hard")
     assert hard.found == "89.0 % upright (0.0 % of its policies stand)"

@@ -24,6 +24,7 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.real_motors import RealMotors, Show, is_replayed, run_real_motors
 from motorprior.pipeline.replay import Replay, run_replay
 from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report, seconds_by_kind
+from motorprior.pipeline.robustness import Robustness, run_robustness
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
 from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, write_results
@@ -116,6 +117,7 @@ def _all_stages(config: Demo, comparison: RealMotors | None, replayed: bool, pro
     results += measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
     _train_policies(config, stages, progress)
     results += stages.run("transfer", lambda: _transfer(config, progress))
+    _map_robustness(config, stages, progress)
     write_results(config.out, results)
     return results
 
@@ -139,7 +141,7 @@ class _Stages:
             write_json(self._run / STAGES, self._found)
         return result
 
-    def run_all(self, works: Mapping[str, Callable[[Progress], None]], threads: int, progress: Progress) -> None:
+    def run_all(self, works: Mapping[str, Callable[[Progress], object]], threads: int, progress: Progress) -> None:
         """Run the stages of several folders, ``threads`` at a time, or find them finished."""
         stages = [
             lambda progress, folder=folder, work=work: self.run(folder, partial(work, progress))
@@ -171,6 +173,18 @@ def _train_policies(config: Demo, stages: _Stages, progress: Progress) -> None:
     longest_first = sorted(_walks(config), key=lambda walk: walk.motors.physics_dt(robot))  # or one would end up alone
     works = {
         f"walk/{walk.out.name}": partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first
+    }
+    stages.run_all(works, config.workers, progress)
+
+
+def _map_robustness(config: Demo, stages: _Stages, progress: Progress) -> None:
+    """Of the first policy of every condition."""
+    first = [walk.out for walk in _walks(config) if walk.out.name.endswith("_0")]
+    works = {
+        f"robustness/{walk.name}": partial(
+            run_robustness, Robustness(walk, config.out / "robustness" / walk.name, config.robot, workers=1)
+        )
+        for walk in first
     }
     stages.run_all(works, config.workers, progress)
 

@@ -19,9 +19,15 @@ _STAGES = (
     "real_motors",
     "walk",
     "transfer",
+    "robustness",
     "study",
 )
-_NEEDS = {"validate": ("adapt",), "real_motors": ("adapt", "identify"), "study": ("transfer",)}
+_NEEDS = {
+    "validate": ("adapt",),
+    "real_motors": ("adapt", "identify"),
+    "robustness": ("transfer",),
+    "study": ("transfer",),
+}
 """Stages whose own module another one's numbers depend on."""
 _PARTS = {"identify": ("training_log",), "study": ("study_watch",), "walk": ("training", "trained_policy")}
 """Modules that belong to one stage."""
@@ -47,11 +53,11 @@ _NO_NUMBERS = (
     *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),
     *(
         f"transfer/{name}.py"
-        for name in ("statistics", "study_summary", "study_verdicts", "study_claims", "study_results")
+        for name in ("statistics", "study_summary", "study_verdicts", "study_targets", "study_claims", "study_results")
     ),  # judges
     *(
         f"pipeline/{name}.py"
-        for name in ("play", "walk_film", "schedule_file", "robustness", "walk_report", "walk_metrics", "walk_seeds")
+        for name in ("play", "walk_film", "schedule_file", "walk_report", "walk_metrics", "walk_seeds")
     ),
     *("simulation/render*.py", "simulation/viewer.py", "simulation/camera.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),

@@ -12,6 +12,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.pipeline.digests import digest
 from motorprior.pipeline.stage import MARKER, RESULTS, read_results, seconds_of
 from motorprior.robots.load import load_robot
+from motorprior.transfer.robustness import MAPS, load_maps
 
 PAGE, SETTINGS, STAGES, CURVE = "report.html", "demo.json", "stages.json", "curve.json"
 WALKER, REPLAYED = "robot_that_walks", "logs_replayed"
@@ -27,11 +28,17 @@ def build_report(run: Path) -> Path:
         ArtifactError: the settings in it are damaged.
     """
     from motorprior.report import sections  # here: they import matplotlib, a second that nothing else needs
+    from motorprior.report.gait_sections import robustness_section
     from motorprior.report.page import Report, Section, write_report
     from motorprior.report.real_motors import real_motors
 
     def walk(run: Path) -> list[Section]:
         return sections.walk([run / folder for folder in belonging if _kind(folder) == "walk"])
+
+    def robustness(run: Path) -> list[Section]:
+        folders = [folder for folder in belonging if _kind(folder) == "robustness"]
+        maps = {Path(folder).name.removesuffix("_0"): load_maps(run / folder / MAPS) for folder in folders}
+        return [robustness_section(maps)]
 
     if not (run / SETTINGS).is_file():
         raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the folder that `motorprior demo` wrote")
@@ -44,6 +51,7 @@ def build_report(run: Path) -> Path:
         "replay": (("replay",), sections.replay),
         "walk": (("walk/rollout_0",), walk),
         "transfer": (("transfer",), lambda run: sections.transfer(run, load_robot(settings[WALKER]))),
+        "robustness": (("robustness/rollout_0",), robustness),
     }  # the folders that must belong to the settings, and what they add to the page
     belonging = belonging_stages(run)
     ready = [name for name, (folders, _) in stages.items() if set(folders) <= set(belonging)]

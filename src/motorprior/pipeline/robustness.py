@@ -2,19 +2,67 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.side_by_side import side_by_side, threads_here
+from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.pipeline.transfer import walker_of
+from motorprior.pipeline.walk import MOST_WORKERS, POLICY
+from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.transfer.robustness import ROBUSTNESS_DRAWS, Grid, UprightMap, grids, upright_row
+from motorprior.transfer.robustness import (
+    MAPS,
+    ROBUSTNESS_DRAWS,
+    Grid,
+    UprightMap,
+    grids,
+    load_maps,
+    save_maps,
+    upright_row,
+)
 from motorprior.transfer.twin import DURATION_STEPS, straight_ahead
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """Robustness maps of a policy."""
+
+    walk: Path
+    """Folder that `motorprior walk` wrote."""
+    out: Path
+    """Folder for the maps."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or a .toml file."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Rows of a map at a time; the result does not depend on it."""
+
+
+def run_robustness(config: Robustness, progress: Progress = SILENT) -> tuple[UprightMap, ...]:
+    """Measure `robustness`, or read what this very stage measured.
+
+    Raises:
+        ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
+    """
+    require_count("workers", config.workers, 1, MOST_WORKERS)
+    robot, path = load_robot(config.robot), config.walk / POLICY
+    robot.require_legs()
+    settings = asdict(config)
+    del settings["workers"]
+    wanted = description("robustness", settings, [path, *robot.files])
+    if not is_finished(config.out, wanted):
+        with working(config.out, wanted):
+            save_maps(config.out / MAPS, robustness(path, robot, config.workers, progress))
+    return load_maps(config.out / MAPS)
 
 
 def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> tuple[UprightMap, ...]:

@@ -11,6 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.facts import read_bench
 from motorprior.bench.recording import bench_preset, record
+from motorprior.exceptions import ConfigError
 from motorprior.logs.parquet_io import write_log
 from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.bench import Bench, run_bench
@@ -170,7 +171,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         **{name: [partial(_other_prior, config, name)] for name in _OTHER_PRESETS},
         **{name: [partial(_pd, config, name, name)] for name in _FITTED},
         UNTRAINED: [partial(_untrained, config)] if seed == 0 else [],
-        PD_RANDOMISED: [partial(randomised_pd, config, config.spread or 0.0, PD_RANDOMISED)],
+        PD_RANDOMISED: [partial(_rival, config)],
     }
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
@@ -193,6 +194,14 @@ def _untrained(config: Study) -> Condition:
 def _pd(config: Study, fit: str, name: str, spread: float = 0.0) -> Condition:
     constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
     return Condition(name, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name, **constants))
+
+
+def _rival(config: Study) -> Condition:
+    if config.spread is None:
+        raise ConfigError(
+            "the width of the randomised PD is not known", remedy="choose it first: study_spreads.with_spread"
+        )
+    return randomised_pd(config, config.spread, PD_RANDOMISED)
 
 
 def randomised_pd(config: Study, width: float, name: str) -> Condition:

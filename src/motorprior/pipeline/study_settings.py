@@ -54,8 +54,8 @@ class Study:
     """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept; on those of
     training if not given. None of the twins'."""
     spread: float | None = None
-    """Share by which the constants of the randomised PD vary [-]; if not given, policies of several spreads walk on a
-    fleet that no twin has, and the best one is kept."""
+    """Width of the randomised PD: the share by which its constants vary [-]; if not given, policies of several widths
+    walk on a fleet that no twin has, and the best one is kept."""
     latent_spread: float = 1.0
     """Factor on the standard deviation of z where motors are drawn from the prior [-]; 1 is as far as the bench's
     motors differ. The paper's priors and the adapted one keep 1."""
@@ -69,7 +69,7 @@ class Study:
     """Of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
     """Minutes instead: 2 seeds, 4 walks of 6 s, 8 iterations, a bench of 16 motors and 4000 samples, 200 Adam steps,
-    a spread of 0.2, in place of the defaults, those that were given included. It decides nothing."""
+    a width of 0.2. A number that you give is kept, unless it is the full study's default. It decides nothing."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)

@@ -1,6 +1,6 @@
-"""How far the constants of a study's randomised PD vary: the share that suits it, chosen where no twin is.
+"""The width of a study's randomised PD, the share by which its constants vary: chosen where no twin is.
 
-Policies of several shares walk on a validation fleet, whose motors no twin has; the share whose policies are upright
+Policies of several widths walk on a validation fleet, whose motors no twin has; the width whose policies are upright
 there for longest is kept, of two that are alike the one whose policies are faster. The prior needs no such choice: how
 far its motors differ was learned.
 """
@@ -21,7 +21,7 @@ from motorprior.transfer.study_verdicts import PD_RANDOMISED, statistic_of
 from motorprior.transfer.walk_table import OWN, WalkTable
 
 SPREADS = "spreads.json"
-_SHARES = (0.1, 0.2, 0.3, 0.4)
+_WIDTHS = (0.1, 0.2, 0.3, 0.4)
 _FLEETS = ("mixed", "foreign_servo", "foreign_direct")
 """Validation fleets: the first that is none of the twins'."""
 _FIRST_SEED, _SEEDS = 900, 3
@@ -29,21 +29,25 @@ _FIRST_SEED, _SEEDS = 900, 3
 
 
 def with_spread(config: Study, progress: Progress = SILENT) -> Study:
-    """The study with the share of its randomised PD, where it has one; spreads/spreads.json has what was found."""
+    """The study with the width of its randomised PD; the same study if it has no such PD or was told a width.
+
+    spreads/spreads.json has what was found.
+    """
     if config.spread is not None or PD_RANDOMISED not in config.conditions:
         return config
     seeds, fleet = range(_FIRST_SEED, _FIRST_SEED + min(_SEEDS, config.seeds)), validation_fleet(config)
-    made = {share: randomised_pd(config, share, f"{PD_RANDOMISED}_{share:g}") for share in _SHARES}
-    # watched on the motors of the validation fleet only; contests are won at home, as in the study
+    made = {width: randomised_pd(config, width, f"{PD_RANDOMISED}_{width:g}") for width in _WIDTHS}
+    # Watched on the motors of the validation fleet only. Which policy of a search is kept is decided at home, even
+    # where the study decides that on the validation fleet: or its motors would be in the search that they judge.
     conditions = [replace(condition, twins=(ABROAD,)) for condition in made.values()]
     there = replace(config, out=config.out / "spreads", foreign=fleet, validation=None)
-    progress.note(f"spread of the randomised PD: the best is chosen on the fleet {fleet!r}")
+    progress.note(f"width of the randomised PD: the best is chosen on the fleet {fleet!r}")
     table = walk_table(there, [(condition, seed) for seed in seeds for condition in conditions], progress)
-    found = {share: _found(table, condition.name) for share, condition in made.items()}
-    best = max(found, key=lambda share: _rank(found[share]))
-    tried = {f"{share:g}": walked for share, walked in found.items()}
+    found = {width: _found(table, condition.name) for width, condition in made.items()}
+    best = max(found, key=lambda width: _rank(found[width]))
+    tried = {f"{width:g}": walked for width, walked in found.items()}
     write_json(there.out / SPREADS, {"fleet": fleet, "tried": tried, "chosen": best})
-    progress.note(f"spread of the randomised PD: {best:g}")
+    progress.note(f"width of the randomised PD: {best:g}")
     return replace(config, spread=best)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.exceptions import ArtifactError
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.randomization import Randomization
@@ -15,6 +18,8 @@ from motorprior.simulation.rollout import WalkSimulator
 from motorprior.transfer.study import STUDY_SEED, share_upright
 from motorprior.transfer.twin import DURATION_STEPS
 
+MAPS = "robustness.safetensors"
+"""File of a policy's maps."""
 ROBUSTNESS_DRAWS = 8
 """Episodes of a cell, the same motors in every cell."""
 FRICTIONS = (0.3, 0.5, 0.75, 1.0)
@@ -58,6 +63,33 @@ class UprightMap:
     rows: Scale
     columns: Scale
     share: np.ndarray
+
+
+def save_maps(path: Path, maps: Sequence[UprightMap]) -> None:
+    """Write maps as a file of tensors, N/rows, N/columns and N/share, with the titles of the axes in its header."""
+    tensors: dict[str, np.ndarray] = {}
+    for number, each in enumerate(maps):
+        found = {"rows": np.array(each.rows.values), "columns": np.array(each.columns.values), "share": each.share}
+        tensors |= {f"{number}/{name}": value for name, value in found.items()}
+    write_tensors(path, tensors, {"titles": [[each.rows.title, each.columns.title] for each in maps]})
+
+
+def load_maps(path: Path) -> tuple[UprightMap, ...]:
+    """Read what `save_maps` wrote.
+
+    Raises:
+        ArtifactError: missing, damaged, or a map whose size is not that of its axes.
+        KeyError: a part of a map is missing.
+    """
+    tensors, header = read_tensors(path)
+    maps = []
+    for number, (row, column) in enumerate(header["titles"]):
+        rows, columns, share = (tensors[f"{number}/{name}"] for name in ("rows", "columns", "share"))
+        if share.shape != (len(rows), len(columns)):
+            problem = f"map {number} has shape {share.shape}, its axes have {len(rows)} and {len(columns)} values"
+            raise ArtifactError(problem, where=path, remedy="measure it again")
+        maps.append(UprightMap(Scale(row, tuple(rows.tolist())), Scale(column, tuple(columns.tolist())), share))
+    return tuple(maps)
 
 
 def grids(robot: Robot) -> tuple[Grid, Grid]:

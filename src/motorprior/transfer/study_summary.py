@@ -21,6 +21,7 @@ from motorprior.transfer.statistics import (
     ratio,
 )
 from motorprior.transfer.study_claims import claims
+from motorprior.transfer.study_targets import targets
 from motorprior.transfer.study_verdicts import (
     ADAPTED,
     COMPARED,
@@ -38,7 +39,6 @@ from motorprior.transfer.study_verdicts import (
     Verdict,
     in_order,
     statistic_of,
-    targets,
     twins_in,
 )  # fmt: skip
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
