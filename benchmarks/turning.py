@@ -10,7 +10,7 @@ from motorprior.results import Result
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.rollout import Episode
-from motorprior.transfer.gait_quality import WARM_UP, way_along
+from motorprior.transfer.gait_quality import WARM_UP, lasted, way_along
 
 TURNS = "commanded/"
 """Beginning of the names of these quantities."""
@@ -29,7 +29,7 @@ def commands_of(robot: Robot) -> list[tuple[float, float]]:
 
 def followed(robot: Robot, episodes: Sequence[Episode], steps: int) -> dict[str, float]:
     """Over walks of one command: share without a fall; of these walks speed [m/s] and yaw rate [rad/s]."""
-    whole = [each for each in episodes if each.steps == steps and each.fault == 0]
+    whole = [each for each in episodes if lasted(each, steps)]
     found = {"upright": len(whole) / len(episodes)}
     if whole:
         rates = [_rates(robot, each) for each in whole]

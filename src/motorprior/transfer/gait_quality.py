@@ -57,6 +57,11 @@ class GaitQuality:
     transport: float
 
 
+def lasted(episode: Episode, steps: int) -> bool:
+    """Whether an episode went on for so many control steps, without a fall or a breakdown of the physics."""
+    return episode.steps >= steps and episode.fault == 0
+
+
 def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int) -> GaitQuality:
     """Measure an episode with one command.
 
@@ -68,7 +73,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         steps: of an episode without a fall.
     """
     dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
-    upright = float(episode.steps == steps and episode.fault == 0)
+    upright = float(lasted(episode, steps))
     if len(episode.trace) < begin + round(1.0 / dt):
         return _fallen_at_once(len(robot.legs))
     heading = np.unwrap([roll_pitch_yaw(quat)[2] for quat in episode.trace[:, 3:7]])

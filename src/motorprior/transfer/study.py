@@ -11,6 +11,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.rollout import Episode, WalkSimulator
+from motorprior.transfer.gait_quality import lasted
 from motorprior.transfer.twin import DURATION_STEPS
 
 DRAWS = 24
@@ -73,5 +74,4 @@ def _summary(episodes: list[Episode], control_dt: float) -> Walking:
 
 def share_upright(episode: Episode, steps: int) -> float:
     """Share of an episode of so many control steps before a fall or a breakdown of the physics [-]."""
-    fell = episode.steps < steps or episode.fault != 0
-    return (episode.steps - fell) / steps
+    return (episode.steps - (not lasted(episode, steps))) / steps
