@@ -14,7 +14,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from string import ascii_lowercase
+from string import ascii_uppercase
 from textwrap import fill
 
 import numpy as np
@@ -201,17 +201,18 @@ def draw(figures: dict[str, float], names: list[str], places: list[str], path: P
     grid = panels(figure, len(shown), len(twins), sharey="row")
     for row, (measure, title) in zip(grid, shown.items(), strict=True):
         for axes, place in zip(row, twins, strict=True):
-            for letter, name in zip(ascii_lowercase, names, strict=False):
+            for letter, name in zip(ascii_uppercase, names, strict=False):
                 x = 1000.0 * figures[f"{name}/{TWINS[place].population}/fidelity"]
                 y = figures.get(f"{name}/{place}/{measure}", float("nan"))
-                axes.plot(x, y, "o", color=MODEL_COLORS["rollout"], markersize=3)
-                axes.annotate(letter, (x, y), textcoords="offset points", xytext=(3, 2), fontsize=7)
+                if np.isfinite(y):
+                    axes.plot(x, y, " ")  # makes room
+                    axes.text(x, y, letter, ha="center", va="center", fontsize=7, color=MODEL_COLORS["rollout"])
         describe(row[0], y=title)
     for axes, place in zip(grid[0], twins, strict=True):
         describe(axes, title=place)
     for axes in grid[-1]:
         describe(axes, x="joint error [mrad]")
-    key = ", ".join(f"{letter}\u00a0{name}" for letter, name in zip(ascii_lowercase, names, strict=False))
+    key = ", ".join(f"{letter}\u00a0{name}" for letter, name in zip(ascii_uppercase, names, strict=False))
     figure.supxlabel(fill(key, 95), fontsize=8)
     path.write_bytes(png_bytes(figure))
 

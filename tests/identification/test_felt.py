@@ -4,9 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.identification.felt import felt_constants
+from motorprior.identification.felt import felt_constants, limits_not_shown
 from motorprior.identification.initial_motor import INITIAL_MOTOR, encoded, with_motor
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -28,3 +29,7 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     felt = felt_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
     assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= felt
     assert not {"torque_limit", "backlash"} & felt
+    runs = WindowRuns(replace(data, series=series), PRESET)
+    assert limits_not_shown(network, runs, z) == {"torque_limit": pytest.approx(100.0)}
+    stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
+    assert limits_not_shown(network, stated, z) == {}

@@ -9,9 +9,13 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.fleet_fit import held_constants
 from motorprior.identification.motor_fit import MotorFit
+from motorprior.identification.speed_limits import SPEED_LIMITS
 from motorprior.identification.window_runs import WindowRuns
 
+LIMITS = ("torque_limit", *SPEED_LIMITS)
+"""Limits that a fit sets far above what the logs reach where these do not show them (`fleet_fit.ROOM`)."""
 WORSE = 1.02
 """Loss with half or double of a constant, over the loss with it, from which on the log feels it."""
 
@@ -36,3 +40,19 @@ def felt_constants(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name
         return float(np.median(MotorFit(changed, runs).losses(z) / least))
 
     return frozenset(name for name in names if min(worse(name, 0.5), worse(name, 2.0)) > WORSE)
+
+
+def limits_not_shown(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> dict[str, float]:
+    """LIMITS that were fitted and that the logs do not feel, with the median over motors [N·m], [rad/s].
+
+    Args:
+        network: with a geared motor.
+        runs: the logs of M motors.
+        z: (M, Z) their latents.
+    """
+    assert network.motor is not None
+    rows = parameters_of(network.motor.terms)
+    held = held_constants(network.motor.terms, runs)
+    fitted = [name for name in LIMITS if name in rows and not held[rows.index(name)]]
+    felt, values = felt_constants(network, runs, z, fitted), network.constants(z)
+    return {name: float(np.median(values[name])) for name in fitted if name not in felt}

@@ -15,10 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.limits_not_shown import NOT_SHOWN, limit_in_words
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
+from motorprior.identification.felt import limits_not_shown
 from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
 from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
 from motorprior.identification.posterior import standard_posterior
@@ -46,7 +48,7 @@ class Identified:
         losses: mean losses: of every CHUNK steps, or of the finished fits.
         aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
         metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
-            ``saved_residual``, that of the residual network.
+            ``saved_residual``, that of the residual network; ``not_shown_LIMIT``, see `felt.limits_not_shown`.
         notes: what a user should know of it, line by line.
     """
 
@@ -132,6 +134,12 @@ def _physics_first(
     chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in found.terms)
     chosen = chosen or ("none" if saved else "none was tried")
     notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
+    for name, value in limits_not_shown(network, runs, found.offsets).items():
+        metrics[f"{NOT_SHOWN}{name}"] = value
+        notes.append(
+            f"not shown by the logs: a {limit_in_words(name, value)}, which the prior has, is far beyond what they "
+            "reach, and a policy that is trained on it may count on that"
+        )
     judged = held_out_windows(runs)
     if preset.num_neurons and (judged.all() or not judged.any()):
         preset = replace(preset, num_neurons=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from motorprior.actuator.limits_not_shown import limit_in_words, limits_not_shown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -22,6 +23,21 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
         ConfigError: a prior of another robot, or one that does not fit its physics step.
     """
     return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
+
+
+def limits_in_doubt(path: Path, robot: Robot) -> list[str]:
+    """A line for each limit of a prior's motors that its logs did not show; beside a torque, what the robot says.
+
+    Raises:
+        ArtifactError, ConfigError: see `load_prior`.
+    """
+    described = max(joint.torque_limit for joint in robot.joints)
+    beside = {"torque_limit": f", where the description of {robot.name} says {described:.3g} at most"}
+    return [
+        f"note: the prior's {limit_in_words(name, value)} was not in its logs{beside.get(name, '')}. What is trained "
+        "on it may count on that: log motions that reach the limit, or vary it in training"
+        for name, value in limits_not_shown(load_prior(path, robot).metrics).items()
+    ]
 
 
 def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:

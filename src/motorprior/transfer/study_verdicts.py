@@ -66,7 +66,7 @@ IN_WORDS = {
     PRIOR: "sampled", ADAPTED: "adapted", PD_FRICTION: "a PD with friction", PD_RANDOMISED: "a randomised PD",
     PAPER: "the paper's recipe", PAPER_WIDE: "the paper's loss on our data",
 }  # fmt: skip
-LEAST_SPEED = 0.02
+LEAST_SPEED = 0.1
 """[m/s]; a policy that is slower where it was trained does not walk, and has no transfer ratio."""
 LEAST_UPRIGHT = 0.9
 """Share of the time; an oracle that is upright for less is no measure."""

@@ -1,0 +1,20 @@
+"""Limits of a prior's motors that its logs did not show: metrics of the prior, and words for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+NOT_SHOWN = "not_shown_"
+"""Beginning of the name of such a metric; its value is what the limit was set to [N·m], [rad/s]."""
+_UNITS = {"torque_limit": "N·m"}
+"""Of limits; others are speeds."""
+
+
+def limits_not_shown(metrics: Mapping[str, float]) -> dict[str, float]:
+    """Name -> value of the limits that metrics of a prior tell of."""
+    return {name.removeprefix(NOT_SHOWN): value for name, value in metrics.items() if name.startswith(NOT_SHOWN)}
+
+
+def limit_in_words(name: str, value: float) -> str:
+    """For example "torque limit of 20 N·m"."""
+    return f"{name.replace('_', ' ')} of {value:.3g} {_UNITS.get(name, 'rad/s')}"

@@ -1,0 +1,44 @@
+"""Of a limit that no log shows the user hears where the prior is made, and where a policy is trained on it."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import motorprior as mp
+from motorprior.actuator.limits_not_shown import limits_not_shown
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.search.ars import ArsConfig
+
+
+def fitted(excitation: str, said: io.StringIO) -> MotorPrior:
+    log = mp.record_bench(PUPPER_V2, motors=4, steps=1500, preset=excitation)
+    return mp.fit_prior(log, "pace", progress=Lines(said))
+
+
+def test_sinusoids_without_load_show_no_torque_limit(tmp_path: Path):
+    said = io.StringIO()
+    prior = fitted("narrow", said)
+    found = limits_not_shown(prior.metrics)
+    assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
+    assert f"not shown by the logs: a torque limit of {found['torque_limit']:.3g} N·m" in said.getvalue()
+    prior.save(tmp_path / "prior.safetensors")
+    assert limits_not_shown(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
+
+    heard = io.StringIO()
+    search = ArsConfig(num_directions=2, num_top_directions=1)
+    motors = MotorChoice("prior", tmp_path / "prior.safetensors")
+    run_walk(Walk(tmp_path / "walk", motors, iterations=1, episode_steps=20, search=search, workers=1), Lines(heard))
+    assert "N·m was not in its logs, where the description of pupper_v2 says 1.26 at most" in heard.getvalue()
+
+
+def test_gaits_with_impacts_do():
+    said = io.StringIO()
+    prior = fitted("rollout", said)
+    assert limits_not_shown(prior.metrics) == {} and "not shown" not in said.getvalue()
+    assert np.median(prior.network.constants(prior.mean)["torque_limit"]) == pytest.approx(1.26, rel=0.1)
