@@ -12,6 +12,7 @@ kept. Hours on two cores; `--grades` picks some.
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_uppercase
@@ -39,14 +40,19 @@ from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 from motorprior.transfer.robot_fidelity import robot_fidelity
 from motorprior.transfer.statistics import estimate, ratio
 from motorprior.transfer.study_results import with_interval
-from motorprior.transfer.study_verdicts import LEAST_SPEED, statistic_of
 from motorprior.transfer.study_verdicts import MEASURES as UNITS
+from motorprior.transfer.study_verdicts import statistic_of
 from motorprior.transfer.walk_table import OWN, WalkTable
 
 PROGRESS = Lines(sys.stderr)
 MEASURES = ("speed", "upright", "drift")
 FIDELITY_STREAM = 0x64AD
 """Tag of the random stream of the motors that are drawn where fidelity is measured."""
+LEAST_SPEED = 0.1
+"""[m/s]; policies that are slower where they were trained have no ratio."""
+APART = 0.9
+"""Between letters of grades with the same error [mrad]."""
+COLOR = MODEL_COLORS["rollout"]
 ROBOTS = range(10_000, 10_004)
 """Numbers of the robots that fidelity is measured on; no study walks them."""
 
@@ -83,7 +89,7 @@ GRADES = {
     "motors_8": Grade(motors=8),
     "motors_128": Grade(motors=128),
     "narrow": Grade(preset="narrow"),
-    "foreign": Grade(fleet="foreign_direct"),
+    "foreign_motors": Grade(fleet="foreign_direct"),
     "spread_0": Grade(spread=0.0),
     "spread_0.5": Grade(spread=0.5),
     "spread_1.5": Grade(spread=1.5),
@@ -194,19 +200,21 @@ def markdown(figures: dict[str, float], names: list[str], places: list[str]) -> 
 
 
 def draw(figures: dict[str, float], names: list[str], places: list[str], path: Path) -> None:
-    """Transfer over fidelity: a row per measure, a column per place, a letter per grade."""
+    """Transfer over fidelity: a row per measure, a column per place, a letter per grade; equals side by side."""
     shown = {"ratio": "speed, of its own", "upright": "time upright", "drift": "sideways [m]"}
     twins = [place for place in places if place in TWINS]
     figure = new_figure(2.0 * len(shown) + 1.2)
     grid = panels(figure, len(shown), len(twins), sharey="row")
     for row, (measure, title) in zip(grid, shown.items(), strict=True):
         for axes, place in zip(row, twins, strict=True):
+            drawn: Counter[float] = Counter()
             for letter, name in zip(ascii_uppercase, names, strict=False):
                 x = 1000.0 * figures[f"{name}/{TWINS[place].population}/fidelity"]
                 y = figures.get(f"{name}/{place}/{measure}", float("nan"))
                 if np.isfinite(y):
-                    axes.plot(x, y, " ")  # makes room
-                    axes.text(x, y, letter, ha="center", va="center", fontsize=7, color=MODEL_COLORS["rollout"])
+                    axes.plot(x + APART * drawn[x], y, " ")  # makes room
+                    axes.text(x + APART * drawn[x], y, letter, ha="center", va="center", fontsize=7, color=COLOR)
+                    drawn[x] += 1
         describe(row[0], y=title)
     for axes, place in zip(grid[0], twins, strict=True):
         describe(axes, title=place)

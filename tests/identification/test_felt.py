@@ -30,6 +30,7 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= felt
     assert not {"torque_limit", "backlash"} & felt
     runs = WindowRuns(replace(data, series=series), PRESET)
-    assert limits_not_shown(network, runs, z) == {"torque_limit": pytest.approx(100.0)}
+    (found,) = limits_not_shown(network, runs, z).items()
+    assert found[0] == "torque_limit" and found[1].motors == 1 and found[1].most == pytest.approx(100.0)
     stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
     assert limits_not_shown(network, stated, z) == {}

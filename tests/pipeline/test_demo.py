@@ -206,7 +206,13 @@ def forget_a_figure(run: Path) -> Path:
     return run / "transfer"
 
 
-@pytest.mark.parametrize("damage", [damage_curve, damage_figures, truncate_figures, forget_a_figure])
+def damage_a_map(run: Path) -> Path:
+    path = run / "robustness" / "oracle_0" / "robustness.safetensors"
+    path.write_bytes(path.read_bytes()[:-8])
+    return run / "robustness"
+
+
+@pytest.mark.parametrize("damage", [damage_curve, damage_figures, truncate_figures, forget_a_figure, damage_a_map])
 def test_a_damaged_file_of_a_stage_is_named_with_a_way_out(moved: Demo, damage):
     folder = damage(moved.out)
     with pytest.raises(ConfigError) as error:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from motorprior.artifacts import write_tensors
 from motorprior.exceptions import ArtifactError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline import robustness as stage
@@ -83,7 +84,7 @@ def test_the_numbers_are_in_the_cells():
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("friction [-]", "push [N·s]")
 
 
-def test_maps_are_read_as_they_were_written_and_refused_where_axes_do_not_fit(tmp_path: Path):
+def test_maps_are_read_as_they_were_written(tmp_path: Path):
     shown = UprightMap(Scale("a", (0.0, 0.1)), Scale("b", (0.3, 0.5, 1.0)), np.arange(6.0).reshape(2, 3) / 10.0)
     other = UprightMap(Scale("c", (1.0,)), Scale("d", (2.0,)), np.array([[0.25]]))
     save_maps(tmp_path / MAPS, [shown, other])
@@ -91,24 +92,40 @@ def test_maps_are_read_as_they_were_written_and_refused_where_axes_do_not_fit(tm
     assert [(each.rows, each.columns) for each in found] == [(each.rows, each.columns) for each in (shown, other)]
     for each, written in zip(found, (shown, other), strict=True):
         np.testing.assert_array_equal(each.share, written.share)
-    save_maps(tmp_path / MAPS, [replace(shown, share=shown.share.T)])
-    with pytest.raises(ArtifactError, match=r"map 0 has shape \(3, 2\), its axes have 2 and 3 values"):
+
+
+@pytest.mark.parametrize(
+    ("titles", "left_out", "words"),
+    [
+        ([["a", "b"]], "0/share", r"map 0 has shape \(\), its 2 axes \(2,\) and \(3,\)"),
+        ([["a", "b"], ["c", "d"]], "", "map 1 has shape"),
+        ([["a", "b", "c"]], "", "its 3 axes"),
+        ([], "", "titles"),
+        (5, "", "titles"),
+        ([[1, 2]], "", "titles"),
+    ],
+)
+def test_damaged_maps_are_refused(tmp_path: Path, titles: Any, left_out: str, words: str):
+    tensors = {"0/rows": np.arange(2.0), "0/columns": np.arange(3.0), "0/share": np.zeros((2, 3))}
+    tensors.pop(left_out, None)
+    write_tensors(tmp_path / MAPS, tensors, {"titles": titles})
+    with pytest.raises(ArtifactError, match=words):
         load_maps(tmp_path / MAPS)
 
 
 def test_maps_are_kept_until_the_policy_is_another(gait_walk: Path, small: None, tmp_path: Path):
-    walk = tmp_path / "walk"
+    walk, maps = tmp_path / "walk", tmp_path / "maps"
     shutil.copytree(gait_walk, walk)
-    kept = stage.Robustness(walk, tmp_path / "maps", workers=1)
-    first = stage.run_robustness(kept)
-    marker = (tmp_path / "maps" / MARKER).read_bytes()
-    again = stage.run_robustness(replace(kept, workers=2))
-    assert (tmp_path / "maps" / MARKER).read_bytes() == marker
-    np.testing.assert_array_equal(first[1].share, again[1].share)
+    kept = stage.Robustness(walk, maps, workers=1)
+    stage.run_robustness(kept)
+    before = [(maps / name).read_bytes() for name in (MARKER, MAPS)]
+    stage.run_robustness(replace(kept, workers=2))
+    assert [(maps / name).read_bytes() for name in (MARKER, MAPS)] == before
     policy = Policy.load(walk / "policy.safetensors")
     replace(policy, weights=policy.weights + 1.0).save(walk / "policy.safetensors")
     stage.run_robustness(kept)
-    assert (tmp_path / "maps" / MARKER).read_bytes() != marker
+    assert [(maps / name).read_bytes() for name in (MARKER, MAPS)] != before
+    assert load_maps(maps / MAPS)[0].share[0, -1] < 1.0
 
 
 def test_the_page_of_a_walk_has_them_unless_they_are_not_wanted(gait_walk: Path, small: None):

@@ -83,6 +83,16 @@ def test_slow_or_fallen_is_not_enough():
     assert hard.why == f"{hard.found}; where it was trained 100.0 %; the oracle here 100.0 %"
 
 
+def test_the_reason_names_the_home_of_the_policies_that_fell():
+    """The adapted prior's policies for foreign motors were trained on these, and fell there, too."""
+    places = ("own", "own_foreign", *TWINS)
+    fallen = {("foreign", name): {"upright": 0.9} for name in ("prior", "prior_adapted")}
+    fallen |= {("own_foreign", "prior_adapted"): {"upright": 0.8}, ("foreign", "oracle"): {"upright": 0.95}}
+    why = verdict(summarise(study(places, measures=fallen)).targets, "foreign").why
+    assert "adapted falls: 90.0 % upright, where it was trained 80.0 %" in why
+    assert why.endswith("the oracle here 95.0 %")
+
+
 def test_the_slower_of_two_priors_may_be_the_one_that_holds():
     fast_but_fallen = study(
         at={("fleet", "prior_adapted"): 0.5}, measures={("fleet", "prior_adapted"): {"upright": 0.9}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 NOT_SHOWN = "not_shown_"
-"""Beginning of the name of such a metric; its value is what the limit was set to [N·m], [rad/s]."""
+"""Beginning of the name of such a metric; its value is the largest that a motor was given [N·m], [rad/s]."""
 _UNITS = {"torque_limit": "N·m"}
 """Of limits; others are speeds."""
 

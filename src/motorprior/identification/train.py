@@ -134,11 +134,12 @@ def _physics_first(
     chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in found.terms)
     chosen = chosen or ("none" if saved else "none was tried")
     notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
-    for name, value in limits_not_shown(network, runs, found.offsets).items():
-        metrics[f"{NOT_SHOWN}{name}"] = value
+    for name, hidden in limits_not_shown(network, runs, found.offsets).items():
+        metrics[f"{NOT_SHOWN}{name}"] = hidden.most
         notes.append(
-            f"not shown by the logs: a {limit_in_words(name, value)}, which the prior has, is far beyond what they "
-            "reach, and a policy that is trained on it may count on that"
+            f"warning: the logs of {hidden.motors} of {len(found.offsets)} motors do not show a "
+            f"{limit_in_words(name, hidden.most)}, which one of them has been given: half and double of it replay them "
+            "as well, and a policy that is trained on this prior may count on it"
         )
     judged = held_out_windows(runs)
     if preset.num_neurons and (judged.all() or not judged.any()):

@@ -28,7 +28,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.viewer import require_screen, show
-from motorprior.transfer.gait_quality import WARM_UP, gait_quality
+from motorprior.transfer.gait_quality import WARM_UP, gait_quality, lasted
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
 from motorprior.transfer.twin import HARD, NOISY, together, twin_of
@@ -174,7 +174,7 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, told: np.
     An engine that tells no torques (PyBullet) leaves one measure.
     """
     if not len(episode.motion):
-        upright = float(episode.steps == len(told) and episode.fault == 0)
+        upright = float(lasted(episode, len(told)))
         return Results.of([Result("upright", "1", upright, name, config.place)])
     begin = min(round(WARM_UP / robot.control_dt), episode.steps - 1)
     forward, turn = told[begin : episode.steps].mean(axis=0)

@@ -31,13 +31,15 @@ def limits_in_doubt(path: Path, robot: Robot) -> list[str]:
     Raises:
         ArtifactError, ConfigError: see `load_prior`.
     """
+    return [_doubt(name, value, robot) for name, value in limits_not_shown(load_prior(path, robot).metrics).items()]
+
+
+def _doubt(name: str, value: float, robot: Robot) -> str:
+    said = f"note: a {limit_in_words(name, value)} of the prior was not seen in its logs"
     described = max(joint.torque_limit for joint in robot.joints)
-    beside = {"torque_limit": f", where the description of {robot.name} says {described:.3g} at most"}
-    return [
-        f"note: the prior's {limit_in_words(name, value)} was not in its logs{beside.get(name, '')}. What is trained "
-        "on it may count on that: log motions that reach the limit, or vary it in training"
-        for name, value in limits_not_shown(load_prior(path, robot).metrics).items()
-    ]
+    if name == "torque_limit" and described < value:
+        said += f" (the description of {robot.name}: {described:.3g} at most)"
+    return f"{said}; what is trained on it may count on that. Log motions that reach the limit"
 
 
 def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:

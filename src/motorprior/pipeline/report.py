@@ -43,6 +43,8 @@ def build_report(run: Path) -> Path:
     if not (run / SETTINGS).is_file():
         raise ConfigError(f"no {SETTINGS} in it", where=run, remedy="give the folder that `motorprior demo` wrote")
     settings, command = _settings(run / SETTINGS)
+    belonging = belonging_stages(run)
+    first = [Path(folder).name for folder in belonging if _kind(folder) == "walk" and folder.endswith("_0")]
     stages: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Section]]]] = {
         "real_motors": (("real_motors",), real_motors),
         "bench": (("bench/rollout", "bench/paper"), sections.bench),
@@ -51,9 +53,8 @@ def build_report(run: Path) -> Path:
         "replay": (("replay",), sections.replay),
         "walk": (("walk/rollout_0",), walk),
         "transfer": (("transfer",), lambda run: sections.transfer(run, load_robot(settings[WALKER]))),
-        "robustness": (("robustness/rollout_0",), robustness),
+        "robustness": (tuple(f"robustness/{name}" for name in first or ("rollout_0",)), robustness),
     }  # the folders that must belong to the settings, and what they add to the page
-    belonging = belonging_stages(run)
     ready = [name for name, (folders, _) in stages.items() if set(folders) <= set(belonging)]
     wanted = {"real_motors": settings["logs"] is not None, "replay": settings[REPLAYED]}
     pending = [name for name in stages if name not in ready and wanted.get(name, True)]

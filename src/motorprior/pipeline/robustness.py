@@ -26,7 +26,6 @@ from motorprior.transfer.robustness import (
     Grid,
     UprightMap,
     grids,
-    load_maps,
     save_maps,
     upright_row,
 )
@@ -47,8 +46,8 @@ class Robustness:
     """Rows of a map at a time; the result does not depend on it."""
 
 
-def run_robustness(config: Robustness, progress: Progress = SILENT) -> tuple[UprightMap, ...]:
-    """Measure `robustness`, or read what this very stage measured.
+def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
+    """Measure `robustness`, unless the folder holds these very maps; `load_maps` reads them.
 
     Raises:
         ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
@@ -62,7 +61,6 @@ def run_robustness(config: Robustness, progress: Progress = SILENT) -> tuple[Upr
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             save_maps(config.out / MAPS, robustness(path, robot, config.workers, progress))
-    return load_maps(config.out / MAPS)
 
 
 def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> tuple[UprightMap, ...]:

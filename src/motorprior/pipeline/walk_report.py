@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.report import PAGE
-from motorprior.pipeline.robustness import Robustness, run_robustness
+from motorprior.pipeline.robustness import robustness
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import CURVE, POLICY
 from motorprior.robots.load import load_robot
@@ -23,8 +24,7 @@ def build_walk_report(
         run: folder of one training, or of several.
         robot_name: name or .toml file of the robot that walks.
         command: what makes the same page again, for the page.
-        with_robustness: also measure `robustness.robustness` of each policy that is shown, some ten seconds each; it
-            is kept in the folder ``robustness`` beside the policy.
+        with_robustness: also measure `robustness.robustness` of each policy that is shown, some ten seconds each.
         progress: where to report to.
 
     Raises:
@@ -47,8 +47,7 @@ def build_walk_report(
         if walker.condition not in traces:  # of several seeds the first is shown
             traces[walker.condition] = walker.own.run(walker.policy.arrays(), STUDY_SEED, trace=True).trace
             if with_robustness:
-                kept = Robustness(folder, folder / "robustness", robot_name)
-                maps[walker.condition] = run_robustness(kept, progress)
+                maps[walker.condition] = robustness(folder / POLICY, robot, min(2, os.cpu_count() or 1), progress)
         walker.own.close()
     learned = sections.walk([folder for folder in folders if (folder / CURVE).is_file()])
     report = Report(

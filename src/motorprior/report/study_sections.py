@@ -21,8 +21,8 @@ from motorprior.report.study_tables import (
 )
 from motorprior.robots.robot import Robot
 from motorprior.transfer.statistics import SURE, iqm
-from motorprior.transfer.study_summary import ENOUGH_POLICIES, Summary, home_of
-from motorprior.transfer.study_verdicts import DECIDING, ORACLE, PRIOR, RIVALS, TWINS_WON, UNTRAINED
+from motorprior.transfer.study_summary import ENOUGH_POLICIES, Summary
+from motorprior.transfer.study_verdicts import DECIDING, ORACLE, PRIOR, RIVALS, TWINS_WON, UNTRAINED, home_of
 from motorprior.transfer.walk_table import OWN, WalkTable
 
 _FILMED = (PRIOR, RIVALS[-1], ORACLE)

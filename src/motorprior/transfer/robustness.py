@@ -13,6 +13,7 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import GRAVITY, Robot
+from motorprior.schema import TEXT, Schema, many
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.transfer.study import STUDY_SEED, share_upright
@@ -20,6 +21,8 @@ from motorprior.transfer.twin import DURATION_STEPS
 
 MAPS = "robustness.safetensors"
 """File of a policy's maps."""
+_REMEDY = "delete it and measure it again"
+_HEADER = Schema({"titles": many(many(TEXT, 2), 1)}, _REMEDY)
 ROBUSTNESS_DRAWS = 8
 """Episodes of a cell, the same motors in every cell."""
 FRICTIONS = (0.3, 0.5, 0.75, 1.0)
@@ -78,18 +81,19 @@ def load_maps(path: Path) -> tuple[UprightMap, ...]:
     """Read what `save_maps` wrote.
 
     Raises:
-        ArtifactError: missing, damaged, or a map whose size is not that of its axes.
-        KeyError: a part of a map is missing.
+        ArtifactError: missing, damaged, or no maps.
     """
-    tensors, header = read_tensors(path)
-    maps = []
-    for number, (row, column) in enumerate(header["titles"]):
-        rows, columns, share = (tensors[f"{number}/{name}"] for name in ("rows", "columns", "share"))
-        if share.shape != (len(rows), len(columns)):
-            problem = f"map {number} has shape {share.shape}, its axes have {len(rows)} and {len(columns)} values"
-            raise ArtifactError(problem, where=path, remedy="measure it again")
-        maps.append(UprightMap(Scale(row, tuple(rows.tolist())), Scale(column, tuple(columns.tolist())), share))
-    return tuple(maps)
+    tensors, header = read_tensors(path, _HEADER.check)
+    return tuple(_map(tensors, number, titles, path) for number, titles in enumerate(header["titles"]))
+
+
+def _map(tensors: dict[str, np.ndarray], number: int, titles: list[str], path: Path) -> UprightMap:
+    rows, columns, share = (tensors.get(f"{number}/{name}", np.zeros(())) for name in ("rows", "columns", "share"))
+    if len(titles) != 2 or rows.ndim != 1 or columns.ndim != 1 or share.shape != (*rows.shape, *columns.shape):
+        problem = f"map {number} has shape {share.shape}, its {len(titles)} axes {rows.shape} and {columns.shape}"
+        raise ArtifactError(problem, where=path, remedy=_REMEDY)
+    row, column = titles
+    return UprightMap(Scale(row, tuple(rows.tolist())), Scale(column, tuple(columns.tolist())), share)
 
 
 def grids(robot: Robot) -> tuple[Grid, Grid]:

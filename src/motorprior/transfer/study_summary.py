@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.transfer.places import ABROAD, TWINS
 from motorprior.transfer.statistics import (
     Comparison,
     Estimate,
@@ -37,6 +36,7 @@ from motorprior.transfer.study_verdicts import (
     Pairing,
     Peer,
     Verdict,
+    home_of,
     in_order,
     statistic_of,
     twins_in,
@@ -216,12 +216,6 @@ def _peers(cells: Cells) -> dict[str, Peer]:
             speed, upright = (there.scores(place, ORACLE, name) for name in ("speed", "upright"))
             found[place] = Peer(iqm(speed), float(means(upright.ravel())))
     return found
-
-
-def home_of(place: str, condition: str, known: Container[tuple[str, str]]) -> tuple[str, str]:
-    """Where, of the known (place, condition), the policies of a condition that walk at a twin were trained."""
-    abroad = place in TWINS and TWINS[place].population == ABROAD and (OWN_ABROAD, condition) in known
-    return (OWN_ABROAD if abroad else OWN), condition
 
 
 def _ratio(pair: tuple[str, str], there: WalkTable, own: WalkTable) -> Estimate:

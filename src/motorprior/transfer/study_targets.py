@@ -29,6 +29,7 @@ from motorprior.transfer.study_verdicts import (
     Pairing,
     Peer,
     Verdict,
+    home_of,
     in_order,
     number_text,
     percent_text,
@@ -92,11 +93,10 @@ def _why_behind(facts: Facts, place: str) -> str:
     """What each way of using the prior lacks, and whether it fell where it was trained or the oracle falls here."""
     ways = []
     for name in (PRIOR, ADAPTED):
-        upright, own = (facts.value(where, name, "upright") for where in (place, OWN))
-        if np.isfinite(upright):
-            lacks = "falls" if upright < ENOUGH_UPRIGHT else "is slow"
-            times = f"{percent_text(upright)} upright, where it was trained {percent_text(own)}"
-            ways.append(f"{IN_WORDS[name]} {lacks}: {times}")
+        upright, home = facts.value(place, name, "upright"), home_of(place, name, facts.standing)
+        lacks = "falls" if upright < ENOUGH_UPRIGHT else "is slow"
+        times = f"{percent_text(upright)} upright, where it was trained {percent_text(facts.value(*home, 'upright'))}"
+        ways.append(f"{IN_WORDS[name]} {lacks}: {times}")
     return f"{'; '.join(ways)}; the oracle here {percent_text(facts.value(place, ORACLE, 'upright'))}"
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from motorprior.transfer.places import TWINS
+from motorprior.transfer.places import ABROAD, TWINS
 from motorprior.transfer.statistics import Comparison, Estimate, Statistic, iqms, means
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD
 
@@ -66,7 +66,7 @@ IN_WORDS = {
     PRIOR: "sampled", ADAPTED: "adapted", PD_FRICTION: "a PD with friction", PD_RANDOMISED: "a randomised PD",
     PAPER: "the paper's recipe", PAPER_WIDE: "the paper's loss on our data",
 }  # fmt: skip
-LEAST_SPEED = 0.1
+LEAST_SPEED = 0.02
 """[m/s]; a policy that is slower where it was trained does not walk, and has no transfer ratio."""
 LEAST_UPRIGHT = 0.9
 """Share of the time; an oracle that is upright for less is no measure."""
@@ -124,6 +124,12 @@ class Facts:
 def twins_in(places: Iterable[str]) -> list[str]:
     """Those of some places where no policy was trained, each once: TWINS in their order, then others."""
     return in_order((place for place in places if place not in (OWN, OWN_ABROAD)), TWINS)
+
+
+def home_of(place: str, condition: str, known: Container[tuple[str, str]]) -> tuple[str, str]:
+    """Where, of the known (place, condition), the policies of a condition that walk at a twin were trained."""
+    abroad = place in TWINS and TWINS[place].population == ABROAD and (OWN_ABROAD, condition) in known
+    return (OWN_ABROAD if abroad else OWN), condition
 
 
 def in_order(names: Iterable[str], order: Iterable[str]) -> list[str]:
