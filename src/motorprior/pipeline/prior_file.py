@@ -25,13 +25,9 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
     return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
 
 
-def limits_in_doubt(path: Path, robot: Robot) -> list[str]:
-    """A line for each limit of a prior's motors that its logs did not show; beside a torque, what the robot says.
-
-    Raises:
-        ArtifactError, ConfigError: see `load_prior`.
-    """
-    return [_doubt(name, value, robot) for name, value in limits_not_shown(load_prior(path, robot).metrics).items()]
+def limits_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
+    """A line for each limit of a prior's motors that its logs did not show; beside a torque, what the robot says."""
+    return [_doubt(name, value, robot) for name, value in limits_not_shown(prior.metrics).items()]
 
 
 def _doubt(name: str, value: float, robot: Robot) -> str:

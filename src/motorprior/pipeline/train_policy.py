@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.locomotion.command import Commands
@@ -15,6 +17,7 @@ from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, nominal_pd
+from motorprior.pipeline.prior_file import limits_in_doubt
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.trained_policy import judge_faults, policy_of
@@ -86,6 +89,9 @@ def train_policy(
         require_count(name, value, 1, most)
     require_seed(seed)
     draw, physics_dt = drawn_from(motors, robot)
+    prior = motors.prior if isinstance(motors, MotorPosterior) else motors
+    for line in limits_in_doubt(prior, robot) if isinstance(prior, MotorPrior) else ():
+        progress.note(line)
     config = ArsConfig(seed=seed)
     walk = WalkConfig(episode_steps, randomization=randomization, commands=told, gait=gait)
     scene = Scene(robot, "mujoco", draw, physics_dt, walk)

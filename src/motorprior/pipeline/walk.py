@@ -20,7 +20,7 @@ from motorprior.pipeline.digests import digest
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
-from motorprior.pipeline.prior_file import limits_in_doubt
+from motorprior.pipeline.prior_file import limits_in_doubt, load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, is_finished, remove, working
@@ -113,8 +113,9 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
             _write_events(config.out)
         return
     require_executor(config.executor, config.ray_address)
-    for line in [] if config.motors.prior is None else limits_in_doubt(config.motors.prior, plan.robot):
-        progress.note(line)
+    if config.motors.prior is not None:
+        for line in limits_in_doubt(load_prior(config.motors.prior, plan.robot), plan.robot):
+            progress.note(line)
     scenes = plan.scenes()
     workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
     with working(config.out, plan.wanted) as clock:
