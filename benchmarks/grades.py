@@ -6,7 +6,7 @@ Priors of few and of many motors, of a narrow excitation, of other motors; z dra
 shorter and longer training, judged on its own motors or on a validation fleet. Policies are trained and watched as by
 `motorprior transfer --study`. Writes figures.json with GRADE/POPULATION/fidelity [rad], of motors of the robot's fleet
 and of foreign ones, and GRADE/PLACE/MEASURE; walks.csv of every walk, tables.md, and grades.png. Finished stages are
-kept. Hours on two cores; `--grades` picks some.
+kept. An hour on two cores; `--grades` picks some.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.identification.felt import felt_constants, limits_not_shown
+from motorprior.identification.felt import felt_constants, limits_not_felt
 from motorprior.identification.initial_motor import INITIAL_MOTOR, encoded, with_motor
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -30,7 +30,7 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= felt
     assert not {"torque_limit", "backlash"} & felt
     runs = WindowRuns(replace(data, series=series), PRESET)
-    (found,) = limits_not_shown(network, runs, z).items()
+    (found,) = limits_not_felt(network, runs, z).items()
     assert found[0] == "torque_limit" and found[1].motors == 1 and found[1].most == pytest.approx(100.0)
     stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
-    assert limits_not_shown(network, stated, z) == {}
+    assert limits_not_felt(network, stated, z) == {}

@@ -30,22 +30,18 @@ def felt_constants(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name
         names: of constants that are positive.
     """
     least = MotorFit(network, runs).losses(z)
-
-    def worse(name: str, factor: float) -> float:
-        return float(np.median(_losses_with(network, runs, z, name, factor) / least))
-
-    return frozenset(name for name in names if min(worse(name, 0.5), worse(name, 2.0)) > WORSE)
+    return frozenset(name for name in names if np.median(_worse(network, runs, z, name, least), axis=1).min() > WORSE)
 
 
 @dataclass(frozen=True)
-class NotShown:
+class NotFelt:
     """A limit that some motors' logs do not feel. Attributes: how many motors; the largest limit of theirs [SI]."""
 
     motors: int
     most: float
 
 
-def limits_not_shown(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> dict[str, NotShown]:
+def limits_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> dict[str, NotFelt]:
     """LIMITS that were fitted and that the logs of some motors do not feel; each motor is judged by its own log.
 
     Args:
@@ -58,15 +54,16 @@ def limits_not_shown(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) ->
     held, least = held_constants(network.motor.terms, runs), MotorFit(network, runs).losses(z)
     for name in LIMITS:
         if name in rows and not held[rows.index(name)]:
-            either = [_losses_with(network, runs, z, name, factor) / least for factor in (0.5, 2.0)]
-            hidden = np.minimum(*either) <= WORSE
+            hidden = _worse(network, runs, z, name, least).min(axis=0) <= WORSE
             if hidden.any():
-                found[name] = NotShown(int(hidden.sum()), float(network.constants(z)[name][hidden].max()))
+                found[name] = NotFelt(int(hidden.sum()), float(network.constants(z)[name][hidden].max()))
     return found
 
 
-def _losses_with(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, factor: float) -> np.ndarray:
-    """(M,) losses of motors whose constant ``name`` is multiplied."""
-    assert network.motor is not None
-    center = network.motor.center + np.log(factor) * (np.array(parameters_of(network.motor.terms)) == name)
-    return MotorFit(replace(network, motor=replace(network.motor, center=center)), runs).losses(z)
+def _worse(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, least: np.ndarray) -> np.ndarray:
+    """(2, M) losses of the motors with half and with double of a constant, over those with it, ``least`` (M,)."""
+    motor = network.motor
+    assert motor is not None
+    row = np.array(parameters_of(motor.terms)) == name
+    changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
+    return np.stack([MotorFit(replace(network, motor=each), runs).losses(z) for each in changed]) / least

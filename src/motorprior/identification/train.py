@@ -20,7 +20,7 @@ from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
-from motorprior.identification.felt import limits_not_shown
+from motorprior.identification.felt import limits_not_felt
 from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
 from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
 from motorprior.identification.posterior import standard_posterior
@@ -48,7 +48,7 @@ class Identified:
         losses: mean losses: of every CHUNK steps, or of the finished fits.
         aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
         metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
-            ``saved_residual``, that of the residual network; ``not_shown_LIMIT``, see `felt.limits_not_shown`.
+            ``saved_residual``, that of the residual network; ``not_shown_LIMIT``, see `felt.limits_not_felt`.
         notes: what a user should know of it, line by line.
     """
 
@@ -134,12 +134,12 @@ def _physics_first(
     chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in found.terms)
     chosen = chosen or ("none" if saved else "none was tried")
     notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
-    for name, hidden in limits_not_shown(network, runs, found.offsets).items():
+    for name, hidden in limits_not_felt(network, runs, found.offsets).items():
         metrics[f"{NOT_SHOWN}{name}"] = hidden.most
         notes.append(
             f"warning: the logs of {hidden.motors} of {len(found.offsets)} motors do not show a "
-            f"{limit_in_words(name, hidden.most)}, which one of them has been given: half and double of it replay them "
-            "as well, and a policy that is trained on this prior may count on it"
+            f"{limit_in_words(name, hidden.most)}, the largest that the fit gave them: half and double of it replay "
+            "them as well. A policy that is trained on this prior may count on it"
         )
     judged = held_out_windows(runs)
     if preset.num_neurons and (judged.all() or not judged.any()):

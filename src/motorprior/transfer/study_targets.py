@@ -34,7 +34,6 @@ from motorprior.transfer.study_verdicts import (
     number_text,
     percent_text,
 )
-from motorprior.transfer.walk_table import OWN
 
 
 def targets(facts: Facts) -> tuple[Verdict, ...]:
@@ -46,16 +45,20 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
     said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
     if np.isfinite(upright):
         found, holds = _stands(facts, HARD, ROBUST_PRIOR), upright >= UPRIGHT_WHERE_HARD
-        verdicts.append(Verdict(said, holds, found, "" if holds else f"{found}; {_uprightness_beside(facts)}"))
+        why = f"{found}; {_at_home(facts, HARD, ROBUST_PRIOR)}; {_oracle_here(facts, HARD)}"
+        verdicts.append(Verdict(said, holds, found, "" if holds else why))
     else:
         verdicts.append(Verdict(said, None, NOT_MEASURED))
     return tuple(verdicts)
 
 
-def _uprightness_beside(facts: Facts) -> str:
-    """How upright it is where it was trained, and the oracle at this place."""
-    own, best = facts.value(OWN, ROBUST_PRIOR, "upright"), facts.value(HARD, ORACLE, "upright")
-    return f"where it was trained {percent_text(own)}; the oracle here {percent_text(best)}"
+def _at_home(facts: Facts, place: str, condition: str) -> str:
+    """How upright the policies of a condition that walk at a place are where they were trained."""
+    return f"where it was trained {percent_text(facts.value(*home_of(place, condition, facts.standing), 'upright'))}"
+
+
+def _oracle_here(facts: Facts, place: str) -> str:
+    return f"the oracle here {percent_text(facts.value(place, ORACLE, 'upright'))}"
 
 
 def _stands(facts: Facts, place: str, condition: str) -> str:
@@ -93,11 +96,10 @@ def _why_behind(facts: Facts, place: str) -> str:
     """What each way of using the prior lacks, and whether it fell where it was trained or the oracle falls here."""
     ways = []
     for name in (PRIOR, ADAPTED):
-        upright, home = facts.value(place, name, "upright"), home_of(place, name, facts.standing)
+        upright = facts.value(place, name, "upright")
         lacks = "falls" if upright < ENOUGH_UPRIGHT else "is slow"
-        times = f"{percent_text(upright)} upright, where it was trained {percent_text(facts.value(*home, 'upright'))}"
-        ways.append(f"{IN_WORDS[name]} {lacks}: {times}")
-    return f"{'; '.join(ways)}; the oracle here {percent_text(facts.value(place, ORACLE, 'upright'))}"
+        ways.append(f"{IN_WORDS[name]} {lacks}: {percent_text(upright)} upright, {_at_home(facts, place, name)}")
+    return f"{'; '.join(ways)}; {_oracle_here(facts, place)}"
 
 
 def _either(each_holds: list[bool | None]) -> bool | None:
