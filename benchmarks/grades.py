@@ -5,8 +5,9 @@
 Priors of few and of many motors, of a narrow excitation, of other motors; z drawn less and more than it should be;
 shorter and longer training, judged on its own motors or on a validation fleet. Policies are trained and watched as by
 `motorprior transfer --study`. Writes figures.json with GRADE/POPULATION/fidelity [rad], of motors of the robot's fleet
-and of foreign ones, and GRADE/PLACE/MEASURE; walks.csv of every walk, tables.md, and grades.png. Finished stages are
-kept. An hour on two cores; `--grades` picks some.
+and of foreign ones, and GRADE/PLACE/MEASURE; rank_correlation/PLACE/MEASURE, of error and measure over the grades that
+walk at home; walks.csv of every walk, tables.md, and grades.png. Finished stages are kept. An hour on two cores;
+`--grades` picks some.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from textwrap import fill
 
 import numpy as np
 import tyro
+from scipy.stats import spearmanr
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
@@ -181,13 +183,28 @@ def figures_of(table: WalkTable, faithful: dict[tuple[str, str], float]) -> dict
     return Results.of(rows).to_figures()
 
 
+def correlations(figures: dict[str, float], names: list[str], places: list[str]) -> dict[str, float]:
+    """rank_correlation/PLACE/MEASURE, Spearman's, of error and measure, over the grades that walk where trained."""
+    found = {}
+    for place in (place for place in places if place in TWINS):
+        walk = [name for name in names if f"{name}/{place}/ratio" in figures]
+        if len(walk) < 3:
+            continue
+        error = [figures[f"{name}/{TWINS[place].population}/fidelity"] for name in walk]
+        for measure in ("speed", "upright", "ratio"):
+            ranked, _ = spearmanr(error, [figures[f"{name}/{place}/{measure}"] for name in walk])
+            if np.isfinite(ranked):  # not all are alike
+                found[f"rank_correlation/{place}/{measure}"] = float(ranked)
+    return found
+
+
 def markdown(figures: dict[str, float], names: list[str], places: list[str]) -> str:
     """A row per grade: fidelity, then speed, its ratio to its own, time upright and drift at every place."""
     lines = [
         f"| prior | error, {HOME} / {ABROAD} [mrad] | " + " | ".join(places) + " |",
         "|---|---|" + "---|" * len(places),
     ]
-    for name in names:
+    for letter, name in zip(ascii_uppercase, names, strict=False):
         cells = [" / ".join(f"{1000.0 * figures[f'{name}/{each}/fidelity']:.1f}" for each in (HOME, ABROAD))]
         for place in places:
             speed, upright, drift, of_own = (
@@ -195,7 +212,7 @@ def markdown(figures: dict[str, float], names: list[str], places: list[str]) -> 
             )
             share = f" (× {of_own:.2f})" if np.isfinite(of_own) else ""
             cells.append(f"{speed:.2f} m/s{share}, {100.0 * upright:.0f} %, {drift:.2f} m")
-        lines.append(f"| {name} | {' | '.join(cells)} |")
+        lines.append(f"| {letter}: {name} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -243,6 +260,7 @@ def main() -> None:
         table = walks(settings, priors)
         table.save(settings.out / "walks.csv")
         figures, names, places = figures_of(table, faithful), list(priors), table.distinct("place")
+        figures |= correlations(figures, names, places)
         write_json(settings.out / "figures.json", figures)
         text = markdown(figures, names, places)
         write_text(settings.out / "tables.md", text)

@@ -15,9 +15,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline import study_spreads
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.study_conditions import FITS, Condition, conditions
-from motorprior.pipeline.study_settings import Study
-from motorprior.pipeline.study_spreads import validation_fleet, with_spread
+from motorprior.pipeline.study_conditions import Condition, conditions
+from motorprior.pipeline.study_settings import FITS, Study
+from motorprior.pipeline.study_spreads import with_spread
 from motorprior.pipeline.transfer import walker_of
 from motorprior.pipeline.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -89,6 +89,7 @@ def test_only_a_simulation_without_chance_is_walked_once():
     ("change", "words"),
     [
         ({"seeds": 0}, "seeds"),
+        ({"seeds": 901}, "seeds"),
         ({"draws": 0}, "draws"),
         ({"seconds": 1.0}, "seconds"),
         ({"motors": 3}, "motors"),
@@ -101,6 +102,7 @@ def test_only_a_simulation_without_chance_is_walked_once():
         ({"ray_address": "127.0.0.1:1"}, "ray_address is for the executor ray"),
         ({"executor": "fog"}, "executor 'fog' is unknown"),
         ({"validation": "foreign_direct"}, "validation 'foreign_direct' is the fleet of a twin"),
+        ({"foreign": "pupper_v2"}, "foreign 'pupper_v2' has the motors of the bench's fleet"),
     ],
 )
 def test_impossible_studies_are_refused(tmp_path: Path, change: dict, words: str):
@@ -183,7 +185,7 @@ def test_the_width_whose_policies_stand_longest_is_kept_the_faster_of_two(
     ],
 )
 def test_a_spread_is_chosen_on_a_fleet_that_no_twin_has(tmp_path: Path, change: dict, fleet: str):
-    assert validation_fleet(replace(Study(tmp_path), **change).sized()) == fleet
+    assert replace(Study(tmp_path), **change).sized().fleet_for_width(PUPPER_V2) == fleet
 
 
 def test_a_quick_study_is_small():

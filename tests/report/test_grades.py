@@ -40,8 +40,21 @@ def test_figures_have_fidelity_by_population_and_measures_by_place(figures):
 def test_the_table_has_a_row_per_grade_and_says_what_is_not_known(figures):
     lines = grades.markdown(figures, list(NAMES), list(PLACES)).splitlines()
     assert len(lines) == 2 + len(NAMES) and {line.count("|") for line in lines} == {3 + len(PLACES)}
-    (lost,) = [line for line in lines if line.startswith("| spread_0 |")]
+    (lost,) = [line for line in lines if line.startswith("| G: spread_0 |")]
     assert lost.count("nan m") == 1 and "(× " in lost
+
+
+def test_ranks_are_of_the_grades_that_walk_at_home_and_of_the_error_of_the_twins_own_population():
+    figures = {}
+    for name, error, upright in (("a", 0.01, 0.9), ("b", 0.02, 0.8), ("c", 0.03, 0.85), ("falls", 0.04, 0.99)):
+        figures |= {f"{name}/fleet/fidelity": error, f"{name}/foreign/fidelity": 1.0 - error}
+        for place in ("fleet", "foreign"):
+            figures |= {f"{name}/{place}/{each}": upright for each in ("speed", "upright")}
+            figures |= {f"{name}/{place}/ratio": upright} if name != "falls" else {}
+    found = grades.correlations(figures, ["a", "b", "c", "falls"], ["own", "fleet", "foreign"])
+    assert found["rank_correlation/fleet/upright"] == pytest.approx(-0.5)
+    assert found["rank_correlation/foreign/ratio"] == pytest.approx(0.5)
+    assert grades.correlations(figures, ["a", "b"], ["own", "fleet"]) == {}
 
 
 def test_the_picture_is_drawn_with_what_is_known(figures, tmp_path: Path):

@@ -17,6 +17,7 @@ from study_walks import CONDITIONS, PLACES, invented, steps_in_place, table_of, 
 from motorprior.artifacts import write_json, write_tensors
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.study_report import build_study_report
+from motorprior.pipeline.study_settings import FITS, SPREADS
 from motorprior.report.plots_forest import forest, profiles
 from motorprior.report.plots_style import MODEL_COLORS, UNNAMED_COLOR, condition_color, model_label, png_bytes
 from motorprior.report.study_sections import first_paragraph, own_speeds
@@ -46,16 +47,22 @@ document.body.setAttribute("data-found", found.join(" "));
 
 @pytest.fixture(scope="module")
 def summary() -> Summary:
-    return summarise(invented(NAMES, seeds=8, draws=2))
+    return summarise(invented(NAMES, seeds=8, draws=2), enough_draws=2)
+
+
+FIT = {"constants": {"kp": 7.0, "kd": 0.8, "torque_limit": 1.5}, "error": 0.04, "evaluations": 173, "converged": True}
+WALKED = {"speed": 0.5, "upright": 0.87, "own_speed": 0.4, "own_upright": 0.7}
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(tmp_path_factory: pytest.TempPathFactory, summary: Summary) -> Path:
     run = tmp_path_factory.mktemp("study")
     shown = [("own", "prior"), ("fleet", "prior"), ("fleet", OWN_NAME)]
     traces = {f"{place}/{name}": steps_in_place(60) for place, name in shown}
     write_study(run, invented(NAMES, seeds=8, draws=2), {**traces, "fleet/paper": steps_in_place(5)})
-    return build_study_report(run, "motorprior transfer")
+    write_json(run / "fits" / FITS, {"ideal_pd": FIT, "pd_friction": FIT | {"converged": False}})
+    write_json(run / "spreads" / SPREADS, {"fleet": "mixed", "tried": {"0.1": WALKED, "0.3": WALKED}, "chosen": 0.3})
+    return build_study_report(run, "motorprior transfer", summary)
 
 
 def test_a_browser_shows_every_picture_and_no_table_is_cut(page: Path, tmp_path: Path):
@@ -71,7 +78,7 @@ def test_a_browser_shows_every_picture_and_no_table_is_cut(page: Path, tmp_path:
     assert found, shown[:500]
     images, broken, tables, cut, beyond = map(int, found[1].split())
     assert (images, broken) == (2 + 3 * 2 + 1, 0), "speeds, profiles, frames and footfalls of three walks, a film"
-    assert tables == 1 + 2 + (len(PLACES) - 1) + 2 + 2 * len(PLACES) + 1, "two of what counts"
+    assert tables == 1 + 2 + (len(PLACES) - 1) + 2 + 2 * len(PLACES) + 1 + 2, "two of what counts, two of the PDs"
     assert (cut, beyond) == (0, 0)
 
 
@@ -86,11 +93,23 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
     assert held and failed and max(failed) < min(held)
 
 
+def test_the_page_says_what_the_pds_took_and_which_had_not_converged(page: Path, tmp_path: Path):
+    text = page.read_text("utf-8")
+    chapter = text[text.rindex("What the PDs took") :]
+    assert "The fit of pd_friction had not converged" in chapter and "173" in chapter
+    assert "±30\u00a0%, chosen" in chapter and "fleet “mixed”" in chapter
+    write_study(tmp_path, table_of({("own", "prior"): [[0.1, 0.2]]}), {})
+    assert "What the PDs took" not in build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
+    write_json(tmp_path / "fits" / FITS, {"ideal_pd": {"error": 0.04}})
+    with pytest.raises(ArtifactError, match="no fits of a study"):
+        build_study_report(tmp_path, "motorprior transfer")
+
+
 def test_a_study_without_twins_has_a_page_too(tmp_path: Path):
     write_study(tmp_path, table_of({("own", "prior"): [[0.1, 0.2]]}), {})
     text = build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
     assert (
-        "it has 1 of 8 policies per condition" in text
+        "it has 1 policies per condition and 0 walks of each at a twin" in text
         and "cannot be told" in text
         and "What counts" not in text
         and "not measured" in text
@@ -99,7 +118,9 @@ def test_a_study_without_twins_has_a_page_too(tmp_path: Path):
 
 def test_a_study_of_few_policies_says_so_first():
     words = first_paragraph(summarise(invented(("prior", "oracle"), ("own", "fleet"), seeds=3)))
-    assert words.startswith("This study decides nothing: it has 3 of 8 policies per condition. ")
+    assert words.startswith(
+        "This study decides nothing: it has 3 policies per condition and 6 walks of each at a twin; 8 and 32"
+    )
 
 
 def test_the_page_has_the_settings_and_the_command(page: Path):
@@ -109,9 +130,9 @@ def test_the_page_has_the_settings_and_the_command(page: Path):
     assert len(text) < 2_000_000
 
 
-def test_the_same_files_give_the_same_page(page: Path):
+def test_the_same_files_give_the_same_page(page: Path, summary: Summary):
     before = page.read_bytes()
-    assert build_study_report(page.parent, "motorprior transfer").read_bytes() == before
+    assert build_study_report(page.parent, "motorprior transfer", summary).read_bytes() == before
 
 
 def test_every_condition_of_the_study_has_its_own_name_and_colour():

@@ -5,6 +5,8 @@ import pytest
 from scipy.stats import permutation_test, trim_mean
 
 from motorprior.transfer.statistics import (
+    Comparison,
+    Estimate,
     compare_on_robots,
     compare_scores,
     estimate,
@@ -203,8 +205,14 @@ def test_a_ratio_of_policies_that_differ_is_uncertain():
     assert (found.low, found.high) == pytest.approx((0.2, 0.9))
 
 
-def test_a_policy_that_does_not_walk_has_no_ratio():
+def test_a_policy_that_does_not_walk_has_no_ratio_and_one_that_hardly_does_no_interval():
     assert np.isnan(ratio(np.full((2, 3), 0.3), np.full((2, 1), 0.01), 0.02).value)
+    there, own = np.full((2, 3), 0.3), np.array([[0.01], [0.1]])
+    for least, value in ((0.06, np.nan), (0.02, 0.3 / 0.055)):  # a quarter of the resamples has the first policy only
+        found = ratio(there, own, least)
+        assert found.value == pytest.approx(value, nan_ok=True) and np.isnan(found.low) and np.isnan(found.high)
+    unsure = Comparison(Estimate(0.1, np.nan, np.nan), 0.9, 0.001)
+    assert not unsure.is_sure(0.001) and Comparison(Estimate(0.1, 0.05, 0.2), 0.9, 0.001).is_sure(0.001)
     with pytest.raises(ValueError, match="2 policies against 3"):
         ratio(np.ones((2, 3)), np.ones((3, 3)), 0.02)
 

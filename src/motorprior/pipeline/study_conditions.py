@@ -20,7 +20,7 @@ from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, nomi
 from motorprior.pipeline.progress import Progress, Task
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.stage import description, is_finished, working
-from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.study_settings import FITS, Study
 from motorprior.robots.load import load_robot
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
@@ -40,7 +40,6 @@ from motorprior.transfer.study_verdicts import (
 )
 from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
-FITS = "fits.json"
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
 _NOTHING = Randomization()

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from motorprior.artifacts import read_json, read_tensors, write_text
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.report import PAGE
+from motorprior.pipeline.study_settings import FITS, SPREADS
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.transfer.study_summary import Summary, summarise
 from motorprior.transfer.walk_table import WalkTable
+
+if TYPE_CHECKING:
+    from motorprior.report.page import Section
 
 WALKS, TRACES, STUDY, TABLES = "walks.csv", "traces.safetensors", "study.json", "tables.md"
 _AGAIN = "delete it and run the study again"
 
 
 def build_study_report(run: Path, command: str, summary: Summary | None = None) -> Path:
-    """Write report.html and TABLES from WALKS, TRACES and STUDY; returns the path of the first.
+    """Write report.html and TABLES from WALKS, TRACES, STUDY and what the PDs took; returns the path of the first.
 
     Args:
         run: folder of a study.
@@ -43,11 +47,11 @@ def build_study_report(run: Path, command: str, summary: Summary | None = None) 
         raise ArtifactError("its settings are not a table", where=run / STUDY, remedy=_AGAIN)
     robot, summary = load_robot(header["robot"]), summary or summarise(table)
     _check_traces(traces, robot, run / TRACES)
-    first = first_paragraph(summary)
+    first, effort = first_paragraph(summary), _effort(run)
     report = Report(
         title="Does a distribution of motors transfer?",
         subtitle=first,
-        sections=study_sections(table, summary, traces, robot, header["control_dt"]),
+        sections=(*study_sections(table, summary, traces, robot, header["control_dt"]), *effort),
         settings=settings,
         command=command,
     )
@@ -55,6 +59,19 @@ def build_study_report(run: Path, command: str, summary: Summary | None = None) 
     judged = (verdicts_markdown(summary.targets, "target"), verdicts_markdown(summary.claims, "the paper says"))
     write_text(run / TABLES, "\n".join((f"{first}\n", headline_markdown(summary), *judged)))
     return run / PAGE
+
+
+def _effort(run: Path) -> tuple[Section, ...]:
+    """What the PDs took, of a study that has some."""
+    from motorprior.report.study_effort import effort_section  # here: it imports matplotlib
+
+    fits, widths = run / "fits" / FITS, run / "spreads" / SPREADS
+    if not fits.is_file():
+        return ()
+    try:
+        return (effort_section(read_json(fits), read_json(widths) if widths.is_file() else None),)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ArtifactError(f"no fits of a study ({error!r})", where=fits.parent, remedy=_AGAIN) from error
 
 
 def _check_header(header: Mapping[str, Any], path: Path) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 from motorprior.bench.facts import require_bench_size
+from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bounds import require_count, require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
@@ -16,8 +17,10 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.executor import Kind, require_executor
-from motorprior.transfer.study_verdicts import CONDITIONS
+from motorprior.transfer.study_verdicts import CONDITIONS, PD_RANDOMISED
 
+FITS, SPREADS = "fits.json", "spreads.json"
+"""Names of files: what the PDs took, in the folder fits; the widths that were tried, in the folder spreads."""
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
 _QUICK = {
@@ -25,6 +28,10 @@ _QUICK = {
 }  # fmt: skip
 _QUICK_MOTORS = 16
 """Or more, if the robot has more joints."""
+_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
+"""On whose motors the width of the randomised PD is chosen: the first of the robot's that is none of the twins'."""
+_MOST_SEEDS = 900
+"""Policies from this number on are those that choose the width of the randomised PD, see `study_spreads`."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +94,47 @@ class Study:
         """What a policy is told, in training and wherever it walks."""
         return Commands.steady(self.told(robot))
 
-    def fleets_of_twins(self, robot: Robot) -> list[str]:
-        """Names of the fleets whose motors the twins have, on which nothing may be chosen."""
-        return [load_robot_fleet(robot, fleet).name for fleet in (self.fleet, self.foreign)]
+    def fleet_for_width(self, robot: Robot) -> str:
+        """Fleet on whose motors the width of the randomised PD is chosen: of no twin.
+
+        Raises:
+            ConfigError: none is given, and none of ours is of this robot.
+        """
+        if self.validation is not None:
+            return self.validation
+        twins = [fleet.name for fleet in self._fleets_of_twins(robot)]
+        for name in _FLEETS:
+            if name not in twins and load_fleet(name).robot == robot.name:
+                return name
+        raise ConfigError(
+            f"the width of {PD_RANDOMISED} is chosen on a fleet of {robot.name!r} that no twin has, and none is known",
+            argument="validation", remedy="give such a fleet as --validation, or the width as --spread",
+        )  # fmt: skip
+
+    def _fleets_of_twins(self, robot: Robot) -> tuple[Fleet, Fleet]:
+        """Whose motors the twins have, on which nothing may be chosen."""
+        return load_robot_fleet(robot, self.fleet), load_robot_fleet(robot, self.foreign)
+
+    def _require_unlike_fleets(self, robot: Robot) -> None:
+        """Refuse foreign motors that are not foreign, and a validation on motors of a twin."""
+        own, foreign = self._fleets_of_twins(robot)
+        if replace(own, name=foreign.name) == foreign:
+            raise ConfigError(
+                f"foreign {self.foreign!r} has the motors of the bench's fleet", argument="foreign",
+                remedy="give a fleet of other motors: these twins ask what transfers to motors unlike the bench's",
+            )  # fmt: skip
+        if self.validation is None:
+            return
+        if load_robot_fleet(robot, self.validation).name in (own.name, foreign.name):
+            raise ConfigError(
+                f"validation {self.validation!r} is the fleet of a twin", argument="validation",
+                remedy="give another fleet: what a policy is judged on must not choose it",
+            )  # fmt: skip
+
+    @property
+    def chooses_width(self) -> bool:
+        """Whether it has a randomised PD and is not told its width."""
+        return self.spread is None and PD_RANDOMISED in self.conditions
 
     @property
     def episodes_at_a_time(self) -> int:
@@ -112,8 +157,8 @@ class Study:
         _require_conditions(config.conditions)
         robot = load_robot(config.robot)
         robot.require_legs()
-        for name in ("seeds", "draws", "iterations"):
-            require_count(name, getattr(config, name), 1, MOST_EPISODE_STEPS)
+        for name, most in (("seeds", _MOST_SEEDS), ("draws", MOST_EPISODE_STEPS), ("iterations", MOST_EPISODE_STEPS)):
+            require_count(name, getattr(config, name), 1, most)
         if config.adam_steps is not None:
             require_count("adam_steps", config.adam_steps)
         require_number("seconds", config.seconds, 2.0, MOST_EPISODE_STEPS * robot.control_dt)
@@ -126,12 +171,9 @@ class Study:
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
         require_seed(config.seed)
         require_executor(config.executor, config.ray_address)
-        twins = config.fleets_of_twins(robot)
-        if config.validation is not None and load_robot_fleet(robot, config.validation).name in twins:
-            raise ConfigError(
-                f"validation {config.validation!r} is the fleet of a twin", argument="validation",
-                remedy="give another fleet: what a policy is judged on must not choose it",
-            )  # fmt: skip
+        config._require_unlike_fleets(robot)
+        if config.chooses_width:
+            config.fleet_for_width(robot)
         return config
 
 

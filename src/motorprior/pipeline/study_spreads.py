@@ -13,19 +13,16 @@ from motorprior.artifacts import write_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.study_cells import walk_table
 from motorprior.pipeline.study_conditions import randomised_pd
-from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.study_settings import SPREADS, Study
 from motorprior.robots.load import load_robot
 from motorprior.transfer.places import ABROAD
 from motorprior.transfer.statistics import estimate
 from motorprior.transfer.study_verdicts import PD_RANDOMISED, statistic_of
 from motorprior.transfer.walk_table import OWN, WalkTable
 
-SPREADS = "spreads.json"
 _WIDTHS = (0.1, 0.2, 0.3, 0.4)
-_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
-"""Validation fleets: the first that is none of the twins'."""
 _FIRST_SEED, _SEEDS = 900, 3
-"""Of the policies: other searches than the study's, which count from 0."""
+"""Of the policies: other searches than the study's, which count from 0 and end before."""
 
 
 def with_spread(config: Study, progress: Progress = SILENT) -> Study:
@@ -33,9 +30,10 @@ def with_spread(config: Study, progress: Progress = SILENT) -> Study:
 
     spreads/spreads.json has what was found.
     """
-    if config.spread is not None or PD_RANDOMISED not in config.conditions:
+    if not config.chooses_width:
         return config
-    seeds, fleet = range(_FIRST_SEED, _FIRST_SEED + min(_SEEDS, config.seeds)), validation_fleet(config)
+    seeds = range(_FIRST_SEED, _FIRST_SEED + min(_SEEDS, config.seeds))
+    fleet = config.fleet_for_width(load_robot(config.robot))
     made = {width: randomised_pd(config, width, f"{PD_RANDOMISED}_{width:g}") for width in _WIDTHS}
     # Watched on the motors of the validation fleet only. Which policy of a search is kept is decided at home, even
     # where the study decides that on the validation fleet: or its motors would be in the search that they judge.
@@ -49,14 +47,6 @@ def with_spread(config: Study, progress: Progress = SILENT) -> Study:
     write_json(there.out / SPREADS, {"fleet": fleet, "tried": tried, "chosen": best})
     progress.note(f"width of the randomised PD: {best:g}")
     return replace(config, spread=best)
-
-
-def validation_fleet(config: Study) -> str:
-    """The study's own, or the first of ours that no twin has."""
-    if config.validation is not None:
-        return config.validation
-    twins = config.fleets_of_twins(load_robot(config.robot))
-    return next(name for name in _FLEETS if name not in twins)
 
 
 def _found(table: WalkTable, condition: str) -> dict[str, float]:

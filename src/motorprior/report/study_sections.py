@@ -21,7 +21,7 @@ from motorprior.report.study_tables import (
 )
 from motorprior.robots.robot import Robot
 from motorprior.transfer.statistics import SURE, iqm
-from motorprior.transfer.study_summary import ENOUGH_POLICIES, Summary
+from motorprior.transfer.study_summary import ENOUGH_DRAWS, ENOUGH_POLICIES, Summary
 from motorprior.transfer.study_verdicts import DECIDING, ORACLE, PRIOR, RIVALS, TWINS_WON, UNTRAINED, home_of
 from motorprior.transfer.walk_table import OWN, WalkTable
 
@@ -51,10 +51,11 @@ def study_sections(
 def first_paragraph(summary: Summary) -> str:
     """Which targets do not hold and why, then which cannot be told and what was found, then which hold.
 
-    Of a study of few policies only that it decides nothing.
+    Of a study of few policies or walks only that it decides nothing.
     """
-    if summary.policies < ENOUGH_POLICIES:
-        few = f"This study decides nothing: it has {summary.policies} of {ENOUGH_POLICIES} policies per condition."
+    if not summary.decides:
+        has = f"{summary.policies} policies per condition and {summary.draws} walks of each at a twin"
+        few = f"This study decides nothing: it has {has}; {ENOUGH_POLICIES} and {ENOUGH_DRAWS} are asked."
         return " ".join((few, "What they did is told below.", *_beside_the_gait(summary)))
     parts = []
     for holds, words in ((False, "do not hold"), (None, "cannot be told"), (True, "hold")):
@@ -146,8 +147,9 @@ def _measures(summary: Summary, legs: list[str]) -> Section:
 
 def _claims(summary: Summary) -> Section:
     caption = (
-        "Policies of the paper's recipe against those of the ideal PD. How the robot steps and shakes is told of the "
-        "paper's loss on our data where the recipe's robot does not walk at home. P values by permutation of the "
+        "Policies of the paper's recipe against those of the ideal PD. How the robot steps and shakes is told, where "
+        "the recipe's robot does not walk at home, of the paper's loss on our data, or else of the sampled prior, "
+        "another learned actuator. P values by permutation of the "
         "policies, after Holm over the claims."
     )
     table = verdict_table(summary.claims, "the paper says", caption)

@@ -37,7 +37,7 @@ Sampled = Callable[[np.random.Generator, int], np.ndarray]
 
 @dataclass(frozen=True)
 class Estimate:
-    """Attributes: value of a statistic; low and high ends of its 95 % interval."""
+    """Attributes: value of a statistic; low and high ends of its 95 % interval, NaN where they are not known."""
 
     value: float
     low: float
@@ -59,8 +59,8 @@ class Comparison:
     p: float
 
     def is_sure(self, p: float) -> bool:
-        """Whether there is a difference beyond doubt: by a corrected p, and 0 is not in the interval."""
-        return p < SURE and not self.difference.low <= 0.0 <= self.difference.high
+        """Whether there is a difference beyond doubt: by a corrected p, and the interval is known and without 0."""
+        return p < SURE and (self.difference.low > 0.0 or self.difference.high < 0.0)
 
     def turned(self) -> Comparison:
         """The other against the one."""
@@ -282,14 +282,16 @@ def _taken(scores: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndar
 
 
 def _bootstrap(sampled: Sampled, resamples: int) -> np.ndarray:
-    """The known values among those of all resamples."""
+    """The values of all resamples, NaN where one is not known."""
     rng = np.random.default_rng(_SEED)
     counts = [min(_CHUNK, resamples - start) for start in range(0, resamples, _CHUNK)]
-    found = np.concatenate([sampled(rng, count) for count in counts])
-    return found[np.isfinite(found)]
+    return np.concatenate([sampled(rng, count) for count in counts])
 
 
 def _with_interval(value: float | np.ndarray, found: np.ndarray) -> Estimate:
-    sides = [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)]
-    low, high = np.quantile(found, sides) if len(found) else (float("nan"), float("nan"))
+    """No ends where the value is not known, or where so many resamples are not that an end may lie among them."""
+    side, known = 0.5 * (1.0 - LEVEL), found[np.isfinite(found)]
+    if not np.isfinite(value) or len(found) - len(known) > side * len(found):
+        return Estimate(float(value), float("nan"), float("nan"))
+    low, high = np.quantile(known, [side, 1.0 - side])
     return Estimate(float(value), float(low), float(high))

@@ -9,12 +9,12 @@ import numpy as np
 from motorprior.transfer.statistics import Comparison, compare_scores, holm, iqm
 from motorprior.transfer.study_verdicts import (
     BASELINE,
-    IN_WORDS,
     LEAST_SPEED,
     MEASURES,
     NOT_MEASURED,
     PAPER,
     PAPER_WIDE,
+    PRIOR,
     Verdict,
     number_text,
     percent_text,
@@ -50,7 +50,11 @@ CLAIMS = (
     Claim("the body shakes less where it was not trained", False, "body_rate", -1, True),
     Claim("it falls less where it was not trained: it acts as a regulariser", False, "upright", 1, False),
 )
-_RECIPES = (PAPER, PAPER_WIDE)
+_LEARNED = {
+    PAPER: "the paper's recipe", PAPER_WIDE: "the paper's loss on our data",
+    PRIOR: "the sampled prior, since no robot of the paper's loss walks at home",
+}  # fmt: skip
+"""Learned actuators, in words; the first that walks where it was trained tells how the robot steps."""
 
 
 class _Tested(NamedTuple):
@@ -64,9 +68,9 @@ class _Tested(NamedTuple):
 def claims(table: WalkTable) -> tuple[Verdict, ...]:
     """What the paper says of its learned actuator against the ideal PD.
 
-    Of the paper's recipe. How the robot steps is told of the paper's loss on our data where the robot of the recipe
-    does not walk in the simulation that it was trained in, and of neither where that one does not walk either. A claim
-    is decided where the difference is sure, by Holm over the claims.
+    Of the paper's recipe. Where its robot does not walk in the simulation that it was trained in, how the robot steps
+    is told of the first that does: the paper's loss on our data, or the sampled prior, another learned actuator. A
+    claim is decided where the difference is sure, by Holm over the claims.
     """
     tested = {claim: _test(claim, table) for claim in CLAIMS}
     corrected = holm({claim: each.compared.p for claim, each in tested.items() if isinstance(each, _Tested)})
@@ -84,12 +88,12 @@ def _verdict(claim: Claim, tested: _Tested | str, p: float) -> Verdict:
 def _test(claim: Claim, table: WalkTable) -> _Tested | str:
     """A claim against the numbers, or why there is nothing to test."""
     place = OWN if claim.at_home else next(iter(twins_in(table.distinct("place"))), None)
-    tried = [name for name in _RECIPES if len(table.at(OWN, name))]
-    if place is None or not tried:
+    tried = [name for name in _LEARNED if len(table.at(OWN, name))]
+    if place is None or PAPER not in tried:
         return NOT_MEASURED
-    recipe = next((name for name in tried if _walks(table, name)), None) if claim.needs_walk else tried[0]
+    recipe = next((name for name in tried if _walks(table, name)), None) if claim.needs_walk else PAPER
     if recipe is None:
-        return f"{_own_walk(table, tried[0])}: nothing can be told of its steps"
+        return f"{_own_walk(table, PAPER)}: nothing can be told of its steps"
     measure, pair = claim.measure, (recipe, BASELINE)
     walks = [table.at(place, name) for name in pair]
     scores = [each.scores(place, name, measure) for name, each in zip(pair, walks, strict=True)]
@@ -100,7 +104,7 @@ def _test(claim: Claim, table: WalkTable) -> _Tested | str:
     compared = compare_scores(*scores, shared=shared, statistic=statistic)
     paper, pd = (number_text(float(statistic(each.ravel())), ".3g") for each in scores)
     unit = "" if MEASURES[measure] == "1" else f" {MEASURES[measure]}"
-    found = f"{place}: {paper}{unit} after {IN_WORDS[recipe]}, {pd}{unit} after the ideal PD"
+    found = f"{place}: {paper}{unit} after {_LEARNED[recipe]}, {pd}{unit} after the ideal PD"
     return _Tested(compared, claim.sign, found)
 
 

@@ -20,6 +20,7 @@ from motorprior.transfer.statistics import (
     ratio,
 )
 from motorprior.transfer.study_claims import claims
+from motorprior.transfer.study_losses import Cells, losses
 from motorprior.transfer.study_targets import targets
 from motorprior.transfer.study_verdicts import (
     ADAPTED,
@@ -43,8 +44,8 @@ from motorprior.transfer.study_verdicts import (
 )  # fmt: skip
 from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
 
-ENOUGH_POLICIES = 8
-"""Of a condition, to decide anything: as many as the study asks for."""
+ENOUGH_POLICIES, ENOUGH_DRAWS = 8, 32
+"""Of a condition, and walks of each of its policies at a twin, to decide anything: as many as the study asks for."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class Summary:
         targets: of the study.
         claims: of the paper.
         policies: fewest policies of one of CONDITIONS at a place, but the gait.
+        draws: fewest walks of one of these policies at a twin.
+        decides: whether there are enough of both; otherwise targets and claims cannot be told.
     """
 
     estimates: Mapping[tuple[str, str, str], Estimate]
@@ -72,6 +75,8 @@ class Summary:
     targets: tuple[Verdict, ...]
     claims: tuple[Verdict, ...]
     policies: int
+    draws: int
+    decides: bool
 
     def places(self) -> list[str]:
         """OWN, then the twins, see `twins_in`."""
@@ -90,12 +95,15 @@ class Summary:
         return in_order((condition for _, condition, _ in self.estimates), CONDITIONS)
 
 
-def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) -> Summary:
+def summarise(
+    table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED}), enough_draws: int = ENOUGH_DRAWS
+) -> Summary:
     """Judge a table of walks.
 
     Args:
         table: of places, conditions, seeds and draws; what lacks a place or a condition lacks its comparisons.
         alone: conditions whose draws are not those of the others, though they have the same numbers.
+        enough_draws: see ENOUGH_DRAWS.
 
     Raises:
         ArtifactError: not every policy walked every draw, or other policies walked on a twin than where they were
@@ -123,15 +131,25 @@ def summarise(table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED})) ->
         for pairing in _pairings(ORACLE, cells, ("speed",))
     }
     comparisons, corrected = _compared(cells, alone)
-    judged = (cell for (_, condition), cell in cells.items() if condition in CONDITIONS and condition != UNTRAINED)
-    policies = min((len(cell.distinct("seed")) for cell in judged), default=0)
-    aims, said = targets(Facts(estimates, comparisons, corrected, _peers(cells), standing)), claims(table)
-    if policies < ENOUGH_POLICIES:
+    policies, draws = _fewest(cells)
+    decides = policies >= ENOUGH_POLICIES and draws >= enough_draws
+    facts = Facts(estimates, comparisons, corrected, _peers(cells), standing, losses(cells))
+    aims, said = targets(facts), claims(table)
+    if not decides:
         aims, said = (tuple(replace(each, holds=None) for each in verdicts) for verdicts in (aims, said))
-    return Summary(estimates, ratios, regrets, standing, comparisons, corrected, aims, said, policies)
+    return Summary(estimates, ratios, regrets, standing, comparisons, corrected, aims, said, policies, draws, decides)
 
 
-Cells = Mapping[tuple[str, str], WalkTable]
+def _fewest(cells: Cells) -> tuple[int, int]:
+    """Policies of a condition at a place, and walks of each at a twin."""
+    judged = {
+        (place, condition): cell
+        for (place, condition), cell in cells.items()
+        if condition in CONDITIONS and condition != UNTRAINED
+    }
+    policies = min((len(cell.distinct("seed")) for cell in judged.values()), default=0)
+    draws = min((len(cell.distinct("draw")) for (place, _), cell in judged.items() if place != OWN), default=0)
+    return policies, draws
 
 
 def _standing(place: str, condition: str, cell: WalkTable) -> float:
@@ -224,6 +242,6 @@ def _ratio(pair: tuple[str, str], there: WalkTable, own: WalkTable) -> Estimate:
     if there.distinct("seed") != own.distinct("seed"):
         raise ArtifactError(
             f"{condition}: seeds {there.distinct('seed')} walked at {place}, {own.distinct('seed')} where trained",
-            remedy="delete the study's folder and run it again",
+            remedy=f"delete watched/{condition}_* in the study's folder and run it again",
         )
     return ratio(there.scores(place, condition, "speed"), own.scores(home, condition, "speed"), LEAST_SPEED)

@@ -18,6 +18,7 @@ from motorprior.transfer.study_verdicts import (
     IN_WORDS,
     LEAST_UPRIGHT,
     MEANS,
+    MOST_OF_IT,
     NOT_MEASURED,
     ORACLE,
     PRIOR,
@@ -45,7 +46,8 @@ def targets(facts: Facts) -> tuple[Verdict, ...]:
     said = f"{HARD}: the prior with body randomisation stays {100 * UPRIGHT_WHERE_HARD:.0f} % upright"
     if np.isfinite(upright):
         found, holds = _stands(facts, HARD, ROBUST_PRIOR), upright >= UPRIGHT_WHERE_HARD
-        why = f"{found}; {_at_home(facts, HARD, ROBUST_PRIOR)}; {_oracle_here(facts, HARD)}"
+        ends = (_where_it_falls(facts, HARD, ROBUST_PRIOR), _oracle_here(facts, HARD))
+        why = "; ".join((found, _at_home(facts, HARD, ROBUST_PRIOR), *filter(None, ends)))
         verdicts.append(Verdict(said, holds, found, "" if holds else why))
     else:
         verdicts.append(Verdict(said, None, NOT_MEASURED))
@@ -59,6 +61,16 @@ def _at_home(facts: Facts, place: str, condition: str) -> str:
 
 def _oracle_here(facts: Facts, place: str) -> str:
     return f"the oracle here {percent_text(facts.value(place, ORACLE, 'upright'))}"
+
+
+def _where_it_falls(facts: Facts, place: str, condition: str) -> str:
+    """On how many robots most of its falls are, and whether the oracle stands there; nothing where none is known."""
+    loss = facts.losses.get((place, condition))
+    if loss is None:
+        return ""
+    share = f"{100.0 * MOST_OF_IT:.0f} % of what is lost is on {loss.worst} of {loss.robots} robots"
+    there = f", where it is {percent_text(loss.upright)} upright"
+    return f"{share}{there}" + (f", the oracle {percent_text(loss.oracle)}" if np.isfinite(loss.oracle) else "")
 
 
 def _stands(facts: Facts, place: str, condition: str) -> str:
@@ -99,6 +111,8 @@ def _why_behind(facts: Facts, place: str) -> str:
         upright = facts.value(place, name, "upright")
         lacks = "falls" if upright < ENOUGH_UPRIGHT else "is slow"
         ways.append(f"{IN_WORDS[name]} {lacks}: {percent_text(upright)} upright, {_at_home(facts, place, name)}")
+        if upright < ENOUGH_UPRIGHT and (where := _where_it_falls(facts, place, name)):
+            ways.append(where)
     return f"{'; '.join(ways)}; {_oracle_here(facts, place)}"
 
 

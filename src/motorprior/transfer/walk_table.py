@@ -82,7 +82,7 @@ class WalkTable:
         if len(values) != len(found) or len(values) != len(seeds) * len(draws):
             raise ArtifactError(
                 f"{condition} at {place}: {len(found)} walks, not one for each of {len(seeds)} seeds and "
-                f"{len(draws)} draws", remedy="delete the study's folder and run it again",
+                f"{len(draws)} draws", remedy=f"delete watched/{condition}_* in the study's folder and run it again",
             )  # fmt: skip
         return np.array([[values[seed, draw] for draw in draws] for seed in seeds]).reshape(len(seeds), len(draws))
 
