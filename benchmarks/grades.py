@@ -21,7 +21,7 @@ from textwrap import fill
 
 import numpy as np
 import tyro
-from scipy.stats import spearmanr
+from scipy.stats import rankdata
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
@@ -190,11 +190,11 @@ def correlations(figures: dict[str, float], names: list[str], places: list[str])
         walk = [name for name in names if f"{name}/{place}/ratio" in figures]
         if len(walk) < 3:
             continue
-        error = [figures[f"{name}/{TWINS[place].population}/fidelity"] for name in walk]
+        error = rankdata([figures[f"{name}/{TWINS[place].population}/fidelity"] for name in walk])
         for measure in ("speed", "upright", "ratio"):
-            ranked, _ = spearmanr(error, [figures[f"{name}/{place}/{measure}"] for name in walk])
-            if np.isfinite(ranked):  # not all are alike
-                found[f"rank_correlation/{place}/{measure}"] = float(ranked)
+            ranks = rankdata([figures[f"{name}/{place}/{measure}"] for name in walk])
+            if np.ptp(error) > 0.0 and np.ptp(ranks) > 0.0:
+                found[f"rank_correlation/{place}/{measure}"] = float(np.corrcoef(error, ranks)[0, 1])
     return found
 
 
