@@ -108,7 +108,7 @@ class Study:
                 return name
         raise ConfigError(
             f"the width of {PD_RANDOMISED} is chosen on a fleet of {robot.name!r} that no twin has, and none is known",
-            argument="validation", remedy="give such a fleet as --validation, or the width as --spread",
+            argument="validation", remedy="give such a fleet as validation, or the width as spread",
         )  # fmt: skip
 
     def _fleets_of_twins(self, robot: Robot) -> tuple[Fleet, Fleet]:
