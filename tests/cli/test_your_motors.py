@@ -1,6 +1,7 @@
 """Every command of docs/your-motors.md and docs/logs.md runs, on a few seconds of the real logs that the pages name."""
 
 import gzip
+import math
 import re
 import shlex
 import shutil
@@ -15,6 +16,7 @@ from swinging_bars import swing, write_table
 from motorprior.cli.main import RUN, parse
 from motorprior.identification import load_fit, response_fit, term_selection
 from motorprior.logs.column_map import load_column_map
+from motorprior.logs.column_units import Conversion
 from motorprior.pipeline import demo
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -122,3 +124,14 @@ def test_the_column_map_on_the_page_is_understood(tmp_path: Path):
     assert [joint.name for joint in known.joints] == ["shoulder_pan", "shoulder_lift"]
     assert known.gain_unit == "firmware" and {joint.kp for joint in known.joints} == {16.0}
     assert known.firmware == {"profile_acceleration": 39}
+
+
+def test_the_tables_of_channels_on_the_page_are_understood(tmp_path: Path):
+    path = tmp_path / "columns.toml"
+    plain, channels = blocks("your-motors.md", "toml")
+    path.write_text(re.sub(r"kp = .*", "", plain) + channels, "utf-8")
+    pan, lift, gripper = load_column_map(path).joints
+    tick, degree = math.tau / 4096, math.tau / 360
+    factors = [joint.conversions[name].factor for joint in (pan, lift) for name in ("position_target", "joint_pos")]
+    assert factors == pytest.approx([-degree, -tick, tick, -tick], rel=1e-12)
+    assert gripper.conversions["joint_pos"] == gripper.conversions["position_target"] == Conversion(0.0175, -0.17)

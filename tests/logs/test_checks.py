@@ -53,10 +53,13 @@ def test_jitter_is_a_warning(make_log):
 
 def test_degrees_are_suspected(make_log):
     log = make_log()
-    log.joint_pos[:, 1] *= 180.0 / np.pi
+    log.joint_pos[:, 1] *= 90.0 / np.pi
     (finding,) = bad(check_log(log), "units")
-    assert finding.joint == "right"
-    assert finding.value == np.abs(log.joint_pos).max()
+    assert finding.joint == "right" and finding.severity == "warning"
+    assert finding.value == np.abs(log.joint_pos[:, 1]).max()
+    log.joint_pos[:, 1] *= 2.0
+    (finding,) = check_log(log).errors
+    assert (finding.check, finding.joint) == ("units", "right") and "107.9 rad/s" in finding.message
 
 
 def test_an_angle_beyond_its_limit_is_named(make_log):
@@ -82,17 +85,18 @@ def test_a_flipped_sign_is_an_error(make_log):
 
 def test_an_angle_that_does_not_follow_is_a_warning(make_log):
     rng = np.random.default_rng(5)
-    report = check_log(make_log(joint_pos=rng.normal(size=(200, 2)), joint_vel=None))
+    report = check_log(make_log(joint_pos=0.2 * rng.normal(size=(200, 2)), joint_vel=None))
     assert [finding.joint for finding in bad(report, "tracking")] == ["left", "right"]
 
 
-@pytest.mark.parametrize("factor", [180.0 / np.pi, 36.0, 0.1])
+@pytest.mark.parametrize("factor", [30.0 / np.pi, 36.0, 0.1])
 def test_a_velocity_in_another_unit_is_a_warning(make_log, factor):
     log = make_log()
     log.joint_vel[:, 1] *= factor
     (finding,) = bad(check_log(log), "velocity")
     assert finding.joint == "right"
     assert finding.value == pytest.approx(factor, rel=0.02)
+    assert ("rpm" in finding.remedy) == (factor == 30.0 / np.pi)
 
 
 def test_dead_and_idle_joints_are_told_apart(make_log):

@@ -2,14 +2,17 @@
 
 import gzip
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.column_map import TURN, load_column_map, shipped_maps
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.logs.column_map import load_column_map, shipped_maps
+from motorprior.logs.column_units import TURN
 from motorprior.logs.mapped_table import read_mapped_log
 from motorprior.logs.registry import read_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -149,8 +152,30 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
     assert log.joint_names == PUPPER_V2.joint_names and log.robot == PUPPER_V2.name
     np.testing.assert_allclose(log.joint_pos[:, 0], table[f"pos_{PUPPER_V2.joint_names[0]}"])
     strange = a_map(tmp_path, text.replace(f"{names[0]} = {{}}", f'{names[0]} = {{ name = "tail" }}'))
-    with pytest.raises(LogError, match="'tail'"):
+    with pytest.raises(LogError, match=r"'tail'.*remove its table, or give its key name"):
         read_log(path, PUPPER_V2, strange)
+
+
+def test_a_map_of_another_robot_is_refused(tmp_path: Path, columns: dict[str, np.ndarray]):
+    path, known = write(tmp_path / "log.csv", columns), a_map(tmp_path, TICKS)
+    with pytest.raises(
+        ConfigError, match=r"robot 'pupper_v2', and the column map .*columns\.toml is of 'arm'"
+    ) as error:
+        read_log(path, PUPPER_V2, known)
+    assert error.value.argument == "robot" and error.value.where == path
+    arm: Any = SimpleNamespace(name="arm", joint_names=("lift", "pan"), encoder="joint")
+    assert read_log(path, arm, known).joint_names == ("lift", "pan")
+
+
+@pytest.mark.parametrize(("said", "of_robot", "expected"), [("rotor", "joint", "rotor"), ("", "rotor", "rotor")])
+def test_angles_are_measured_where_the_map_says_or_else_the_robot(
+    tmp_path: Path, columns: dict[str, np.ndarray], said: str, of_robot: str, expected: str
+):
+    path = write(tmp_path / "log.csv", columns)
+    known = a_map(tmp_path, TICKS.replace('encoder = "rotor"', f'encoder = "{said}"' if said else ""))
+    arm: Any = SimpleNamespace(name="arm", joint_names=("pan", "lift"), encoder=of_robot)
+    assert read_log(path, arm, known).encoder == expected
+    assert read_log(path, columns=known).encoder == (said or "joint")
 
 
 @pytest.mark.parametrize(
@@ -170,9 +195,13 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
         ("a = {}\nb = {}", "a = {kd = 3}\nb = {kd = 1}", "kd without kp"),
         ("a = {}", "a = {kp = 0}", "kp = 0"),
         ("a = {}", "a = {kp = 0x" + 5000 * "f" + "}", "kp = a whole number of 20000 bits"),
-        ("a = {}", f"{201 * 'a'} = {{}}", "is not a text of at most 200 letters"),
-        ("goal_{joint}", 30 * "goal_{joint}", "is not a text of at most 200 letters"),
+        ("a = {}", f"{201 * 'a'} = {{}}", "is not a text of 1 to 200 letters"),
+        ("goal_{joint}", 30 * "goal_{joint}", "is not a text of 1 to 200 letters"),
         ("a = {}", "\n".join(f"j{k} = {{}}" for k in range(1000)), "1001 joints, more than 1000"),
+        ("a = {}", 'a = {name = ""}', "name = '' is not a text of 1 to 200 letters"),
+        ("goal_{joint}", "pos_{joint}", "position_target and joint_pos are both 'pos_{joint}'"),
+        ('motor = "servo"', 'motor = "servo"\njoint = "who"', "a row per joint and time is not read -> pivot it"),
+        ("goal_{joint}", "goal", "a table with a row per joint and time: pivot it"),
     ],
 )
 def test_a_map_that_is_not_understood_is_refused(tmp_path: Path, old: str, new: str, said: str):
@@ -213,6 +242,21 @@ def test_a_bad_cell_is_refused(tmp_path: Path, columns: dict[str, np.ndarray], c
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(LogError, match=r"log\.csv"):
         read_log(path, columns=a_map(tmp_path, TICKS))
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [("pos_2", "row 30, joint_pos/lift (column pos_2) is"), ("stamp", "row 30, time (column stamp) is")],
+)
+def test_a_number_that_is_none_is_named_by_its_column(
+    tmp_path: Path, columns: dict[str, np.ndarray], name: str, column: str, said: str
+):
+    columns[column] = columns[column].astype(float)
+    columns[column][30] = np.nan
+    with pytest.raises(LogError) as refusal:
+        read_log(write(tmp_path / name, columns), columns=a_map(tmp_path, TICKS))
+    assert said in refusal.value.problem and refusal.value.where == tmp_path / name
 
 
 def test_a_column_that_is_missing_or_twice_is_refused(tmp_path: Path, columns: dict[str, np.ndarray]):

@@ -158,13 +158,13 @@ def test_numbers_that_are_none_are_refused_with_their_row(tmp_path: Path, value:
         read(write_bam(tmp_path, entries=some))
     angle = ANGLE.copy()
     angle[25, 1] = value
-    with pytest.raises(LogError, match=r"row 25, joint_pos/lift"):
+    with pytest.raises(LogError, match=r"row 25, joint_pos/lift \(column observation\.state\[1\]\) is"):
         read(write_lerobot(tmp_path, **{"observation.state": list(angle)}))
     sage = write_sage(tmp_path)
     text = (sage / "state_motor.csv").read_text().splitlines()
     text[9] = text[9].replace(str(ANGLE[8, 0]), str(value))
     (sage / "state_motor.csv").write_text("\n".join(text))
-    with pytest.raises(LogError, match=r"row 8, joint_pos/pan"):
+    with pytest.raises(LogError, match=r"state_motor\.csv: row 8, positions\[0\] is"):
         read(sage)
 
 

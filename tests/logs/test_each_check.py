@@ -68,6 +68,46 @@ def a_damaged_velocity(log: MotorLog) -> MotorLog:
     return edited(log, "joint_vel", column(slice(400, 401), -1e9))
 
 
+@case("units", "error", row=500)
+def four_turns(log: MotorLog) -> MotorLog:
+    return edited(log, "position_target", column(slice(500, 501), 26.0))
+
+
+@case("units", "error", row=None)
+def degrees(log: MotorLog) -> MotorLog:
+    return edited(log, "joint_pos", lambda angle: np.multiply(angle, 180.0 / np.pi, out=angle))
+
+
+@case("units", "error", row=None)
+def velocity_in_degrees(log: MotorLog) -> MotorLog:
+    return edited(log, "joint_vel", lambda speed: np.multiply(speed, 180.0 / np.pi, out=speed))
+
+
+@case("angles", "info")
+def turned_round(log: MotorLog) -> MotorLog:
+    return edited(log, "joint_pos", lambda angle: np.negative(angle, out=angle))
+
+
+@case("rate", "error")
+def milliseconds(log: MotorLog) -> MotorLog:
+    return replace(log, time=1e3 * log.time)
+
+
+@case("rate", "error")
+def seconds_as_milliseconds(log: MotorLog) -> MotorLog:
+    return replace(log, time=1e-3 * log.time)
+
+
+@case("jumps", "error", row=410)
+def a_failed_read(log: MotorLog) -> MotorLog:
+    return edited(log, "joint_pos", column(slice(410, 413), -np.pi))
+
+
+@case("jumps", "error", row=None)
+def an_encoder_that_wraps(log: MotorLog) -> MotorLog:
+    return replace(log, **{name: getattr(log, name) % (2 * np.pi) for name in ("position_target", "joint_pos")})
+
+
 @case("limits", row=300)
 def beyond_its_limit(log: MotorLog) -> MotorLog:
     return edited(log, "joint_pos", column(slice(300, 301), 1.2))
@@ -196,7 +236,7 @@ def test_a_check_finds_what_was_done(
 
 
 def test_every_check_has_its_case(rich_log: MotorLog):
-    known = {check for check, *_ in CASES} | {"rate"}
+    known = {check for check, *_ in CASES}
     for _, _, _, change in CASES:
         assert {finding.check for finding in check_log(change(rich_log), LIMITS).findings} <= known
 
@@ -232,7 +272,9 @@ def test_one_fast_sine_cannot_tell_late_from_reversed():
 def test_a_long_log_is_judged_by_its_liveliest_part():
     rest, motion = sines((0.5, 1.3, 2.9), 0.085), sines((0.4, 1.3, 2.9), 0.085)
     parts = [replace(rest, position_target=0.05 * rest.position_target, joint_pos=0.05 * rest.joint_pos)] * 10
-    parts = [*parts, *[motion] * 10]
+    grown = np.clip(motion.time, 0.05, 1.0)[:, None]
+    begun = replace(motion, position_target=grown * motion.position_target, joint_pos=grown * motion.joint_pos)
+    parts = [*parts, begun, *[motion] * 9]
     whole = replace(
         motion,
         time=0.005 * np.arange(sum(part.num_rows for part in parts)),

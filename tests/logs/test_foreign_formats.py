@@ -67,6 +67,23 @@ def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
         read_log(write_bam(tmp_path, entries=[entry | {"torque_enable": False} for entry in whole]))
 
 
+def test_a_pendulum_without_speeds_or_with_goals_of_null_is_read(tmp_path: Path):
+    whole = [{"timestamp": t, "goal_position": 0.5, "position": 0.1 * t} for t in TIME.tolist()]
+    log = read_log(write_bam(tmp_path, entries=whole))
+    assert log.joint_vel is None and log.num_rows == ROWS
+    off = {"goal_position": None, "torque_enable": False}
+    limp = [entry | off if row < 12 else entry for row, entry in enumerate(whole)]
+    log = read_log(write_bam(tmp_path, entries=limp))
+    np.testing.assert_array_equal(log.time, TIME[12:])
+    assert set(log.position_target[:, 0]) == {0.5}
+    limp[20] = limp[20] | {"goal_position": None}
+    with pytest.raises(LogError, match="row 20, goal_position is None, not a finite number"):
+        read_log(write_bam(tmp_path, entries=limp))
+    whole[7] = whole[7] | {"speed": 0.1}
+    with pytest.raises(LogError, match="row 0, speed is None, not a finite number"):
+        read_log(write_bam(tmp_path, entries=whole))
+
+
 def test_a_folder_of_sage_is_merged(tmp_path: Path):
     log = read_log(write_sage(tmp_path), PUPPER_V2)
     assert log.joint_names == JOINTS and log.joint_torque is None
@@ -84,7 +101,8 @@ def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     assert log.segment is not None and log.segment.tolist() == [0] * (ROWS // 2) + [1] * (ROWS // 2)
     np.testing.assert_allclose(log.joint_pos, ANGLE, atol=1e-6)
     np.testing.assert_allclose(log.position_target, TARGET, atol=1e-6)
-    arm: Any = SimpleNamespace(name="mine", joint_names=JOINTS[::-1])
+    arm: Any = SimpleNamespace(name="mine", joint_names=JOINTS[::-1], encoder="rotor")
+    assert read_log(tmp_path / "dataset", arm).encoder == "rotor", "the dataset does not say it"
     np.testing.assert_array_equal(read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1])
 
 
@@ -103,6 +121,12 @@ def test_lerobots_description_must_fit(tmp_path: Path):
         read_log(write_lerobot(tmp_path, fps=30.0))
     path = write_lerobot(tmp_path)
     info = json.loads((path / "meta" / "info.json").read_text())
+    for names in (["pan.pos"], ["pan.pos", "lift.pos", "tail.pos"]):
+        info["features"]["action"] = info["features"]["observation.state"] = {"names": names}
+        (path / "meta" / "info.json").write_text(json.dumps(info))
+        with pytest.raises(LogError, match=rf"row 0, action has 2 numbers, and {len(names)} are described"):
+            read_log(path)
+    info["features"]["observation.state"] = {"names": ["pan.pos", "lift.pos"]}
     info["features"]["action"] = {"names": ["x.pos", "y.pos"]}
     (path / "meta" / "info.json").write_text(json.dumps(info))
     with pytest.raises(LogError, match="action is of"):

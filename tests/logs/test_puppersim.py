@@ -6,9 +6,10 @@ import pickle
 import numpy as np
 import pytest
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import channels
 from motorprior.logs.puppersim import csv_columns, read_puppersim_log, read_puppersim_logs
+from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import drop_repeats, repeated_rows
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
@@ -103,6 +104,25 @@ def test_another_header_is_refused(tmp_path, table):
     path = write_csv(path, lines[:1])
     with pytest.raises(LogError, match="no rows"):
         read_puppersim_log(path, PUPPER_V2)
+
+
+def test_a_damaged_log_is_told_from_a_table_of_somebodys_own(tmp_path, table):
+    lines = csv_lines(table)
+    for head, problem in (
+        (lines[0].replace("q_3,", "p_3,"), "column 16 is named 'p_3', expected 'q_3' -> restore the header"),
+        (lines[0].replace("q_des_", "target_").replace("t_s", "t"), "column 0 is named 't', expected 't_s'"),
+        (
+            lines[0].replace("q_", "joint_"),
+            "a table of no known format; its first line is 't_s', 'joint_des_0'.*columns",
+        ),
+        (lines[1], "no header: its first line is '"),
+    ):
+        path = write_csv(tmp_path / "log.csv", [head, *lines[1:]])
+        with pytest.raises(LogError, match=problem):
+            read_log(path, PUPPER_V2)
+        no_robot = (ConfigError, "give robot") if problem.startswith("column") else (LogError, problem)
+        with pytest.raises(no_robot[0], match=no_robot[1]):
+            read_log(path)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])

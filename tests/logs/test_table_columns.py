@@ -35,6 +35,22 @@ def test_what_is_no_number_is_refused_before_it_is_read(table: Path, monkeypatch
         list(table_columns(table, [name]))
 
 
+@pytest.mark.parametrize(("name", "row"), [("ragged[1]", 2), ("ragged[0]", 3), ("pair[2]", 0)])
+def test_a_list_that_is_too_short_is_named_by_its_row(tmp_path: Path, name: str, row: int):
+    lists = {"ragged": [[1.0, 2.0], [3.0, 4.0], [5.0], []], "pair": 4 * [[0.0, 1.0]]}
+    pq.write_table(pa.table(lists), tmp_path / "x.parquet")
+    with pytest.raises(
+        LogError, match=rf"x\.parquet: row {row}, .*: its list has {len(lists[name[:-3]][row])} numbers"
+    ):
+        list(table_columns(tmp_path / "x.parquet", [name]))
+
+
+def test_a_cell_without_a_list_is_empty(tmp_path: Path):
+    pq.write_table(pa.table({"x": pa.array([[1.0], None])}), tmp_path / "x.parquet")
+    with pytest.raises(LogError, match=r"row 1, x\[0\] is empty"):
+        list(table_columns(tmp_path / "x.parquet", ["x[0]"], lengths={"x": 1}))
+
+
 @pytest.mark.parametrize("index", [20 * "9", 5000 * "9", "٣"])
 def test_an_index_that_no_list_can_have_is_refused(table: Path, index: str):
     with pytest.raises(LogError, match=r"x\.parquet: no column 'pair\["):

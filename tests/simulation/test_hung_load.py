@@ -106,8 +106,28 @@ def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pit
         with_loads(replace(log, base_orientation=np.array([roll, pitch]) + sway), PUPPER_V2)
 
 
-def test_another_robot_is_refused():
-    log, _ = moved(0.0, 0.01)
-    for other in (replace(log, joint_vel=None), log.joint(0)):
-        with pytest.raises(LogError, match="give a recording of the robot"):
-            with_loads(other, PUPPER_V2)
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (
+            spec.JOINT_NAMES[:2],
+            rf"lacks {', '.join(spec.JOINT_NAMES[2:])}: 10 of the 12 joints of pupper_v2 -> .*record",
+        ),
+        (("tail", *spec.JOINT_NAMES[1:]), r"lacks FR_abduction: 1 of the 12 joints of pupper_v2, and has tail ->"),
+        ((*spec.JOINT_NAMES, "tail"), "pupper_v2 has no joint tail ->"),
+        (spec.JOINT_NAMES[::-1], "joints in the order RL_knee, .* give them in the order of pupper_v2: FR_abduction"),
+    ],
+)
+def test_a_log_of_other_joints_is_refused_with_their_names(names: tuple[str, ...], words: str):
+    rows = np.zeros((20, len(names)))
+    log = MotorLog(
+        time=0.01 * np.arange(20), position_target=rows, joint_pos=rows, joint_vel=rows, joint_names=names,
+        robot=spec.ROBOT_NAME, motor="none", source="test",
+    )  # fmt: skip
+    with pytest.raises(LogError, match=words):
+        with_loads(log, PUPPER_V2)
+
+
+def test_a_log_without_velocities_is_refused():
+    with pytest.raises(LogError, match=r"no velocities.*import it with a period"):
+        with_loads(replace(swaying(spec.NOMINAL_POSE, rows=20), joint_vel=None), PUPPER_V2)

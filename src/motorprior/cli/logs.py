@@ -18,7 +18,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class LogsCheck:
-    """Log doctor: clock, repeats, units, range, sensors, delay and signs, saturation, coverage, load."""
+    """Log doctor: clock, repeats, units, range, jumps, sensors, delay and signs, saturation, coverage, load."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
     """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""
@@ -47,7 +47,8 @@ def run_logs_check(config: LogsCheck) -> None:
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:
         log = read_log(path, given, config.columns)
-        report = check_log(log, robot.limits if log.joint_names == robot.joint_names else None)
+        known = config.robot is not None or log.joint_names == robot.joint_names
+        report = check_log(log, robot.limits_of(log.joint_names) if known else None)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
             for found in report.findings

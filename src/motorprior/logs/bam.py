@@ -1,8 +1,9 @@
 """Recordings of a motor that swings a known pendulum, in the JSON of Rhoban/bam, become `MotorLog`s with their load.
 
 A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (the firmware's gain, in its own unit), ``motor``, and ``entries``
-with ``timestamp`` [s], ``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, ``speed`` [rad/s] and
-``torque_enable``. Of a point mass, and of an arm of ``arm_mass`` if the file says one (a uniform rod),
+with ``timestamp`` [s], ``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, and, where they were
+recorded, ``speed`` [rad/s] and ``torque_enable``; where it is false the goal may be null. Of a point mass, and of an
+arm of ``arm_mass`` if the file says one (a uniform rod),
 
     load_inertia = (mass + arm_mass/3)·length²,  external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos),
 
@@ -32,7 +33,6 @@ ENDINGS = (".json", ".json.gz")
 GRAVITY = 9.81
 MAX_BYTES = 15_000_000
 _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
-_SERIES = ("timestamp", "goal_position", "position", "speed")
 _MOST = {"mass": 100.0, "length": 10.0, "arm_mass": 100.0, "kp": 1e6}
 _MIN_ROWS = 2
 
@@ -48,16 +48,20 @@ def read_bam(path: str | Path) -> MotorLog:
     content = _content(path)
     mass, length, kp = (_positive(content, name, path) for name in ("mass", "length", "kp"))
     arm = _positive(content, "arm_mass", path) if content.get("arm_mass") else 0.0
-    time, target, angle, speed = (_numbers(content["entries"], name, path) for name in _SERIES)
+    time, angle = (_numbers(content["entries"], name, path) for name in ("timestamp", "position"))
+    enabled = _enabled(content["entries"], path)
+    target = angle.copy()  # of rows that are left out
+    target[enabled] = _numbers(content["entries"], "goal_position", path, enabled)
+    speed = _numbers(content["entries"], "speed", path)[:, None] if _any_has("speed", content["entries"]) else None
     log = MotorLog(
-        time=time, position_target=target[:, None], joint_pos=angle[:, None], joint_vel=speed[:, None],
+        time=time, position_target=target[:, None], joint_pos=angle[:, None], joint_vel=speed,
         load_inertia=np.full((len(angle), 1), (mass + arm / 3.0) * length**2),
         external_torque=(-(mass + arm / 2.0) * GRAVITY * length * np.sin(angle))[:, None],
         load_stiffness=(-(mass + arm / 2.0) * GRAVITY * length * np.cos(angle))[:, None],
         stated_kp=np.full((len(angle), 1), kp), gain_unit="firmware",
         joint_names=("pendulum",), robot="pendulum", motor=_text(content, "motor", path), source=str(path),
     )  # fmt: skip
-    return _with_torque(checked(log, where=path), _enabled(content["entries"], path), path)
+    return _with_torque(checked(log, where=path), enabled, path)
 
 
 BAM = LogReader("pendulum of Rhoban/bam", ENDINGS, lambda path: path.is_file(), lambda path, robot: read_bam(path))
@@ -87,12 +91,21 @@ def _text(content: dict[str, Any], name: str, path: Path) -> str:
     return content[name]
 
 
-def _numbers(entries: list[Any], name: str, path: Path) -> np.ndarray:
-    values = [entry.get(name) if isinstance(entry, dict) else None for entry in entries]
-    for row, value in enumerate(values):
+def _numbers(entries: list[Any], name: str, path: Path, rows: np.ndarray | None = None) -> np.ndarray:
+    """Of all rows, or of those that a mask (T,) selects."""
+    values = {
+        row: entry.get(name) if isinstance(entry, dict) else None
+        for row, entry in enumerate(entries)
+        if rows is None or rows[row]
+    }
+    for row, value in values.items():
         if not is_number(value):
             raise LogError(f"row {row}, {name} is {repr(value)[:40]}, not a finite number", where=path, remedy=_REMEDY)
-    return np.array(values, dtype=np.float64)
+    return np.array(list(values.values()), dtype=np.float64)
+
+
+def _any_has(name: str, entries: list[Any]) -> bool:
+    return any(entry.get(name) is not None for entry in entries)
 
 
 def _enabled(entries: list[Any], path: Path) -> np.ndarray:

@@ -11,10 +11,12 @@ from motorprior.logs import (
     clock_checks,
     coverage_checks,
     joint_checks,
+    jump_checks,
     load_checks,
     response_checks,
     sensor_checks,
     stuck_checks,
+    unit_checks,
 )
 from motorprior.logs.excited_stretch import excited_stretch
 from motorprior.logs.findings import Finding, LogReport
@@ -32,8 +34,8 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
 
     Args:
         log: the log to look at; it must pass `checked`.
-        joint_limits: (J, 2) lowest and highest angle of each joint [rad], for example ``robot.limits``; None skips the
-            check of range.
+        joint_limits: (J, 2) lowest and highest angle of each joint [rad], for example
+            ``robot.limits_of(log.joint_names)``, infinite where they are not known; None if none is.
 
     Returns:
         Findings, errors first, each with what was measured, its bound and a remedy; ``usable`` where there is no error.
@@ -42,17 +44,20 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
         LogError: the log breaks a rule of `checked`, or the limits have another shape or order.
     """
     log = checked(log, where=log.source)
+    limits = None if joint_limits is None else _checked_limits(log, joint_limits)
     findings = [
         *clock_checks.rate(log),
         *clock_checks.jitter(log),
         *clock_checks.gaps(log),
         *clock_checks.repeats(log),
-        *joint_checks.units(log),
+        *unit_checks.units(log, limits),
+        *unit_checks.angles(log),
     ]
-    if joint_limits is not None:
-        findings += joint_checks.limits(log, _checked_limits(log, joint_limits))
-    if not any(finding.severity == "error" for finding in findings):  # statistics of damaged numbers say nothing
-        findings += _statistics(log)
+    if limits is not None:
+        findings += joint_checks.limits(log, limits)
+    for further in (jump_checks.jumps, _statistics):  # of damaged numbers they say nothing
+        if not any(finding.severity == "error" for finding in findings):
+            findings += further(log)
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return LogReport(log.source, log.num_rows, log.num_joints, log.duration, tuple(findings))
 
@@ -83,9 +88,9 @@ def require_plausible_angles(log: MotorLog, where: str | Path) -> None:
     """Refuse angles that no joint can have, before anyone computes with them.
 
     Raises:
-        LogError: names the first row beyond 100 rad.
+        LogError: names the row of the largest angle beyond four turns.
     """
-    for finding in joint_checks.units(log):
+    for finding in unit_checks.sizes(log):
         if finding.severity == "error":
             raise LogError(finding.message, where=where, remedy=finding.remedy)
 

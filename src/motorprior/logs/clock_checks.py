@@ -9,6 +9,8 @@ from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.resampling import repeated_rows
 from motorprior.logs.sensor_checks import encoder_step
 
+RATES = (5.0, 2e4)
+"""Of logs of motors [Hz]; beyond them the time is in another unit."""
 GAP_FACTOR = 5.0
 MAX_JITTER = 0.5
 MAX_REPEATED = 0.05
@@ -18,11 +20,16 @@ FAST_STEPS = 2.0
 
 
 def rate(log: MotorLog) -> list[Finding]:
-    """Rate of the rows [Hz]: 1 / median time step."""
+    """Rate of the rows [Hz]: 1 / median time step; an error outside RATES."""
     _, steps = time_steps(log)
     median = float(np.median(steps))
-    message = f"median step {1e3 * median:.3g} ms ({1.0 / median:.4g} Hz), jitter {_jitter(steps):.2f} of the step"
-    return [Finding("info", "rate", 1.0 / median, None, message, row=0)]
+    found, (least, most) = 1.0 / median, RATES
+    message = f"median step {1e3 * median:.3g} ms ({found:.4g} Hz), jitter {_jitter(steps):.2f} of the step"
+    if 0.99 * least <= found <= 1.01 * most:  # clocks are not exact
+        return [Finding("info", "rate", found, None, message, row=0)]
+    message += f"; outside {least:g} to {most:g} Hz"
+    remedy = 'say what the unit of time is in the column map: time = "s", "ms", "us" or "ns"; or record faster'
+    return [Finding("error", "rate", found, least if found < least else most, message, remedy, row=0)]
 
 
 def jitter(log: MotorLog) -> list[Finding]:
@@ -33,7 +40,7 @@ def jitter(log: MotorLog) -> list[Finding]:
         return []
     row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
     message = f"time steps spread by {spread:.2f} of their median {1e3 * median:.3g} ms, more than {MAX_JITTER}"
-    remedy = "resample on a uniform grid before differentiating"
+    remedy = "import it with a period: `motorprior logs import` then puts it on a uniform grid"
     return [Finding("warning", "jitter", spread, MAX_JITTER, message, remedy, row=row)]
 
 
@@ -54,7 +61,7 @@ def gaps(log: MotorLog) -> list[Finding]:
         f"{int(late.sum())} gaps longer than {1e3 * bound:.3g} ms (5 median steps), the first before row {first}, "
         f"the longest {1e3 * steps[worst]:.3g} ms before row {rows[worst]}"
     )
-    remedy = "split the log into segments at long gaps"
+    remedy = "find out why rows are lost; `motorprior logs import` begins a segment after each gap"
     return [Finding("warning", "gaps", float(steps[worst]), bound, message, remedy, row=first)]
 
 
@@ -74,7 +81,11 @@ def repeats(log: MotorLog) -> list[Finding]:
     described = f"{100 * share:.1f} % of the rows repeat the last angles, {100 * fast:.1f} % while moving fast"
     if fast <= MAX_REPEATED:
         return [Finding("info", "repeats", share, MAX_REPEATED, described, row=first)]
-    message, remedy = f"{described} (bound {100 * MAX_REPEATED:g} %)", "drop repeats before differentiating"
+    message = f"{described} (bound {100 * MAX_REPEATED:g} %)"
+    remedy = (
+        "`motorprior replay` and `calibrate` leave them out; `logs import` does not: record a row per new reading, or "
+        "delete the repeated rows from the file before"
+    )
     return [
         Finding("warning", "repeats", share, MAX_REPEATED, message, remedy, row=first),
         *_true_rate(log, repeated, 1.0 / float(np.median(steps)), first),
@@ -105,5 +116,5 @@ def _true_rate(log: MotorLog, repeated: np.ndarray, polled: float, first: int) -
         return []
     true = 1.0 / float(np.median(steps))
     message = f"new angles come at {true:.4g} Hz, rows at {polled:.4g} Hz"
-    remedy = "take the rate of new angles as that of the log"
+    remedy = f"import it with a period of {1.0 / true:.3g} s or more"
     return [Finding("info", "true_rate", true, polled, message, remedy, row=first)]

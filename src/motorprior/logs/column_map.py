@@ -21,12 +21,13 @@
     kd = 0.5
 
 An angle is sign·unit·value + zero, a velocity or torque sign·unit·value. ``action[{joint}]`` is one number of a column
-of lists.
+of lists. A joint may have units of its own, ``scale`` [rad per unit of its columns] where its unit has no name, and a
+table per channel that has other ones, ``[joints.1.joint_pos]``; a velocity has the sign of the angle. Where no column
+says the time, ``rate`` [Hz] stands for ``time``; time stamps are read as they are.
 """
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,44 +39,39 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
+from motorprior.logs.column_units import OF_ANGLES, QUANTITIES, TIMES, UNITS, Conversion, conversions, require_ticks
 from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS, is_register
 from motorprior.outside_files import read_toml
-from motorprior.schema import TABLE, TEXT, Field, Schema, integer, number, one_of, require
+from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of, require
 
-TURN = 2.0 * math.pi
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-ANGLES = {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan}
-VELOCITIES = {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0}
-TORQUES = {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665}
-SERIES = (
-    "position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia", "load_stiffness",
-)  # fmt: skip
+SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")
 """Channels that have a column for every joint."""
 JOINT = "{joint}"
+KP, KD = (1e-6, 1e6), (0.0, 1e6)
+"""Least and most of a stated gain."""
 _REMEDY = "see docs/your-motors.md"
+_PIVOT = f"put {JOINT} where its columns have the joint's name; a table with a row per joint and time: pivot it"
 _MOST_JOINTS, _LONGEST_NAME = 1000, 200
 """Every channel has a column per joint, whose name holds the joint's."""
 _NAME = Field(
-    f"a text of at most {_LONGEST_NAME} letters", lambda value: TEXT.accepts(value) and len(value) <= _LONGEST_NAME
+    f"a text of 1 to {_LONGEST_NAME} letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= _LONGEST_NAME
 )
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
+        "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         **dict.fromkeys(("units", "firmware", "joints"), TABLE),
     },
     _REMEDY,
-    optional=frozenset({"robot", "segment", "encoder", "units", "firmware", *SERIES[2:]}),
+    optional=frozenset({"robot", "time", "rate", "segment", "encoder", "units", "firmware", *SERIES[2:]}),
 )
 _UNITS = Schema(
-    {
-        "time": one_of(*TIMES), "angle": one_of(*ANGLES), "velocity": one_of(*VELOCITIES), "torque": one_of(*TORQUES),
-        "ticks_per_turn": integer(2, 2**31 - 1), "gain": one_of(*GAIN_UNITS),
-    },
+    {**UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)},
     _REMEDY,
-    optional=frozenset({"time", "angle", "velocity", "torque", "ticks_per_turn", "gain"}),
+    optional=frozenset({*UNITS, "time", "gain"}),
     name="units",
-)  # fmt: skip
+)
 _FIRMWARE = Schema(
     {
         name: Field(f"0 (off) or a number from {least:g} to {most:g}", partial(is_register, name))
@@ -84,33 +80,32 @@ _FIRMWARE = Schema(
     _REMEDY,
     optional=frozenset(FIRMWARE),
     name="firmware",
-)  # fmt: skip
-_JOINT = Schema(
-    {
-        "name": _NAME,
-        "sign": integer(-1, 1),
-        "zero": number(-TURN, TURN, unit="rad"),
-        "kp": number(1e-6, 1e6),
-        "kd": number(0.0, 1e6),
-    },
-    _REMEDY,
-    optional=frozenset({"name", "sign", "zero", "kp", "kd"}),
 )
+_OF_JOINTS = {
+    "name": _NAME,
+    **OF_ANGLES,
+    "kp": number(*KP),
+    "kd": number(*KD),
+    **dict.fromkeys(QUANTITIES, TABLE),
+}
+_JOINT = Schema(_OF_JOINTS, _REMEDY, optional=frozenset(_OF_JOINTS))
 
 
 @dataclass(frozen=True)
 class MappedJoint:
-    """A joint of the table: its name in the columns, the robot's name for it, its sign, its zero [rad], its gains."""
+    """A joint of the table: its name in the columns, the robot's name for it, its gains, its columns' conversions.
+
+    ``conversions`` has those of QUANTITIES; a channel without one is in SI units.
+    """
 
     column: str
     name: str
-    sign: float = 1.0
-    zero: float = 0.0
     kp: float | None = None
     kd: float | None = None
+    conversions: Mapping[str, Conversion] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ColumnMap:
     """What the columns of a table mean.
 
@@ -118,12 +113,13 @@ class ColumnMap:
         source: file or name of the map.
         motor: motor model.
         robot: name of the robot, if the map says it.
-        encoder: where angles are measured, "joint" or "rotor".
-        time: column of the time.
+        encoder: where angles are measured, "joint" or "rotor"; empty if the map does not say it.
+        time: column of the time, or None where ``rate`` stands for it.
+        time_scale: seconds per unit of that column.
+        rate: of the rows [Hz], or None.
         segment: column of the number of the recording, or None for a single one.
         series: channel -> name of its columns, with JOINT where the joint's name stands.
         joints: in the order of the map.
-        scales: channel -> SI units per unit of its columns.
         gain_unit: of the joints' gains (`MotorLog`).
         firmware: registers of all the motors (`MotorLog`).
     """
@@ -131,12 +127,13 @@ class ColumnMap:
     source: str
     motor: str
     robot: str
-    encoder: str
-    time: str
-    segment: str | None
     series: dict[str, str]
     joints: tuple[MappedJoint, ...]
-    scales: dict[str, float]
+    encoder: str = ""
+    time: str | None = None
+    time_scale: float = 1.0
+    rate: float | None = None
+    segment: str | None = None
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 
@@ -174,35 +171,52 @@ def _folder() -> Any:
 
 
 def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
+    if "joint" in table:
+        problem = "joint: a table with a row per joint and time is not read"
+        raise ArtifactError(problem, where=where, remedy=f"pivot it to a row per time; {_REMEDY}")
     _MAP.check(table, where)
     units = table.get("units", {})
     _UNITS.check(units, where)
     firmware = table.get("firmware", {})
     _FIRMWARE.check(firmware, where)
-    series = {name: table[name] for name in SERIES if name in table}
-    for name, column in series.items():
-        if JOINT not in column:
-            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT}", where=where, remedy=_REMEDY)
+    _require_one_clock(table, units, where)
+    series = _series(table, where)
     return ColumnMap(
-        where, table["motor"], table.get("robot", ""), table.get("encoder", "joint"), table["time"],
-        table.get("segment"), series, _joints(table["joints"], where), _scales(units, where),
-        units.get("gain", PHYSICAL_GAINS), firmware,
+        source=where, motor=table["motor"], robot=table.get("robot", ""), encoder=table.get("encoder", ""),
+        time=table.get("time"), time_scale=TIMES[units.get("time", "s")], rate=table.get("rate"),
+        segment=table.get("segment"), series=series, joints=_joints(table["joints"], units, series, where),
+        gain_unit=units.get("gain", PHYSICAL_GAINS), firmware=firmware,
     )  # fmt: skip
 
 
-def _joints(table: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
+def _require_one_clock(table: dict[str, Any], units: dict[str, Any], where: str) -> None:
+    if ("time" in table) == ("rate" in table):
+        problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
+        raise ArtifactError(problem, where=where, remedy="give one of the two")
+    if "rate" in table and "time" in units:
+        raise ArtifactError("units: time, and no column of times", where=where, remedy="leave it out, or give time")
+
+
+def _series(table: dict[str, Any], where: str) -> dict[str, str]:
+    series = {name: table[name] for name in SERIES if name in table}
+    for name, column in series.items():
+        if JOINT not in column:
+            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT}", where=where, remedy=f"{_PIVOT}; {_REMEDY}")
+    if series["position_target"] == series["joint_pos"]:
+        problem = f"position_target and joint_pos are both {series['joint_pos'][:40]!r}"
+        raise ArtifactError(problem, where=where, remedy="name the columns of commands and those of measured angles")
+    return series
+
+
+def _joints(
+    table: dict[str, Any], units: dict[str, Any], series: Mapping[str, str], where: str
+) -> tuple[MappedJoint, ...]:
     if not table:
         raise ArtifactError("no table [joints.…]", where=where, remedy=_REMEDY)
     if len(table) > _MOST_JOINTS:
         raise ArtifactError(f"{len(table)} joints, more than {_MOST_JOINTS}", where=where, remedy=_REMEDY)
-    found = []
-    for column, joint in table.items():
-        require("a table [joints.NAME]: NAME", column, _NAME, where, _REMEDY)
-        _JOINT.check(joint, f"{where}[joints.{column}]")
-        if joint.get("sign", 1) == 0:
-            raise ArtifactError("sign = 0 is not 1 or -1", where=f"{where}[joints.{column}]", remedy=_REMEDY)
-        sign, zero = float(joint.get("sign", 1)), float(joint.get("zero", 0.0))
-        found.append(MappedJoint(column, joint.get("name", column), sign, zero, joint.get("kp"), joint.get("kd")))
+    found = [_joint(column, joint, units, series, where) for column, joint in table.items()]
+    require_ticks(table, units, where)
     names = [joint.name for joint in found]
     if twice := {name for name in names if names.count(name) > 1}:
         raise ArtifactError(f"two joints are named {sorted(twice)[0]!r}", where=where, remedy="name each once")
@@ -216,15 +230,12 @@ def _joints(table: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
     return tuple(found)
 
 
-def _scales(units: dict[str, Any], where: str) -> dict[str, float]:
-    angle = ANGLES[units.get("angle", "rad")]
-    if math.isnan(angle):
-        if "ticks_per_turn" not in units:
-            raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=_REMEDY)
-        angle = TURN / units["ticks_per_turn"]
-    torque = TORQUES[units.get("torque", "N·m")]
-    return {
-        "time": TIMES[units.get("time", "s")], "position_target": angle, "joint_pos": angle,
-        "joint_vel": VELOCITIES[units.get("velocity", "rad/s")], "joint_torque": torque, "external_torque": torque,
-        "load_inertia": 1.0, "load_stiffness": 1.0,
-    }  # fmt: skip
+def _joint(column: str, joint: Any, units: dict[str, Any], series: Mapping[str, str], where: str) -> MappedJoint:
+    require("a table [joints.NAME]: NAME", column, _NAME, where, _REMEDY)
+    place = f"{where}[joints.{column}]"
+    _JOINT.check(joint, place)
+    if missing := [name for name in QUANTITIES if name in joint and name not in series]:
+        problem = f"a table {missing[0]}, and the map names no columns {missing[0]}"
+        raise ArtifactError(problem, where=place, remedy=f'give {missing[0]} = "…{JOINT}", or remove the table')
+    known = conversions(joint, units, place)
+    return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)

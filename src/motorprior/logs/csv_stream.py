@@ -11,7 +11,7 @@ import gzip
 import math
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -52,13 +52,13 @@ def csv_head(path: Path) -> CsvHead:
         return _head(file, path)
 
 
-def csv_batches(path: Path, wanted: list[str], as_text: bool = False, may_be_cut: bool = False) -> Iterator[Any]:
+def csv_batches(path: Path, wanted: list[str], texts: Collection[str] = (), may_be_cut: bool = False) -> Iterator[Any]:
     """Arrow batches of some columns, of consecutive rows.
 
     Args:
         path: ``.csv``, or gzip where the name ends in ``.gz``.
         wanted: their names.
-        as_text: cells as they stand in the file, not as numbers.
+        texts: those whose cells come as they stand in the file, not as numbers.
         may_be_cut: its writer may have been killed; a last line without an end does not count.
 
     Raises:
@@ -69,7 +69,7 @@ def csv_batches(path: Path, wanted: list[str], as_text: bool = False, may_be_cut
     with _opened(path) as file:
         head = _head(file, path)
         for block in _blocks(file, path, may_be_cut):
-            table, decimal = _read(block, head, wanted, as_text, decimal, rows, path)
+            table, decimal = _read(block, head, wanted, texts, decimal, rows, path)
             rows += table.num_rows
             yield from table.to_batches()
 
@@ -140,14 +140,15 @@ def _block(file: IO[bytes], path: Path) -> bytes:
 
 
 def _read(
-    block: bytes, head: CsvHead, wanted: list[str], as_text: bool, decimal: str, before: int, path: Path
+    block: bytes, head: CsvHead, wanted: list[str], texts: Collection[str], decimal: str, before: int, path: Path
 ) -> tuple[Any, str]:
     """The wanted columns, and the sign before decimals, "" as long as there are none."""
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
-    kind = pa.string() if as_text else pa.float64()
-    possible = decimal or ("." if head.delimiter == "," or as_text else ".,")
+    numbers = [name for name in wanted if name not in texts]
+    kinds = {name: pa.float64() if name in numbers else pa.string() for name in wanted}
+    possible = decimal or ("." if head.delimiter == "," or not numbers else ".,")
     said = ""
     for sign in possible:
         try:
@@ -156,7 +157,7 @@ def _read(
                 pa_csv.ReadOptions(column_names=list(head.names), block_size=2 * _BLOCK, use_threads=False),
                 pa_csv.ParseOptions(delimiter=head.delimiter),
                 pa_csv.ConvertOptions(
-                    include_columns=wanted, column_types=dict.fromkeys(wanted, kind), null_values=[""],
+                    include_columns=wanted, column_types=kinds, null_values=[""],
                     decimal_point=sign,
                 ),
             )  # fmt: skip
@@ -169,11 +170,11 @@ def _read(
             return found, sign if sign.encode() in block else decimal
     problem = f"the rows from {before} on cannot be read ({said})"
     otherwise = LogError(problem, where=path, remedy=_AGAIN)
-    raise _first_bad_row(block, head, () if as_text else wanted, decimal, before, path) or otherwise
+    raise _first_bad_row(block, head, numbers, decimal, before, path) or otherwise
 
 
 def _first_bad_row(
-    block: bytes, head: CsvHead, numbers: list[str] | tuple[()], decimal: str, before: int, path: Path
+    block: bytes, head: CsvHead, numbers: Collection[str], decimal: str, before: int, path: Path
 ) -> LogError | None:
     """The error for the first row that is not as many cells as there are columns, or whose cell is no number."""
     columns = [(head.names.index(name), name) for name in numbers]

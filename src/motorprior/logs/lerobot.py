@@ -2,8 +2,8 @@
 
 ``action`` is the command and ``observation.state`` the angle, lists of one number per joint in degrees; episodes become
 segments. Names of joints and robot are those of info.json. The dataset does not say its units: recordings that were not
-made in degrees, and grippers, which LeRobot records in per cent, keep the wrong scale. What its driver writes into the
-servos of a robot stands in lerobot_robots.toml.
+made in degrees, and grippers, which LeRobot records in per cent, need a column map with their scales; users are told.
+What its driver writes into the servos of a robot stands in lerobot_robots.toml.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterator
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,8 @@ import numpy as np
 
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError
-from motorprior.logs.column_map import ANGLES, ColumnMap, MappedJoint
+from motorprior.logs.column_map import ColumnMap, MappedJoint
+from motorprior.logs.column_units import ANGLES, Conversion
 from motorprior.logs.log_reader import FOLDER, LogReader
 from motorprior.logs.mapped_table import if_it_has, read_mapped_log
 from motorprior.logs.motor_log import MotorLog, time_steps
@@ -35,6 +37,10 @@ RATE_ERROR = 0.1
 """Relative difference between the stated and the recorded rate that passes."""
 ROBOTS = files("motorprior.logs").joinpath("lerobot_robots.toml")
 """Registers of the firmware by type of robot (`MotorLog.firmware`)."""
+GRANTED = (
+    "a LeRobot dataset does not say its units: all angles are taken as degrees, of the gripper, too, which LeRobot "
+    "usually records in per cent of its range; say otherwise by a column map with scale (columns, docs/your-motors.md)"
+)
 _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and observation.state"
 
 
@@ -51,34 +57,45 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
         robot: the log has its joints' order if these joints are its own.
 
     Raises:
-        LogError: a file that is missing or damaged, a description that does not fit its data, a rate that is another
-            than the stated one; names the file, the key and the value.
+        LogError: a file that is missing or damaged, a description that does not fit its data, as of another number of
+            joints, a rate that is another than the stated one; names the file, the key and the value.
     """
     path = Path(path)
     info = _info(path)
     names = _names(info, path)
-    angle, kind = ANGLES["deg"], str(info.get("robot_type") or "")
+    kind = str(info.get("robot_type") or "")
+    degree = Conversion(ANGLES["deg"])
+    units = {"position_target": degree, "joint_pos": degree}
+    joints = tuple(MappedJoint(str(k), name, conversions=units) for k, name in enumerate(names))
     columns = ColumnMap(
-        source=str(path / INFO), motor="", robot=kind, encoder="joint", time="timestamp",
-        segment="episode_index", joints=tuple(MappedJoint(str(k), name) for k, name in enumerate(names)),
+        source=str(path / INFO), motor="", robot=kind, time="timestamp", segment="episode_index", joints=joints,
         series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
-        scales={"time": 1.0, "position_target": angle, "joint_pos": angle},
         firmware=tomllib.loads(ROBOTS.read_text("utf-8")).get(kind, {}),
     )  # fmt: skip
-    log = read_mapped_log(path, columns, if_it_has(robot, names), _files)
+    log = read_mapped_log(path, columns, if_it_has(robot, names), partial(lerobot_columns, joints=len(names)))
     _require_rate(log, info, path)
     return log
 
 
-LEROBOT = LogReader("dataset of LeRobot", (FOLDER,), is_lerobot_folder, read_lerobot)
+LEROBOT = LogReader("dataset of LeRobot", (FOLDER,), is_lerobot_folder, read_lerobot, GRANTED)
 
 
-def _files(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
+def lerobot_columns(path: Path, names: list[str], joints: int | None = None) -> Iterator[dict[str, np.ndarray]]:
+    """Batches of the columns of a dataset's files, see `table_columns`.
+
+    Args:
+        path: the folder of the dataset.
+        names: of columns, or of elements of columns of lists.
+        joints: numbers that ACTION and STATE have to have in every row; as many as there are if not given.
+
+    Raises:
+        LogError: no files, or as `table_columns`.
+    """
     found = sorted(path.glob("data/chunk-*/file-*.parquet"))
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
     for file in found:
-        yield from table_columns(file, names)
+        yield from table_columns(file, names, lengths=dict.fromkeys((ACTION, STATE), joints) if joints else None)
 
 
 def _info(path: Path) -> dict[str, Any]:

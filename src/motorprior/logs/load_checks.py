@@ -20,7 +20,7 @@ def load_given(log: MotorLog) -> list[Finding]:
     """Whether the log says what its motors moved, and how much it varies: largest over smallest inertia."""
     if log.load_inertia is None:
         message = "the log does not say what its motors moved"
-        remedy = "import it with the model of the robot, or record on a known load"
+        remedy = "`motorprior logs import` adds loads, with hung or fit_load: docs/your-motors.md"
         return [Finding("info", "load_given", 0.0, None, message, remedy, row=0)]
     least, most = float(log.load_inertia.min()), float(log.load_inertia.max())
     message = f"load inertia {least:.3g} to {most:.3g} kg·m²"
@@ -72,11 +72,13 @@ def _finding(joint: str, measured: np.ndarray, needed: np.ndarray) -> Finding | 
         float(np.dot(measured, needed) / np.dot(measured, measured)),
     )
     if correlation < MIN_CORRELATION:
-        remedy = "check the load, the sign of the torque, and the clocks of both"
+        remedy = (
+            "check the load, the clocks of both, and the sign of the torque ([joints.….joint_torque] in the column map)"
+        )
         message = f"joint_torque/{joint} is not the torque that moved its load: correlation {correlation:.2f}"
         return Finding("warning", "load", correlation, MIN_CORRELATION, message, remedy, joint, row=0)
     if not SLOPE[0] <= slope <= SLOPE[1]:
-        remedy = "check the unit of the torque, the torque constant and the load_inertia"
+        remedy = "check the load_inertia, the torque constant and the unit of the torque (torque in the column map)"
         message = f"the load of {joint} needed {slope:.2f} times its joint_torque"
         return Finding("warning", "load", slope, SLOPE[int(slope > 1.0)], message, remedy, joint, row=0)
     return None

@@ -13,6 +13,8 @@ from motorprior.robots.robot import Robot
 
 FOLDER = "/"
 """The ending of a folder's name."""
+SAY_COLUMNS = "with columns, a map.toml that says what its names mean (docs/your-motors.md)"
+"""What to do about a table of no known format."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,14 @@ class LogReader:
         endings: of the names of its files, each with its dot, or FOLDER.
         recognises: (path) whether a file with such an ending is one; a LogError if it cannot be read.
         read: (path, robot) its log; a LogError if it is damaged. The robot is None where none was given.
+        taken_for_granted: a sentence for the user about what such files do not say; empty if there is nothing.
     """
 
     name: str
     endings: tuple[str, ...]
     recognises: Callable[[Path], bool]
     read: Callable[[Path, Robot | None], MotorLog]
+    taken_for_granted: str = ""
 
     def takes(self, path: Path) -> bool:
         """Whether a path is in this format.

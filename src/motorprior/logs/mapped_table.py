@@ -6,6 +6,7 @@ Only the columns that the map names are read, batch by batch; besides the log it
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
+from motorprior.logs.column_units import Conversion
 from motorprior.logs.growing_array import GrowingArray
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_pages import COPY_AGAIN, MAX_NUMBERS
@@ -22,7 +24,8 @@ from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]
-"""Batches of the named columns of a file or folder, each (rows,) float64."""
+"""Batches of the named columns of a file or folder, each (rows,) float64, or timedelta64 of time stamps."""
+_SI = Conversion()
 
 
 def read_mapped_log(
@@ -33,7 +36,8 @@ def read_mapped_log(
     Args:
         path: .csv, .csv.gz, .parquet or .pt; its first line, its schema or its keys name the columns.
         columns: what they mean.
-        robot: whose joints these are, in whose order the log will have them; the map's own names and order without.
+        robot: whose joints these are, in whose order the log will have them; the map's own names and order without. Its
+            angles are measured where the robot's are, unless the map says where.
         source: reads the columns of a path that is none of these.
 
     Raises:
@@ -41,10 +45,10 @@ def read_mapped_log(
             not the robot's; names the file, the column and the value.
     """
     path = Path(path)
-    source = source or (tensor_columns if path.suffix == ".pt" else table_columns)
+    source = source or (tensor_columns if path.suffix == ".pt" else partial(table_columns, time=columns.time))
     joints = _in_order(columns, robot, path)
     wanted = {name: [text.replace(JOINT, joint.column) for joint in joints] for name, text in columns.series.items()}
-    singles = [columns.time, *([columns.segment] if columns.segment else [])]
+    singles = [name for name in (columns.time, columns.segment) if name]
     parts: dict[str, GrowingArray] = {}
     rows = 0
     for batch in source(path, [*singles, *(name for names in wanted.values() for name in names)]):
@@ -53,7 +57,7 @@ def read_mapped_log(
                 parts[channel].add(part)
             else:
                 parts[channel] = GrowingArray(part)
-        rows += len(batch[columns.time])
+        rows += len(next(iter(batch.values())))
         if rows * len(batch) > MAX_NUMBERS:
             raise LogError(f"more than {MAX_NUMBERS // len(batch)} rows", where=path, remedy="split the recording")
     if not rows:
@@ -63,7 +67,8 @@ def read_mapped_log(
     return checked(
         MotorLog(
             joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
-            motor=columns.motor, source=str(path), encoder=columns.encoder,
+            motor=columns.motor, source=str(path),
+            encoder=columns.encoder or (robot.encoder if robot else "joint"),
             gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
         ),
         where=path,
@@ -82,7 +87,7 @@ def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[Mapp
     if strange := sorted(by_name.keys() - set(robot.joint_names)):
         raise LogError(
             f"the column map {columns.source} has a joint {strange[0]!r}, robot {robot.name} has none of that name",
-            where=path, remedy=f"give its key name one of {', '.join(robot.joint_names)}",
+            where=path, remedy=f"remove its table, or give its key name one of {', '.join(robot.joint_names)}",
         )  # fmt: skip
     return tuple(by_name[name] for name in robot.joint_names if name in by_name)
 
@@ -92,20 +97,49 @@ def _channels(
     before: int, path: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """The channels of a batch in SI units; its first row is row ``before`` of the log."""
-    values: dict[str, Any] = {"time": columns.scales["time"] * batch[columns.time]}
+    values: dict[str, Any] = {"time": _time(batch, columns, before, path)}
     for channel, names in wanted.items():
-        values[channel] = _channel(channel, np.stack([batch[name] for name in names], axis=1), joints, columns)
+        raw = np.stack([batch[name] for name in names], axis=1)
+        _require_finite(raw, names, [f"{channel}/{joint.name}" for joint in joints], before, path)
+        values[channel] = _in_si(channel, raw, joints)
     if columns.segment:
         values["segment"] = _whole(batch[columns.segment], columns.segment, before, path)
     return values
 
 
-def _channel(channel: str, raw: np.ndarray, joints: tuple[MappedJoint, ...], columns: ColumnMap) -> np.ndarray:
-    sign, zero = (np.array([getattr(joint, name) for joint in joints]) for name in ("sign", "zero"))
-    if channel == "load_inertia":
-        return raw
-    values = sign * columns.scales[channel] * raw
-    return values + zero if channel in ("position_target", "joint_pos") else values
+def _time(batch: dict[str, np.ndarray], columns: ColumnMap, before: int, path: Path) -> np.ndarray:
+    """(rows,) [s]."""
+    if columns.rate is not None:
+        return (before + np.arange(len(next(iter(batch.values()))))) / columns.rate
+    name = columns.time or ""
+    time = batch[name]
+    if time.dtype.kind != "m":
+        _require_finite(time[:, None], [name], ["time"], before, path)
+        return columns.time_scale * time
+    if columns.time_scale != 1.0:
+        problem = f"{name} holds time stamps, which have a unit of their own"
+        raise LogError(problem, where=path, remedy=f"remove time from [units] of {columns.source}")
+    return time / np.timedelta64(1, "s")
+
+
+def _require_finite(raw: np.ndarray, names: list[str], channels: list[str], before: int, path: Path) -> None:
+    """Refuse what is not finite, of columns of these names that are for these channels."""
+    if np.isfinite(raw).all():
+        return
+    row, column = np.argwhere(~np.isfinite(raw))[0].tolist()
+    of = channels[column] if names[column] == channels[column] else f"{channels[column]} (column {names[column][:80]})"
+    raise LogError(
+        f"row {before + row}, {of} is {raw[row, column]}, not a finite number", where=path,
+        remedy="remove the row, or split the recording into two segments there",
+    )  # fmt: skip
+
+
+def _in_si(channel: str, raw: np.ndarray, joints: tuple[MappedJoint, ...]) -> np.ndarray:
+    known = [joint.conversions.get(channel, _SI) for joint in joints]
+    factor, offset = np.array([each.factor for each in known]), np.array([each.offset for each in known])
+    values = factor * raw
+    values += offset
+    return values
 
 
 def _whole(values: np.ndarray, name: str, before: int, path: Path) -> np.ndarray:

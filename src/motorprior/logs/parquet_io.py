@@ -16,7 +16,7 @@ import numpy as np
 
 from motorprior.artifacts import atomic_path, parse_json, require_keys
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.log_reader import LogReader
+from motorprior.logs.log_reader import SAY_COLUMNS, LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
 from motorprior.logs.parquet_pages import MAX_NUMBERS, require_parquet, require_small_pages
 from motorprior.logs.validity import checked
@@ -155,8 +155,10 @@ def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
 def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, Any]:
     text = (metadata or {}).get(METADATA_KEY)
     if text is None:
-        remedy = "import it with `motorprior logs import`, and say what its columns mean (docs/your-motors.md)"
-        raise LogError("a Parquet file, but no motor log: there is no motorprior header", where=path, remedy=remedy)
+        raise LogError(
+            "a Parquet file, but no motor log: there is no motorprior header", where=path,
+            remedy=f"make one of it by `motorprior logs import` {SAY_COLUMNS}", argument="columns",
+        )  # fmt: skip
     if len(text) > MAX_HEADER:
         raise LogError(f"its header has {len(text)} bytes, more than {MAX_HEADER}", where=path, remedy=REWRITE)
     try:

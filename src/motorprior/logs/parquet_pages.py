@@ -23,8 +23,9 @@ MAX_NUMBERS = 60_000_000
 _MOST_PAGES = 200_000
 _PAGE_HEAD = 8192
 """Most bytes of the head of a page of numbers."""
-_BYTES_PER_NUMBER, _ROOM, _LARGEST_PAGE = 16, 65_536, 256_000_000
-"""A page may unpack to so many bytes per number of its column and so many more, but to no more than the last."""
+_BYTES_PER_NUMBER, _BYTES_PER_TEXT, _ROOM, _LARGEST_PAGE = 16, 64, 65_536, 256_000_000
+"""A page may unpack to so many bytes per number, or time stamp in letters, of its column and so many more, but to no
+more than the last."""
 _BEYOND = 100
 """Bytes that the last page may be longer than its column says: old writers forgot its head."""
 _DEEPEST, _LARGEST_FIELD = 16, 2**15 - 1
@@ -55,12 +56,13 @@ def require_parquet(path: Path) -> int:
     return length
 
 
-def require_small_pages(path: Path, wanted: Collection[str]) -> None:
+def require_small_pages(path: Path, wanted: Collection[str], texts: Collection[str] = ()) -> None:
     """Refuse columns of more than `MAX_NUMBERS` numbers, or with a page that unpacks to more than numbers take.
 
     Args:
         path: a file that passes `require_parquet`.
         wanted: names of columns; those of lists count with all elements.
+        texts: those of them that may hold time stamps as texts, which take more room.
 
     Raises:
         LogError: so it is, or the description or the head of a page is damaged.
@@ -74,7 +76,7 @@ def require_small_pages(path: Path, wanted: Collection[str]) -> None:
                 problem = f"{count} numbers in {', '.join(sorted(wanted))}, more than {MAX_NUMBERS}"
                 raise LogError(problem, where=path, remedy="split the recording")
             for number, page in enumerate(_pages(file, columns)):
-                _require_small(page, path)
+                _require_small(page, _BYTES_PER_TEXT if page.column.name in texts else _BYTES_PER_NUMBER, path)
                 if number == _MOST_PAGES:
                     remedy = "write it with larger groups of rows"
                     raise LogError(f"more than {_MOST_PAGES} pages", where=path, remedy=remedy)
@@ -101,9 +103,9 @@ class _Page:
     unpacked: int
 
 
-def _require_small(page: _Page, path: Path) -> None:
+def _require_small(page: _Page, per_number: int, path: Path) -> None:
     column = page.column
-    if page.unpacked > min(_BYTES_PER_NUMBER * column.numbers + _ROOM, _LARGEST_PAGE):
+    if page.unpacked > min(per_number * column.numbers + _ROOM, _LARGEST_PAGE):
         problem = f"column {column.name[:80]!r}: a page of {page.unpacked} bytes for {column.numbers} numbers"
         raise LogError(problem, where=path, remedy=COPY_AGAIN)
 

@@ -6,6 +6,7 @@ Two containers hold the same recordings: the original pickles (``.txt``: a dict 
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ import numpy as np
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, shown
 from motorprior.logs.checks import require_plausible_angles
-from motorprior.logs.log_reader import LogReader, require_given
+from motorprior.logs.csv_stream import csv_head
+from motorprior.logs.log_reader import SAY_COLUMNS, LogReader, require_given
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_number_table
 from motorprior.logs.restricted_unpickler import load_plain
@@ -26,6 +28,10 @@ CSV_SUFFIXES = (".csv.gz", ".csv")
 PICKLE_SUFFIXES = (".txt",)
 
 _IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
+_COLUMN = re.compile(rf"t_s|q(_des)?_\d+|{'|'.join(_IMU)}", re.ASCII)
+_NUMBER = re.compile(r"[-+.,\d]*(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+_NAMED = 8
+"""Columns of an unknown table that are named."""
 
 
 def csv_columns(num_joints: int) -> tuple[str, ...]:
@@ -158,9 +164,28 @@ def _unwrapped(cell: object) -> object:
     return cell.item() if isinstance(cell, np.ndarray) and cell.size == 1 else cell
 
 
-PUPPERSIM = LogReader(
-    "log of jietan/puppersim",
-    (*CSV_SUFFIXES, *PICKLE_SUFFIXES),
-    lambda path: True,
-    lambda path, robot: read_puppersim_log(path, require_given(robot, path)),
-)
+def _require_known_columns(path: Path) -> None:
+    """Refuse a table of somebody's own, before it is taken for a damaged log of this format.
+
+    Raises:
+        LogError: fewer than half of its columns have names of this format, or it cannot be read.
+    """
+    names = csv_head(path).names
+    if 2 * sum(_COLUMN.fullmatch(name) is not None for name in names) >= len(names):
+        return
+    found = ", ".join(map(ascii, names[:_NAMED])) + (", …" if len(names) > _NAMED else "")
+    if all(_NUMBER.fullmatch(name) for name in names):
+        raise LogError(f"no header: its first line is {found[:200]}", where=path, remedy="begin it with names")
+    raise LogError(
+        f"a table of no known format; its first line is {found[:200]}", where=path, remedy=f"read it {SAY_COLUMNS}",
+        argument="columns",
+    )  # fmt: skip
+
+
+def _read(path: Path, robot: Robot | None) -> MotorLog:
+    if path.name.endswith(CSV_SUFFIXES):
+        _require_known_columns(path)
+    return read_puppersim_log(path, require_given(robot, path))
+
+
+PUPPERSIM = LogReader("log of jietan/puppersim", (*CSV_SUFFIXES, *PICKLE_SUFFIXES), lambda path: True, _read)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.bam import BAM
 from motorprior.logs.column_map import ColumnMap, load_column_map
-from motorprior.logs.lerobot import LEROBOT
+from motorprior.logs.lerobot import LEROBOT, is_lerobot_folder, lerobot_columns
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.mapped_table import read_mapped_log
 from motorprior.logs.motor_log import MotorLog
@@ -28,21 +28,22 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     Args:
         path: the file, or the folder of a format that is one.
         robot: that was recorded; formats that name their joints need none.
-        columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet) or the tensors of a .pt mean: a
-            map, the name of a shipped one, or its file (docs/your-motors.md).
+        columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet), of a LeRobot dataset's folder,
+            or the tensors of a .pt mean: a map, the name of a shipped one, or its file (docs/your-motors.md).
 
     Returns:
         The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
 
     Raises:
         LogError: no such file, an unknown format, or a damaged file; names row and column.
-        ConfigError: the format needs a robot and none was given.
+        ConfigError: the format needs a robot and none was given, or the map is of another one.
         ArtifactError: a column map that cannot be used.
     """
     path = Path(path)
     if columns is not None:
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
-        return read_mapped_log(path, known, robot)
+        _require_same_robot(known, robot, path)
+        return read_mapped_log(path, known, robot, lerobot_columns if is_lerobot_folder(path) else None)
     for reader in READERS:
         if reader.takes(path):
             return reader.read(path, robot)
@@ -51,3 +52,21 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
     remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
     raise LogError("not a log that can be read", where=path, remedy=remedy)
+
+
+def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None) -> str:
+    """A sentence for the user: what `read_log` takes for granted of a log that does not say it; empty if nothing.
+
+    Raises:
+        LogError: the log cannot be read.
+    """
+    reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
+    return reader.taken_for_granted if reader else ""
+
+
+def _require_same_robot(columns: ColumnMap, robot: Robot | None, path: Path) -> None:
+    if robot is not None and columns.robot not in ("", robot.name):
+        raise ConfigError(
+            f"robot {robot.name!r}, and the column map {columns.source} is of {columns.robot!r}", where=path,
+            remedy=f"give {columns.robot!r} as robot, or correct robot in the map", argument="robot",
+        )  # fmt: skip

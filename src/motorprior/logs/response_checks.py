@@ -15,6 +15,9 @@ DEAD_BAND = 0.1
 VELOCITY_WINDOW = 0.1
 VELOCITY_SLOPE = (0.7, 1.4)
 MOVING_STD = 1e-3
+_VELOCITY_UNITS = {"deg/s": 180.0 / np.pi, "rpm": 30.0 / np.pi}
+"""What one rad/s is in units that a column map knows."""
+_ALIKE = 0.2
 
 
 def tracking(stretch: Stretch) -> list[Finding]:
@@ -32,7 +35,10 @@ def _tracking_finding(joint: str, seen: Following, speed: float, row: int) -> Fi
     described = f"{joint} follows its command {1e3 * seen.lag:.3g} ms later, correlation {seen.correlation:.2f}"
     opposed = f"{1e3 * seen.opposed_lag:.3g} ms later, correlation {seen.opposed_correlation:.2f}"
     if seen.opposes:
-        remedy = "flip the sign of one of them: position error is position_target - joint_pos"
+        remedy = (
+            "say in the column map which of them is the other way round: sign = -1 in the table [joints.….joint_pos] "
+            "or [joints.….position_target]"
+        )
         message = f"{joint} moves against its command {opposed}"
         return Finding("error", "tracking", seen.opposed_correlation, -MIN_CORRELATION, message, remedy, joint, row)
     if seen.correlation < MIN_CORRELATION:
@@ -90,6 +96,15 @@ def _velocity_finding(joint: str, slope: float) -> Finding:
         return Finding("info", "velocity", slope, None, described, joint=joint, row=0)
     bound = low if slope < low else high
     severity = "error" if slope < 0.0 else "warning"
-    remedy = "check sign, unit (rad/s, at the output side of the gear) and time stamps of joint_vel"
+    remedy = _velocity_remedy(slope)
     message = f"{described}, outside {low}..{high}"
     return Finding(severity, "velocity", slope, bound, message, remedy, joint, row=0)
+
+
+def _velocity_remedy(slope: float) -> str:
+    if slope < 0.0:
+        return "say in the column map: sign = -1 in the table [joints.….joint_vel]"
+    for unit, per_si in _VELOCITY_UNITS.items():
+        if abs(slope / per_si - 1.0) < _ALIKE:
+            return f'these seem to be {unit}: say velocity = "{unit}" in the column map'
+    return "check that joint_vel is of the output side of the gear, its unit (velocity in the column map) and its times"

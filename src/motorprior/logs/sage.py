@@ -94,7 +94,7 @@ def _table(path: Path, kind: str, lists: list[str], width: int) -> tuple[np.ndar
     rows = 0
     wanted = present(list(csv_head(path).names), ["type", "timestamp", *lists], path)
     try:
-        for batch in csv_batches(path, wanted, as_text=True):
+        for batch in csv_batches(path, wanted, texts=wanted):
             _require_kind(batch.column("type"), kind, rows, path)
             times.append(_cast(batch.column("timestamp"), "timestamp", rows, path))
             for name, found in zip(lists, parts, strict=True):
@@ -126,8 +126,12 @@ def _lists(column: Any, name: str, width: int, before: int, path: Path) -> np.nd
         row = int(np.argmax(lengths != width))
         problem = f"row {before + row}, {name} has {lengths[row]} values for {width} joints"
         raise LogError(problem, where=path, remedy=COPY_AGAIN)
-    values = _cast(cells.utf8_trim_whitespace(numbers.flatten()), name, before, path, width)
-    return values.reshape(-1, width)
+    values = _cast(cells.utf8_trim_whitespace(numbers.flatten()), name, before, path, width).reshape(-1, width)
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0].tolist()
+        problem = f"row {before + row}, {name}[{column}] is {values[row, column]}, not a finite number"
+        raise LogError(problem, where=path, remedy="remove the row")
+    return values
 
 
 def _cast(column: Any, name: str, before: int, path: Path, per_row: int = 1) -> np.ndarray:

@@ -87,7 +87,7 @@ def _saturated(log: MotorLog, channel: str, column: int, extreme: float, runs: R
         f"{channel}/{joint} stays at its extreme {extreme:.4g} {JOINT_SERIES[channel]} for {time:.2f} s in all while "
         f"its command goes on, first in row {row}"
     )
-    remedy = "leave these rows out, or command less, unless the limit itself is to be learned"
+    remedy = "if the limit itself is to be learned, keep them; else command less, or delete these rows from the file"
     return Finding("warning", "saturation", time, SATURATED_TIME, message, remedy, joint, row)
 
 
@@ -125,7 +125,7 @@ def _dead_channel(log: MotorLog, channel: str, column: int, values: np.ndarray) 
         f"{channel}/{joint} does not change for up to {time:.2f} s in which its command moves by more than "
         f"{100 * DEAD_TRAVEL:g} % of its range, first in row {row}"
     )
-    remedy = "check the sensor, the power and the bus; leave these rows out"
+    remedy = "check the sensor, the power and the bus; record again, or delete these rows from the file"
     return [Finding("warning", "dead", time, DEAD_TIME, message, remedy, joint, row)]
 
 

@@ -1,13 +1,13 @@
 """Columns of tables, CSV (plain or gzip) or Parquet, batch by batch: only those asked for, as numbers.
 
-``x[2]`` is element 2 of a column ``x`` of lists.
+``x[2]`` is element 2 of a column ``x`` of lists. A column of time stamps comes as time since the first row.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.csv_stream import csv_batches, csv_head
 from motorprior.logs.parquet_pages import COPY_AGAIN, require_parquet, require_small_pages
+from motorprior.logs.time_stamps import TimeStamps, are_stamps, begins_like_a_stamp
 from motorprior.outside_files import require_file
 
 ENDINGS = (".csv", ".csv.gz", ".parquet")
@@ -23,20 +24,35 @@ CORRECT = "correct the column map, or the file"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 
 
-def table_columns(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
+def table_columns(
+    path: Path, names: list[str], time: str | None = None, lengths: Mapping[str, int] | None = None
+) -> Iterator[dict[str, np.ndarray]]:
     """Batches of rows: name -> (rows,) float64.
 
+    Args:
+        path: the table.
+        names: of its columns, or of elements of its columns of lists.
+        time: that of them which may hold time stamps; it then comes as timedelta64[ns] since the first row.
+        lengths: column of lists -> numbers that every list has to have.
+
     Raises:
-        LogError: missing or damaged file, a column that it lacks, a cell that is empty or no number; names the file,
-            the row and the column.
+        LogError: missing or damaged file, a column that it lacks, a cell that is empty, no number or no time stamp, a
+            list of another length; names the file, the row and the column.
     """
     import pyarrow as pa
 
     require_file(path, LogError)
-    rows = 0
+    rows, stamps = 0, TimeStamps(time or "", path)
     try:
-        for batch in _batches(path, names):
-            yield {name: _numbers(batch, name, rows, path) for name in names}
+        for batch in _batches(path, names, time):
+            for name, length in (lengths or {}).items():
+                _require_length(batch.column(name), name, length, rows, path)
+            yield {
+                name: stamps.since_first(batch.column(name), rows)
+                if name == time and _holds_stamps(batch, name)
+                else _numbers(batch, name, rows, path)
+                for name in names
+            }
             rows += batch.num_rows
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         raise unreadable(path, error) from error
@@ -54,27 +70,47 @@ def element_of(name: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def _batches(path: Path, names: list[str]) -> Iterator[Any]:
+def _batches(path: Path, names: list[str], time: str | None) -> Iterator[Any]:
+    if path.suffix == ".parquet":
+        yield from _parquet_batches(path, names, time)
+        return
+    wanted = present(list(csv_head(path).names), names, path)
+    yield from csv_batches(path, wanted, texts=[time] if time in wanted and _begins_with_a_stamp(path, time) else ())
+
+
+def _begins_with_a_stamp(path: Path, time: str) -> bool:
+    """Whether the first cell of a column of a table of text is a time stamp."""
+    first = next(csv_batches(path, [time], texts=[time]), None)
+    return first is not None and begins_like_a_stamp(first.column(time)[0].as_py())
+
+
+def _parquet_batches(path: Path, names: list[str], time: str | None) -> Iterator[Any]:
     import pyarrow.parquet as pq
 
-    if path.suffix == ".parquet":
-        require_parquet(path)
-        with pq.ParquetFile(path, pre_buffer=False) as file:  # or it holds the whole file in memory
-            wanted = present(file.schema_arrow.names, names, path)
-            _require_numbers(file.schema_arrow, wanted, path)
-            require_small_pages(path, set(wanted))
-            yield from file.iter_batches(columns=wanted)
-    else:
-        yield from csv_batches(path, present(list(csv_head(path).names), names, path))
+    require_parquet(path)
+    as_dictionary = [time] if time else []  # of texts, which may unfold to gigabytes; numbers stay as they are
+    with pq.ParquetFile(path, pre_buffer=False, read_dictionary=as_dictionary) as file:  # or all is held in memory
+        wanted = present(file.schema_arrow.names, names, path)
+        _require_numbers(file.schema_arrow, wanted, time, path)
+        require_small_pages(path, set(wanted), texts=set(as_dictionary))
+        yield from file.iter_batches(columns=wanted)
 
 
-def _require_numbers(schema: Any, wanted: list[str], path: Path) -> None:
-    """Refuse, before it is read, any column but of numbers or their lists: texts may unfold to gigabytes."""
+def _holds_stamps(batch: Any, name: str) -> bool:
+    """Whether a column of a batch has time stamps, where it may."""
+    kind = batch.schema.field(name).type if batch.schema.get_field_index(name) >= 0 else None
+    return kind is not None and are_stamps(getattr(kind, "value_type", kind))
+
+
+def _require_numbers(schema: Any, wanted: list[str], time: str | None, path: Path) -> None:
+    """Refuse, before it is read, any column but of numbers or their lists, or of time stamps."""
     import pyarrow as pa
 
     for name in wanted:
         kind = schema.field(name).type
         inner = getattr(kind, "value_type", kind)  # of a list, or of a dictionary
+        if name == time and are_stamps(inner) and not pa.types.is_nested(kind):
+            continue
         if not (pa.types.is_integer(inner) or pa.types.is_floating(inner)):
             raise LogError(f"{name} is {kind}, not numbers", where=path, remedy=CORRECT)
 
@@ -102,7 +138,7 @@ def _numbers(batch: Any, name: str, before: int, path: Path) -> np.ndarray:
     owner = name if batch.schema.get_field_index(name) >= 0 else _owner(name, ())
     column = batch.column(owner)
     if owner != name:
-        column = _element(column, name, path)
+        column = _element(column, name, before, path)
     kind = str(column.type)
     if column.null_count or not (kind in ("float", "double", "halffloat") or kind.startswith(("int", "uint"))):
         empty = np.flatnonzero(~np.asarray(column.is_valid()))
@@ -111,14 +147,31 @@ def _numbers(batch: Any, name: str, before: int, path: Path) -> np.ndarray:
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _element(column: Any, name: str, path: Path) -> Any:
-    import pyarrow as pa
+def _element(column: Any, name: str, before: int, path: Path) -> Any:
     import pyarrow.compute as pc
 
     index = int(name[name.rindex("[") + 1 : -1])
     if "list" not in str(column.type):
         raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
-    try:
-        return pc.list_element(column, index)  # pyright: ignore[reportAttributeAccessIssue]
-    except pa.ArrowException as error:
-        raise LogError(f"{name}: a list has no such element ({error})", where=path, remedy=CORRECT) from error
+    lengths = _lengths(column, index + 1)
+    if short := np.flatnonzero(lengths <= index).tolist():
+        problem = f"row {before + short[0]}, {name}: its list has {lengths[short[0]]} numbers"
+        raise LogError(problem, where=path, remedy=CORRECT)
+    return pc.list_element(column, index)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _require_length(column: Any, name: str, length: int, before: int, path: Path) -> None:
+    if "list" not in str(column.type):
+        raise LogError(f"{name} is {column.type}, not lists", where=path, remedy=CORRECT)
+    lengths = _lengths(column, length)
+    if odd := np.flatnonzero(lengths != length).tolist():
+        problem = f"row {before + odd[0]}, {name} has {lengths[odd[0]]} numbers, and {length} are described"
+        raise LogError(problem, where=path, remedy="describe every number, or correct the row")
+
+
+def _lengths(column: Any, of_empty: int) -> np.ndarray:
+    """(rows,) numbers in the lists of a column; of an empty cell, which is refused as such, ``of_empty``."""
+    import pyarrow.compute as pc
+
+    cells: Any = pc
+    return np.asarray(cells.fill_null(cells.list_value_length(column), of_empty))

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
+from motorprior.logs.gap_segments import begin_at_gaps
 from motorprior.logs.motor_log import FIRMWARE, MotorLog, time_steps
 from motorprior.logs.parquet_io import write_log
-from motorprior.logs.registry import read_log
+from motorprior.logs.registry import read_log, taken_for_granted
 from motorprior.logs.resampling import resample
 from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
-from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.import_files import summary, targets_of
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.stated_settings import require_gains, with_stated
 from motorprior.pipeline.unknown_load import write_with_unknown_loads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -44,8 +45,8 @@ class LogsImport:
     period: float | None = None
     """Sample period of the result [s]; as recorded if not given."""
     kp: tuple[float, ...] = ()
-    """Proportional gain [N·m/rad] that the motors were told: one for all joints, or one per joint in the robot's order.
-    Takes the place of what ``columns`` says; in firmware units where that says so."""
+    """Proportional gain [N·m/rad] that the motors were told: one for all joints, or one per joint in the order of the
+    robot that is given. Takes the place of what ``columns`` says; in firmware units where that says so."""
     kd: tuple[float, ...] = ()
     """Derivative gain [N·m·s/rad], like ``kp``."""
     profile_acceleration: float | None = None
@@ -79,33 +80,40 @@ def require_paths(paths: tuple[Path, ...]) -> None:
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
-    """Write one .parquet per raw log, named after it.
+    """Write one .parquet per raw log, named after it, and say what is in it.
+
+    A segment begins after every gap, which is told, as is what a format takes for granted.
 
     Raises:
-        ConfigError: two logs would get the same name, a period that is out of range, or too short for a log, or loads
-            to be fitted that are known, or could be.
+        ConfigError: two logs would get the same name, a log would take the place of a recording, a period or a gain
+            that is out of range, a period too short for a log, gains of which it is not known to which joint they
+            belong, or loads to be fitted that are known, or could be.
         LogError, ArtifactError: a log that cannot be read, a folder that cannot be written, or that another command
             writes to: of two logs of one name only one would be left.
     """
     require_paths(config.paths)
     if config.period is not None:
         require_number("period", config.period, SHORTEST_PERIOD, LONGEST_PERIOD)
+    require_gains(_gains(config))
     if config.fit_load:
         config = _to_fit(config)
     robot = load_robot(config.robot or DEFAULT_ROBOT)
-    targets: dict[Path, Path] = {}
-    for path in config.paths:
-        target = config.out / (path.absolute().name.split(".")[0] + ".parquet")
-        if target in targets:
-            raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
-        targets[target] = path
+    targets = targets_of(config.paths, config.out)
     with taken(config.out):
         if config.fit_load:
-            logs = {target: _imported(path, robot, config) for target, path in targets.items()}
+            logs = {target: _imported(path, robot, config, progress) for target, path in targets.items()}
             write_with_unknown_loads(logs, config.out, progress)
+            for target, log in logs.items():
+                progress.note(f"{target}: {summary(log)}")
             return
         for target, path in targets.items():
-            write_log(target, _imported(path, robot, config))
+            log = _imported(path, robot, config, progress)
+            write_log(target, log)
+            progress.note(f"{target}: {summary(log)}")
+
+
+def _gains(config: LogsImport) -> dict[str, tuple[float, ...]]:
+    return {"kp": config.kp, "kd": config.kd}
 
 
 def _to_fit(config: LogsImport) -> LogsImport:
@@ -132,25 +140,29 @@ def _to_fit(config: LogsImport) -> LogsImport:
     return replace(config, period=RECIPE.period)
 
 
-def _imported(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
+def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) -> MotorLog:
     """One log as it was asked for.
 
     Raises:
-        ConfigError: loads are asked for that the log has.
+        ConfigError: loads are asked for that the log has, or gains for nobody knows which joint.
         LogError: it cannot be read.
     """
     if config.columns is None and ROBOT_RUN.takes(path):
-        return _with_what_is_stated(_robot_run(path, robot, config), config)
+        return _with_what_is_stated(_robot_run(path, robot, config), robot, config, progress)
     unnamed = config.robot is None and config.columns is not None and not config.hung
-    log = _with_what_is_stated(read_log(path, None if unnamed else robot, config.columns), config)
+    log = _with_what_is_stated(read_log(path, None if unnamed else robot, config.columns), robot, config, progress)
     wanted = "hung" if config.hung else "fit_load" if config.fit_load else ""
-    if config.period is None and not wanted:
+    if wanted:
+        _require_no_load(path, log, wanted)
+    period = config.period or (robot.physics_dt if wanted else None)
+    log, gaps = begin_at_gaps(log, period or 0.0)
+    for told in filter(None, (gaps, taken_for_granted(path, config.columns))):
+        progress.note(f"{path}: {told}")
+    if period is None:
         return log
-    period = config.period or robot.physics_dt
     _require_size(path, log, period)
     if not wanted:
         return resample(log, period)
-    _require_no_load(path, log, wanted)
     return _hung(log, robot, period) if config.hung else _bare(log, period)
 
 
@@ -200,20 +212,13 @@ def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
 
 
-def _with_what_is_stated(log: MotorLog, config: LogsImport) -> MotorLog:
+def _with_what_is_stated(log: MotorLog, robot: Robot, config: LogsImport, progress: Progress) -> MotorLog:
     """The log with the gains and the registers of the firmware that the user states."""
-    stated: dict[str, Any] = {}
-    for name in ("kp", "kd"):
-        gains = getattr(config, name)
-        if len(gains) not in (0, 1, log.num_joints):
-            raise ConfigError(
-                f"{len(gains)} gains for {log.num_joints} joints", remedy="give one, or one per joint", argument=name
-            )
-        if gains:
-            stated[f"stated_{name}"] = np.broadcast_to(np.array(gains), log.joint_pos.shape)
-    if told := {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}:
-        stated["firmware"] = {**log.firmware, **told}
-    return checked(replace(log, **stated), where=log.source) if stated else log
+    firmware = {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}
+    found, lines = with_stated(log, _gains(config), firmware, robot)
+    for told in lines:
+        progress.note(f"{log.source}: {told}")
+    return found
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:

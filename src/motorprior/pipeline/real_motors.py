@@ -8,10 +8,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.gap_segments import begin_at_gaps
 from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.registry import taken_for_granted
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.first_look import Look
 from motorprior.pipeline.log_folder import LogFolder, read_log_folder
@@ -125,13 +129,14 @@ def _is_of(folder: LogFolder, robot: Robot) -> bool:
 def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> Look:
     known_robot, logs = _is_of(folder, robot), folder.logs
     fleet = fleet_of(config, robot, known_robot)
-    found = Look(tuple(f"left out {line}" for line in folder.left_out))
+    found = Look(_lines(config, folder))
     loads, why = _loads(config, logs, robot if known_robot else None)
     if loads is None and known_robot and fleet is not None and fleet.robot == robot.name:
         from motorprior.pipeline.look_by_replay import look_by_replay
 
         found += look_by_replay(logs, robot, fleet, "hung" if config.hung else "auto", config.seed, progress)
-    parts = _moving(split(logs, _seconds(logs, loads is None), JUDGED_SECONDS).map(loads or _on_grid))
+    whole = {name: begin_at_gaps(log)[0] for name, log in logs.items()}
+    parts = _moving(split(whole, _seconds(whole, loads is None), JUDGED_SECONDS).map(loads or _on_grid))
     found += Look((why, parts.told))
     if loads is None:
         from motorprior.pipeline.look_without_loads import look_without_loads
@@ -141,6 +146,15 @@ def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progres
 
     described = robot if known_robot else None
     return found + look_with_loads(parts, described, fleet, config.seed, config.out / "prior", progress)
+
+
+def _lines(config: RealMotors, folder: LogFolder) -> tuple[str, ...]:
+    """What was left out, what is taken for granted, and where logs have gaps."""
+    lines = [f"left out {line}" for line in folder.left_out]
+    for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
+        told = (taken_for_granted(path, config.columns), begin_at_gaps(log)[1])
+        lines += [f"{name}: {line}" for line in told if line]
+    return tuple(lines)
 
 
 def fleet_of(config: RealMotors, robot: Robot, known_robot: bool) -> Fleet | None:
@@ -189,5 +203,13 @@ def _with_loads(log: MotorLog, robot: Robot) -> MotorLog:
 
 
 def _on_grid(log: MotorLog) -> MotorLog:
-    kept = long_segments(drop_repeats(log))
+    kept = long_segments(drop_repeats(_where_it_moves(log)))
     return resample(log if kept is None else kept, PERIOD)
+
+
+def _where_it_moves(log: MotorLog) -> MotorLog:
+    """Segments in which some measured angle changes: of the others nothing is left without repeats."""
+    keep = np.zeros(log.num_rows, dtype=bool)
+    for part in log.segment_slices():
+        keep[part] = np.ptp(log.joint_pos[part], axis=0).any()
+    return log.rows(keep) if keep.any() else log

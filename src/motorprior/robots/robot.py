@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -199,6 +200,11 @@ class Robot:
     def limits(self) -> np.ndarray:
         """(joints, 2) lower and upper limit [rad]."""
         return np.array([(joint.lower, joint.upper) for joint in self.joints])
+
+    def limits_of(self, joint_names: Sequence[str]) -> np.ndarray:
+        """(J, 2) lower and upper limit of some joints by name [rad]; -inf and inf of those that it does not have."""
+        known = {joint.name: (joint.lower, joint.upper) for joint in self.joints}
+        return np.array([known.get(name, (-math.inf, math.inf)) for name in joint_names])
 
     @property
     def lower(self) -> np.ndarray:

@@ -48,9 +48,10 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     Raises:
         LogError: not the joints of this robot, without velocities, or of a robot that was not level.
     """
-    if log.joint_names != robot.joint_names or log.joint_vel is None:
-        problem = "no velocities" if log.joint_vel is None else f"joints {log.joint_names}"
-        raise LogError(problem, where=log.source, remedy="give a recording of the robot")
+    _require_joints(log, robot)
+    if log.joint_vel is None:
+        remedy = "import it with a period, and its angles say them"
+        raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
     _require_level(log)
     model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=robot.base == "free")
     data = mujoco.MjData(model)
@@ -67,6 +68,25 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     held = np.full(log.num_rows, POSTURES.index("hung" if robot.base == "free" else "fixed"))
     loads = {"load_inertia": inertia, "external_torque": external, "load_stiffness": stiffness}
     return checked(replace(log, **loads, joint_torque=None, posture=held), where=log.source)
+
+
+def _require_joints(log: MotorLog, robot: Robot) -> None:
+    """Refuse a log that is not of all joints of the robot, in its order: each carries the others."""
+    missing = [name for name in robot.joint_names if name not in log.joint_names]
+    strange = [name for name in log.joint_names if name not in robot.joint_names]
+    if missing:
+        problem = f"it lacks {', '.join(missing)}: {len(missing)} of the {robot.num_joints} joints of {robot.name}"
+        if strange:
+            problem += f", and has {', '.join(strange)}"
+        remedy = "loads come from the motion of all joints: record all, or give the file of a robot that has only these"
+    elif strange:
+        problem, remedy = f"{robot.name} has no joint {', '.join(strange)}", "give the robot that was recorded"
+    elif log.joint_names != robot.joint_names:
+        problem = f"joints in the order {', '.join(log.joint_names)}"
+        remedy = f"give them in the order of {robot.name}: {', '.join(robot.joint_names)}"
+    else:
+        return
+    raise LogError(problem, where=log.source, remedy=remedy)
 
 
 def _require_level(log: MotorLog) -> None:

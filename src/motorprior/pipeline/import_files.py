@@ -1,0 +1,61 @@
+"""Files that an import writes: their names, which are no recording's own, and a line about what each holds."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.logs.motor_log import MotorLog, time_steps
+
+_MOST_NAMED = 8
+"""Joints in a line."""
+
+
+def targets_of(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
+    """The .parquet that every log becomes -> the log.
+
+    Raises:
+        ConfigError: two logs would become one file, or a file would take the place of a recording, or of a file of one.
+    """
+    targets: dict[Path, Path] = {}
+    for path in paths:
+        target = out / (path.absolute().name.split(".")[0] + ".parquet")
+        if target in targets:
+            raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
+        targets[target] = path
+    for target in targets:
+        for path in paths:
+            if _is_of(target, path):
+                raise ConfigError(
+                    "out: the import would overwrite the recording", where=target,
+                    remedy="give another folder", argument="out",
+                )  # fmt: skip
+    return targets
+
+
+def _is_of(target: Path, path: Path) -> bool:
+    """Whether a file that is there is a recording, or belongs to one that is a folder."""
+    if not target.exists():
+        return False
+    if path.is_dir():
+        return target.resolve().is_relative_to(path.resolve())
+    return path.exists() and os.path.samefile(target, path)
+
+
+def summary(log: MotorLog) -> str:
+    """Rows, seconds, rate, joints, and the range of commands and angles in degrees, in which wrong units are seen."""
+    rate = 1.0 / float(np.median(time_steps(log)[1]))
+    segments = len(log.segment_slices())
+    names = ", ".join(log.joint_names[:_MOST_NAMED]) + (", …" if log.num_joints > _MOST_NAMED else "")
+    parts = [f"{log.num_rows} rows", f"{log.duration:.4g} s", f"{rate:.4g} Hz"]
+    parts += [f"{segments} segments"] if segments > 1 else []
+    ranges = [
+        f"{word} from {low:.1f} to {high:.1f}°"
+        for word, values in (("commands", log.position_target), ("angles", log.joint_pos))
+        for low, high in (np.rad2deg([values.min(), values.max()]),)
+    ]
+    return ", ".join([*parts, f"{log.num_joints} joints ({names})", *ranges])

@@ -1,0 +1,118 @@
+"""`logs check` as somebody uses it who has a table of his own."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+Command = Callable[..., Any]
+JOINTS = ("FR_hip", "FR_knee", "FL_hip")
+MAP = 'motor = "servo"\ntime = "t"\nposition_target = "cmd_{joint}"\njoint_pos = "pos_{joint}"\n'
+
+
+def written(folder: Path, joints: tuple[str, ...] = JOINTS, size: float = 0.3) -> tuple[Path, Path]:
+    """A table of joints that follow their commands, and its map."""
+    time = 0.01 * np.arange(600)
+    way = lambda late: size * np.sin(2 * np.pi * np.array([0.5, 0.8, 1.1]) * (time[:, None] - late))  # noqa: E731
+    names = ["t", *(f"{kind}_{joint}" for kind in ("cmd", "pos") for joint in joints)]
+    table, columns = folder / "mine.csv", folder / "map.toml"
+    rows = np.column_stack([time, way(0.0), way(0.05)])
+    np.savetxt(table, rows, delimiter=",", header=",".join(names), comments="")
+    columns.write_text(MAP + "".join(f"[joints.{joint}]\n" for joint in joints), "utf-8")
+    return table, columns
+
+
+@pytest.mark.parametrize("command", [("check",), ("import", "--out", "out")])
+def test_a_table_without_a_map_is_told_to_bring_one(refused: Command, tmp_path: Path, command: tuple):
+    table, _ = written(tmp_path)
+    words = ("mine.csv: a table of no known format", "'cmd_FR_hip'", "with --columns, a map.toml", "your-motors.md")
+    refused("logs", *command, table, words=words)
+    pq.write_table(pa.table({"t": [0.0, 1.0]}), tmp_path / "mine.parquet")
+    refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns, a map.toml", "your-motors.md"))
+    table.write_text("\n".join(table.read_text().splitlines()[1:]))
+    refused("logs", *command, table, words=("mine.csv: no header", "begin it with names"))
+
+
+def test_limits_are_those_of_the_joints_by_name(motorprior: Command, tmp_path: Path):
+    table, columns = written(tmp_path, size=3.0)
+    outcome = motorprior("logs", "check", table, "--columns", columns, "--robot", "pupper_v2")
+    assert outcome.code == 0 and "its limit is" in outcome.out and "no limits" not in outcome.out
+    assert motorprior("logs", "import", table, "--columns", columns, "--out", tmp_path).code == 0
+    log = tmp_path / "mine.parquet"
+    assert "its limit is" not in motorprior("logs", "check", log).out
+    assert "its limit is" in motorprior("logs", "check", log, "--robot", "pupper_v2").out
+
+
+def test_joints_that_the_robot_does_not_have_are_said_to_have_no_limits(motorprior: Command, tmp_path: Path):
+    table, columns = written(tmp_path, joints=("FR_hip", "tail", "neck"), size=3.0)
+    motorprior("logs", "import", table, "--columns", columns, "--out", tmp_path)
+    outcome = motorprior("logs", "check", tmp_path / "mine.parquet", "--robot", "pupper_v2")
+    said = " ".join(outcome.out.replace("│", " ").split())
+    assert "no limits for tail, neck" in said and "its limit is" in said
+
+
+def test_degrees_that_are_read_as_radians_are_refused(motorprior: Command, tmp_path: Path):
+    table, columns = written(tmp_path, size=45.8)
+    outcome = motorprior("logs", "check", table, "--columns", columns)
+    assert outcome.code == 2 and "beyond 4 turns" in outcome.out
+
+
+def damaged(table: Path, change: Callable[[np.ndarray], np.ndarray | None]) -> None:
+    """Change the numbers of a table: time, three commands, three angles."""
+    head, *_ = table.read_text().splitlines()
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    changed = change(rows)
+    np.savetxt(table, rows if changed is None else changed, delimiter=",", header=head, comments="")
+
+
+def reversed_command(rows: np.ndarray) -> None:
+    rows[:, 2] *= -1.0
+
+
+def in_degrees(rows: np.ndarray) -> None:
+    rows[:, 1:] *= 180.0 / np.pi
+
+
+def angles_in_degrees(rows: np.ndarray) -> None:
+    rows[:, 4:] *= 180.0 / np.pi
+
+
+def in_milliseconds(rows: np.ndarray) -> None:
+    rows[:, 0] *= 1e3
+
+
+def wrapped(rows: np.ndarray) -> None:
+    rows[:, 1:] %= 2 * np.pi
+
+
+def failed_reads(rows: np.ndarray) -> None:
+    rows[200:203, 5] = -np.pi
+
+
+@pytest.mark.parametrize(
+    ("damage", "says", "entry", "mend"),
+    [
+        (reversed_command, "[joints.….position_target]", "[joints.FR_knee.position_target]\nsign = -1\n", None),
+        (in_degrees, 'angle = "deg"', '[units]\nangle = "deg"\n', None),
+        (angles_in_degrees, 'angle = "deg"', "".join(f'[joints.{j}.joint_pos]\nangle = "deg"\n' for j in JOINTS), None),
+        (in_milliseconds, 'time = "s", "ms"', '[units]\ntime = "ms"\n', None),
+        (wrapped, "numpy.unwrap", "", lambda rows: np.column_stack([rows[:, 0], np.unwrap(rows[:, 1:], axis=0)])),
+        (failed_reads, "delete these rows", "", lambda rows: np.delete(rows, slice(200, 203), axis=0)),
+    ],
+)
+def test_what_the_doctor_advises_can_be_done(
+    motorprior: Command, tmp_path: Path, damage: Callable, says: str, entry: str, mend: Callable | None
+):
+    table, columns = written(tmp_path, size=1.0)
+    damaged(table, damage)
+    outcome = motorprior("logs", "check", table, "--columns", columns)
+    assert outcome.code == 2
+    assert says in " ".join(outcome.out.replace("│", " ").split())
+    columns.write_text(columns.read_text("utf-8") + entry, "utf-8")
+    if mend is not None:
+        damaged(table, mend)
+    assert motorprior("logs", "check", table, "--columns", columns).code == 0
