@@ -88,3 +88,16 @@ def test_segments_of_a_few_rows_are_smoothed_or_left_but_finite():
     parts = (slice(0, 1), slice(1, 3), slice(3, 400))
     found = smoothed(noisy(1e-3)[:400], parts, DT)
     assert found is not None and all(np.all(np.isfinite(each)) for each in found)
+
+
+def test_a_rest_before_the_motion_or_a_slow_beginning_tells_nothing_of_the_motion():
+    """Of logs of ten seconds that begin with four at rest, or with a chirp's lowest tenth."""
+    time, rng = DT * np.arange(5000), np.random.default_rng(3)
+    rest = np.where(time < 4.0, 0.0, 0.3 * np.sin(19.0 * (time - 4.0)))
+    chirp = 0.3 * np.sin(2.0 * np.pi * 0.2 * np.cumsum(np.exp(time / 10.0 * np.log(40.0))) * DT)
+    for truth in (rest, chirp):
+        readings = truth + 5e-4 * rng.standard_normal(len(time))
+        found = smoothed(readings[:, None], (slice(0, len(time)),), DT)
+        assert found is not None
+        late = time > 4.5
+        assert np.std(found[0][late, 0] - truth[late]) < 2.5e-4

@@ -26,6 +26,10 @@ _WIDE = 1e2
 """Initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]."""
 _TRIED_ROWS, _TRIED_MOTORS = 2000, 6
 """Rows and motors on which noise and density are chosen."""
+_BLOCK, _FIRST_STATES = 500, 10
+"""Rows that are tried together; those at whose end the filter has found the state in which they begin."""
+_MOVES = 0.25
+"""Of the widest motion within a block, what a block must have to count: at rest, a joint seems slow and free of noise."""
 
 
 @njit(cache=True, nogil=True)
@@ -51,7 +55,7 @@ def _filter(readings, dt, noise, density, means, covariances, predicted, predict
         variance = cov[0, 0] + r
         surprise = readings[step] - x[0]
         gain = cov[:, 0] / variance
-        if step > 10:
+        if step > _FIRST_STATES:
             likelihood -= 0.5 * (surprise * surprise / variance + np.log(variance))
         x = x + gain * surprise
         cov = cov - np.outer(gain, cov[0])
@@ -96,18 +100,30 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
         parts: rows of each segment.
         dt: sample period [s].
     """
-    likelihood, left = np.zeros((len(NOISES), len(DENSITIES))), _TRIED_ROWS
-    for part in parts:
-        some = readings[part][:left]
-        if len(some) > 20:
-            _likelihoods(np.ascontiguousarray(some, np.float64), dt, NOISES, DENSITIES, likelihood)
-        left -= len(some)
-        if left <= 0:
-            break
+    likelihood = np.zeros((len(NOISES), len(DENSITIES)))
+    for block in _blocks(readings, parts):
+        _likelihoods(np.ascontiguousarray(readings[block], np.float64), dt, NOISES, DENSITIES, likelihood)
     rounding = quantum(readings) / np.sqrt(12.0)
     first = min(int(np.searchsorted(NOISES, rounding)), len(NOISES) - 1)
     best = np.unravel_index(likelihood[first:].argmax(), likelihood[first:].shape)
     return max(float(NOISES[first + best[0]]), rounding), float(DENSITIES[best[1]])
+
+
+def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
+    """Rows on which noise and density are chosen: blocks in which the motor moves, from all over its log."""
+    cut = [
+        slice(first, min(first + _BLOCK, part.stop))
+        for part in parts
+        for first in range(part.start, part.stop, _BLOCK)
+        if min(first + _BLOCK, part.stop) - first > 2 * _FIRST_STATES
+    ]
+    if not cut:
+        return []
+    width = np.array([np.ptp(readings[block]) for block in cut])
+    moving = np.flatnonzero(width >= _MOVES * width.max())
+    rows = float(np.mean([cut[each].stop - cut[each].start for each in moving]))
+    count = min(len(moving), max(1, round(_TRIED_ROWS / rows)))
+    return [cut[each] for each in moving[np.linspace(0, len(moving) - 1, count).round().astype(int)]]
 
 
 def quantum(readings: np.ndarray) -> float:
