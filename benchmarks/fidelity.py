@@ -17,6 +17,7 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.identification.bench_fidelity import Ensemble, Prediction
+from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.held_out import held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -51,7 +52,7 @@ class Settings:
     steps: int = 10_000
     """Samples per motor."""
     adam_steps: int | None = None
-    """Adam steps of each identification; the preset's own number if not given."""
+    """Adam steps of each identification that trains a network; the preset's own number if not given."""
     seed: int = 0
     """Seed of bench, training and validation."""
 
@@ -60,7 +61,8 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
     """The prior of one preset, trained unless it is there."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     folder = settings.out / "priors" / name
-    run_identify(Identify(bench, folder, preset, settings.seed + seed, settings.adam_steps, torque), PROGRESS)
+    steps = settings.adam_steps if identification_preset(preset).trains else None
+    run_identify(Identify(bench, folder, preset, settings.seed + seed, steps, torque), PROGRESS)
     return folder / PRIOR
 
 

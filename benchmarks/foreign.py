@@ -24,6 +24,7 @@ from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.facts import BenchFacts, read_bench
 from motorprior.identification.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.held_out import adapt_all, adapted_models, distribution, held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -51,7 +52,7 @@ class Settings:
     steps: int = 10_000
     """Samples per motor."""
     adam_steps: int | None = None
-    """Adam steps of each identification; the preset's own number if not given."""
+    """Adam steps of each identification that trains a network; the preset's own number if not given."""
     seed: int = 0
     """Seed of bench, training and held-out excitation."""
     families: tuple[str, ...] = ("foreign_direct", "foreign_servo")
@@ -63,7 +64,8 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
     for preset in PRESETS:
-        run_identify(Identify(bench, priors / preset, preset, settings.seed, settings.adam_steps), PROGRESS)
+        steps = settings.adam_steps if identification_preset(preset).trains else None
+        run_identify(Identify(bench, priors / preset, preset, settings.seed, steps), PROGRESS)
     return {name: priors / name / PRIOR for name in PRESETS}
 
 

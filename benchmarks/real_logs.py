@@ -134,8 +134,9 @@ def _counted(settings: Settings) -> dict[str, object]:
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.judged)} left out")
     known = stretches([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
-    steps, seed = settings.adam_steps, settings.seed
-    prior = fit_prior(known, SERVOS.get(robot, "rollout"), seed, steps=steps, out=folder / "prior", progress=PROGRESS)
+    steps, seed, name = settings.adam_steps, settings.seed, SERVOS.get(robot, "rollout")
+    own = steps if PRESETS[name].trains else None
+    prior = fit_prior(known, name, seed, steps=own, out=folder / "prior", progress=PROGRESS)
     preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), known)
     models = fitted_baselines(known, preset, BaselineFits(folder, steps, seed), PROGRESS)
     models["prior"] = LatentActuator(prior.network, prior.expected(known.joint_names))

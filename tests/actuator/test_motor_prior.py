@@ -24,7 +24,7 @@ def prior(request: pytest.FixtureRequest, grey_network: Callable[..., LatentNetw
         network = replace(network, motor=None, has_armature=True)
     rng = np.random.default_rng(0)
     mean, log_var = rng.standard_normal((5, 3)), rng.uniform(-4, 0, (5, 3))
-    return MotorPrior(network, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"loss": 0.5})
+    return MotorPrior(network, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"final_loss": 0.5})
 
 
 @pytest.fixture
@@ -138,9 +138,16 @@ def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp
             (),
             "motor_center: kp = 9.35762e-14 is not a finite number from 0.001 to 1e.03",
         ),
-        ({}, {"metrics": {"loss": 10**400}}, (), "metrics: loss = 1000.* is not a finite number from -1e.12 to 1e.12"),
-        ({}, {"metrics": {"loss": True}}, (), "metrics: loss = True is not a finite number"),
-        ({}, {"metrics": {"loss": "0.5"}}, (), "metrics: loss = '0.5' is not a finite number"),
+        (
+            {},
+            {"metrics": {"final_loss": 10**400}},
+            (),
+            "metrics: final_loss = 1000.* is not a finite number from -1e.12 to 1e.12",
+        ),
+        ({}, {"metrics": {"loss": 0.5}}, (), "metrics: 'loss' is no figure of an identification"),
+        ({}, {"metrics": {"saved_warmth": 0.5}}, (), "metrics: 'saved_warmth' is no figure of an identification"),
+        ({}, {"metrics": {"final_loss": True}}, (), "metrics: final_loss = True is not a finite number"),
+        ({}, {"metrics": {"final_loss": "0.5"}}, (), "metrics: final_loss = '0.5' is not a finite number"),
         (
             {},
             {"metrics": {"final_loss": -1.1e12}},

@@ -196,9 +196,15 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])
     assert figures["bench_impact_rmse/ideal_pd/held_out"] != figures["bench_impact_rmse/ideal_pd/train"]
-    assert 0.0 <= figures["coverage50"] <= figures["coverage90"] <= 1.0
-    assert 0.0 <= figures["two_sample_auc"] <= 1.0 and figures["energy_distance"] > 0.0
-    assert figures["adapt_rmse_ratio/1"] > 0.0 and 0.0 <= figures["adapt_false_alarms/1"] <= 1.0
+    found = read_results(tmp_path / "v")
+    for level in (50, 90):
+        parts = [row.value for row in found.where(quantity=f"coverage{level}") if row.part is not None]
+        assert len(parts) == 5 and figures[f"coverage{level}"] == pytest.approx(np.mean(parts))
+    assert 0.1 < figures["coverage50"] < figures["coverage90"]
+    areas = [found.where(quantity="two_sample_auc").value(statistic=name) for name in ("low", "median", "high")]
+    assert areas == sorted(areas) and areas[1] > 0.5 and figures["energy_distance"] > 0.0
+    alarms = 12 * figures["adapt_false_alarms/1"]  # of twelve motors
+    assert alarms == pytest.approx(round(alarms)) and alarms < 6 and 0.5 < figures["adapt_rmse_ratio/1"] < 20.0
 
 
 @pytest.mark.slow

@@ -56,7 +56,7 @@ def test_every_kind_of_difference_is_shown_with_its_size(one, tmp_path: Path, mo
     provenance = {**prior.provenance, "recipe": {"steps": 300, "taps": [0, 2, 5], "warm_up": 30}}
     changed = replace(
         prior, network=network, mean=2 * prior.mean, preset="mine", provenance=provenance,
-        metrics={"loss_mean": 0.4, "seconds": 1.0},
+        metrics={"loss_mean": 0.4, "replay_rmse": 1.0},
     )  # fmt: skip
     outcome = motorprior("diff", path, other_of(changed, tmp_path), "--json", tmp_path / "diff.json")
     assert outcome.code == 1 and outcome.err == ""
@@ -65,7 +65,7 @@ def test_every_kind_of_difference_is_shown_with_its_size(one, tmp_path: Path, mo
     assert found["header"] == {
         "metrics.loss_mean": [0.5, 0.4],
         "metrics.minutes_of_log": [3.0, None],
-        "metrics.seconds": [None, 1.0],
+        "metrics.replay_rmse": [None, 1.0],
         "preset": ["rollout", "mine"],
         "provenance.recipe.steps": [100, 300],
         "provenance.recipe.warm_up": [None, 30],

@@ -99,7 +99,9 @@ def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ct
     assert motorprior(*line, "--kp", 9, "--out", tmp_path / "mixed").code == 130
     ctrl_c(0)
     for name in ("mixed", "fresh"):
-        assert motorprior(*line, "--kp", 8, "--out", tmp_path / name).code == 0
+        done = motorprior(*line, "--kp", 8, "--out", tmp_path / name)
+        told = "(motors.kp was 9.0, is 8.0); its 2 iterations are thrown away" in " ".join(done.err.split())
+        assert done.code == 0 and told == (name == "mixed")
     assert results(tmp_path / "mixed") == results(tmp_path / "fresh")
 
 
@@ -159,7 +161,8 @@ def test_a_finished_stage_is_not_run_again(motorprior: Command, tmp_path: Path, 
     out = shutil.copytree(whole_walk, tmp_path / "walk")
     before = modified(out)
     for workers in (1, 2):
-        assert motorprior(*WALK, "--workers", workers, "--out", out).code == 0
+        done = motorprior(*WALK, "--workers", workers, "--out", out)
+        assert done.code == 0 and "is finished with these settings: nothing was trained" in done.err
     assert modified(out) == before
 
 

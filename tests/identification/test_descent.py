@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+import optax
 import pytest
 from series import complete
 
@@ -61,8 +62,8 @@ def test_it_descends_and_reports_every_chunk():
     assert [steps for steps, _ in reports] == [CHUNK] * 6
 
 
-def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np.nan) -> list[float]:
-    """Replace the training so that the first ``attempts`` of them diverge in their third chunk; lists their rates."""
+def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np.nan, where: int = 3) -> list[float]:
+    """Replace the training so that the first ``attempts`` diverge in chunk ``where``; lists their rates."""
     rates: list[float] = []
 
     def compiled(data, preset, optimiser):
@@ -72,7 +73,7 @@ def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np
         def chunk(state, inputs):
             nonlocal calls
             calls += 1
-            return state, broken if calls == 3 and len(rates) <= attempts else 1.0 - 0.01 * calls
+            return state, broken if calls == where and len(rates) <= attempts else 1.0 - 0.01 * calls, 1.0
 
         return chunk
 
@@ -80,15 +81,18 @@ def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np
     return rates
 
 
+@pytest.mark.parametrize("where", [1, 3])
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e30, 10.0])
-def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(monkeypatch: pytest.MonkeyPatch, broken: float):
-    rates, reports = diverging(monkeypatch, 2, broken), []
+def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(
+    monkeypatch: pytest.MonkeyPatch, broken: float, where: int
+):
+    rates, reports = diverging(monkeypatch, 2, broken, where), []
     _, losses = descend(start(), data(), PRESET, 0, lambda *what: reports.append(what))
     assert rates == pytest.approx([PRESET.learning_rate / SLOWER**k for k in range(3)])
     np.testing.assert_allclose(losses, 1.0 - 0.01 * np.arange(1, 7))
     assert sum(steps for steps, _ in reports) == PRESET.steps  # what was made in vain is taken back
     said = [text for _, text in reports if "again, slower" in text]
-    assert len(said) == 2 and f"step {3 * CHUNK}" in said[0]
+    assert len(said) == 2 and f"step {where * CHUNK} " in said[0]
 
 
 def test_one_that_diverges_at_every_rate_is_an_error(monkeypatch: pytest.MonkeyPatch):
@@ -100,7 +104,7 @@ def test_one_that_diverges_at_every_rate_is_an_error(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf])
 def test_a_loss_that_is_no_number_from_the_first_chunk_on_is_an_error(monkeypatch: pytest.MonkeyPatch, broken: float):
-    monkeypatch.setattr(descent, "_compiled_chunk", lambda *_: lambda state, inputs: (state, broken))
+    monkeypatch.setattr(descent, "_compiled_chunk", lambda *_: lambda state, inputs: (state, broken, broken))
     with pytest.raises(MotorPriorError, match="diverged"):
         descend(start(), data(), PRESET, 0)
 
@@ -163,3 +167,24 @@ def test_physics_that_come_first_stay_as_they_are():
         np.testing.assert_array_equal(trained["network"][name], trainable["network"][name])
     np.testing.assert_array_equal(trained["mean"], trainable["mean"])
     assert np.any(np.asarray(trained["network"]["w3"]) != np.asarray(trainable["network"]["w3"]))
+
+
+def test_the_loss_before_the_first_step_is_what_a_first_chunk_is_compared_with(monkeypatch: pytest.MonkeyPatch):
+    told, compiled = [], descent._compiled_chunk
+
+    def kept(*arguments):
+        advance = compiled(*arguments)
+
+        def chunk(state, inputs):
+            first, (found, loss, before) = state, advance(state, inputs)
+            told.append((first, inputs, float(loss), float(before)))
+            return found, loss, before
+
+        return chunk
+
+    monkeypatch.setattr(descent, "_compiled_chunk", kept)
+    descend(start(), data(), replace(PRESET, steps=CHUNK), 0)
+    ((state, inputs, mean, before),) = told
+    alone = compiled(data(), replace(PRESET, steps=1), optax.adam(0.0))
+    _, loss, same = alone((state[0], optax.adam(0.0).init(state[0])), jax.tree.map(lambda each: each[:1], inputs))
+    assert before == pytest.approx(float(loss), rel=1e-5) and float(same) == float(loss) != pytest.approx(mean)

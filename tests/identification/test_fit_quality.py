@@ -1,12 +1,17 @@
 """A prior says how well it replays its logs, and when the motors have physics that it lacks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
+from motorprior.identification.baselines import trials
 from motorprior.identification.fit_quality import MISSING, FitQuality, fit_quality
+from motorprior.identification.reference import replayed_segments
 from motorprior.identification.standardise import standardised, widened
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
@@ -41,10 +46,38 @@ def test_a_pd_in_place_of_the_motors_lacks_physics_and_says_so(log: MotorLog):
 def test_the_worst_motor_and_segment_are_named():
     found = FitQuality(
         np.array([0.001, 0.004]), np.array([0.02, 0.02]), {"slow": 0.001, "fast": float("nan")},
-        np.array([0.001, 0.002, 0.005]), ("hip", "knee"),
+        {0: 0.001, 3: 0.005, 7: 0.002}, 8, ("hip", "knee"),
     )  # fmt: skip
     text = "\n".join(found.lines())
-    assert "knee with 4.0 mrad" in text and "segment 2 with 5.0 mrad" in text and "fast" not in text
+    assert "knee with 4.0 mrad" in text and "fast" not in text
+    assert "segment 3 with 5.0 mrad (of 3 of 8 segments that were replayed);" in text
+    assert "were replayed" not in "\n".join(replace(found, num_segments=3).lines())
+
+
+def test_replayed_segments_are_spread_over_the_whole_log(log: MotorLog):
+    many = replace(log, segment=np.arange(log.num_rows) // 50)
+    places = replayed_segments(many)
+    assert len(places) == 20 and places[0] == 0 and places[-1] == 99 and set(np.diff(places)) <= {5, 6}
+    assert replayed_segments(log).tolist() == list(range(len(log.segment_slices())))
+    end = many.joint_pos.copy()
+    end[-50:] += 0.2  # where the first twenty segments are long over
+    found = fit_quality(nominal(MOTORS), replace(many, joint_pos=end, joint_vel=None))
+    assert max(found.segments, key=found.segments.__getitem__) == 99 and found.num_segments == 100
+
+
+def test_the_pd_follows_the_gains_that_segments_state(log: MotorLog):
+    """A PD made the log at two gains; the one beside the motors is far closer to it if the log states them."""
+    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(MOTORS)
+    told = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
+    made = [
+        run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
+        for gain, (case, _) in zip((1.0, 6.0), trials(told), strict=True)
+    ]
+    told = replace(told, joint_pos=np.concatenate(made), joint_vel=None)
+    found = fit_quality(nominal(MOTORS), told)
+    blind = fit_quality(nominal(MOTORS), replace(told, stated_kp=None, stated_kd=None))
+    assert np.median(found.baseline) < 0.3 * np.median(blind.baseline)
+    np.testing.assert_array_equal(found.motors, blind.motors)
 
 
 def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_network):
@@ -62,5 +95,5 @@ def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_networ
 
 def test_a_motor_that_breaks_down_explains_nothing():
     errors = np.array([float("nan"), float("inf"), 0.001])
-    found = FitQuality(errors, np.full(3, 0.02), {}, np.array([0.001]), ("hip", "knee", "toe"))
+    found = FitQuality(errors, np.full(3, 0.02), {}, {0: 0.001}, 1, ("hip", "knee", "toe"))
     assert found.misses_physics and found.widening == 2.0

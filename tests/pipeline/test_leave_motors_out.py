@@ -8,7 +8,10 @@ import pytest
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
+from motorprior.identification.presets import PRESETS as RECIPES
+from motorprior.identification.presets import Preset
 from motorprior.logs.motor_log import MotorLog
+from motorprior.pipeline import leave_motors_out as module
 from motorprior.pipeline.leave_motors_out import leave_motors_out, motor_groups
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 
@@ -38,6 +41,26 @@ def test_what_was_left_out_is_judged_and_was_never_seen(logs: list[MotorLog], tm
     again = leave_motors_out(replace(logs[0], joint_pos=angles), logs[1], ROBOT, GROUP, "pace", SECONDS, tmp_path / "b")
     for name, values in found.errors.items():
         np.testing.assert_array_equal(again.errors[name], values)
+
+
+def test_the_motors_by_themselves_are_fitted_over_windows_as_long_as_the_priors(
+    logs: list[MotorLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    class Begun(Exception):
+        """Of the last fit; nothing is fitted here."""
+
+    def begin(log: MotorLog, preset: str, recipe: Preset, *_: object) -> None:
+        windows[preset] = recipe.window
+        raise Begun
+
+    windows: dict[str, int] = {}
+    monkeypatch.setattr(module, "fit_prior", lambda log, preset, *_, **__: None)
+    monkeypatch.setattr(module, "fit_recipe", begin)
+    for prior, alone in (("first_look", "pace_long_runs"), ("long_runs", "pace_long_runs"), ("rollout", "pace")):
+        windows.clear()
+        with pytest.raises(Begun):
+            leave_motors_out(logs[0], logs[1], ROBOT, GROUP, prior, SECONDS, tmp_path)
+        assert windows == {alone: RECIPES[prior].window}
 
 
 def test_joints_of_no_leg_have_no_same_place(logs: list[MotorLog], tmp_path: Path):

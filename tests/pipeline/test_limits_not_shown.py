@@ -27,6 +27,7 @@ def test_sinusoids_without_load_show_no_torque_limit(tmp_path: Path):
     found = limits_not_shown(prior.metrics)
     assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
     assert f"the logs of 4 of 4 motors do not show a torque limit of {found['torque_limit']:.3g} N·m" in said.getvalue()
+    assert "with half of it, or with double, the loss of such a log is at most 1.02 times what it is" in said.getvalue()
     prior.save(tmp_path / "prior.safetensors")
     assert limits_not_shown(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
 

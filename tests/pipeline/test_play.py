@@ -40,6 +40,7 @@ def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(
     assert first.film.read_bytes() == second.film.read_bytes()
     assert frames_of(first.film) == (20, (480, 2 * 288))
     assert set(first.steps) == {"gait_0", "gait_0 (2)"}
+    assert [(row.quantity, row.value) for row in first.results] == 2 * [("upright", 1.0)], "too short for the rest"
     assert (tmp_path / "a" / "figures.json").is_file()
 
 
@@ -157,3 +158,15 @@ def test_a_robot_that_fell_lies_still_until_the_end_of_the_film():
     notes = _notes(PUPPER_V2, fell, _held(trace, 4), np.full((4, 2), 0.1))
     assert [note.endswith("fell") for note in notes] == [False, False, True, True]
     assert "told 0.10 m/s" in notes[1] and "0.01 s    0.20 m" in notes[1]
+
+
+def test_the_way_of_the_film_is_along_the_robots_heading():
+    """Half a circle of 1 m around, at whose end it is 0.64 m to the left of where it began."""
+    steps = 400
+    yaw = np.pi * np.arange(steps) / (steps - 1)
+    trace = np.zeros((steps, 19))
+    trace[:, 3], trace[:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
+    trace[1:, 0], trace[1:, 1] = (np.cumsum(each[:-1]) / (steps - 1) for each in (np.cos(yaw), np.sin(yaw)))
+    walked = Episode(0.0, steps, 0.0, np.zeros(2), 0, steps, np.zeros(1), np.zeros(1), trace, np.zeros((0, 30)))
+    assert abs(trace[-1, 0]) < 0.01
+    assert "1.00 m" in _notes(PUPPER_V2, walked, trace, np.zeros((steps, 2)))[-1]

@@ -101,7 +101,7 @@ def test_a_recipe_at_its_bounds_is_read(prior_with: Callable[[Any], MotorPrior],
         (None, "no recipe"),
         ([], "no recipe"),
         ("rollout", "no recipe"),
-        ({}, "recipe: missing keys .'has_armature', 'objective', 'period', 'taps'"),
+        ({}, "recipe: missing keys .'batch', 'firmware', 'gain_unit', 'grey_box', 'has_armature'"),
         (as_json(RECIPE) | {"colour": "red"}, "colour"),
         (as_json(RECIPE) | {"objective": "torque"}, "not its network's"),  # the preset rollout trains in closed loop
     ],
@@ -110,3 +110,11 @@ def test_what_is_no_recipe_is_refused(prior_with: Callable[[Any], MotorPrior], r
     with pytest.raises(ArtifactError, match=words) as error:
         recipe_of(prior_with(recipe), PATH)
     assert error.value.where == PATH and error.value.remedy
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Preset)])
+def test_a_recipe_that_lacks_an_entry_is_refused_by_its_name(prior_with: Callable[[Any], MotorPrior], name: str):
+    damaged = {key: value for key, value in as_json(RECIPE).items() if key != name}
+    with pytest.raises(ArtifactError, match=rf"recipe: missing keys \['{name}'\]") as error:
+        recipe_of(prior_with(damaged), PATH)
+    assert error.value.where == PATH and error.value.remedy == "identify it again"

@@ -40,7 +40,13 @@ def walker(tmp_path: Path) -> optimisers.Walker:
     return replace(optimisers.Walker.of(settings), motors=MotorChoice("pd"))
 
 
-def test_a_search_is_told_returns_and_the_best_has_the_score_of_its_contest(walker: optimisers.Walker):
+@pytest.fixture
+def no_gait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is trained wins its contest, however badly it walks."""
+    monkeypatch.setattr(optimisers, "the_gait", lambda walker, *_: Champion.none_yet(walker.shape))
+
+
+def test_a_search_is_told_returns_and_the_best_has_the_score_of_its_contest(walker: optimisers.Walker, no_gait: None):
     found = []
     for _ in range(2):
         search, executor = Climbs(walker.shape.size), walker.executor()
@@ -50,7 +56,7 @@ def test_a_search_is_told_returns_and_the_best_has_the_score_of_its_contest(walk
         executor.close()
         shown = champion.policy.weights[:, :-1]
         steps = optimisers.AVERAGING * 1e-2 * np.array([1.0, 2.0 - optimisers.AVERAGING]).sum()  # the average's way
-        assert champion.iteration == 0 or np.abs(shown).max() == pytest.approx(steps, rel=1e-6)
+        assert champion.iteration == 2 and np.abs(shown).max() == pytest.approx(steps, rel=1e-6)
         assert champion.score == np.mean([each.total for each in alone])
         assert np.array(search.told).shape == (2, 2) and np.std(search.told) > 0.0
         found.append((champion.score, np.array(search.told)))
@@ -121,15 +127,30 @@ def test_the_table_has_a_row_per_method_with_the_medians_of_its_trainings():
     assert len(lines) == 2 + len(optimisers.METHODS) and {line.count("|") for line in lines} == {4 + len(PLACES)}
 
 
-def test_ppo_trains_a_policy_that_walks_in_contests(walker: optimisers.Walker, monkeypatch: pytest.MonkeyPatch):
+def test_ppo_trains_a_policy_that_walks_in_contests(
+    walker: optimisers.Walker, monkeypatch: pytest.MonkeyPatch, no_gait: None
+):
     for library in ("torch", "stable_baselines3"):
         pytest.importorskip(library, reason=f"{library} is not installed: pip install 'motorprior[optimisers]'")
     monkeypatch.setattr(optimisers, "EPISODE_STEPS", 8)
     monkeypatch.setattr(searches, "PPO_ROUND", 64)
+    learned: list[PolicyArrays] = []
+
+    class Watched(searches.Ppo):
+        def learn_until(self, steps: int) -> None:
+            learned.append(self.policy())
+            super().learn_until(steps)
+            learned.append(self.policy())
+
+    monkeypatch.setattr(optimisers, "Ppo", Watched)
     executor = walker.executor()
     champion = optimisers.learned_by_ppo(walker, 0, executor)
     executor.close()
-    assert champion.policy.hidden.shape[0] in (0, searches.PPO_UNITS) and np.isfinite(champion.score)
+    before, after = learned
+    assert after.hidden.shape[0] == searches.PPO_UNITS and not np.array_equal(before.readout, after.readout)
+    for one, other in zip(champion.policy, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert champion.iteration == 2 and np.isfinite(champion.score)
 
 
 def test_an_unknown_method_is_refused(tmp_path: Path, monkeypatch):

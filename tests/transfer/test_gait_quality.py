@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.locomotion.body import body_of, observation_size
+from motorprior.locomotion.control_step import follow_command, new_gait
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.rollout import Episode
 from motorprior.transfer.gait_quality import GaitQuality, gait_quality
@@ -63,13 +65,31 @@ def test_a_heading_that_drifts_is_told_per_metre():
 
 def test_a_turn_as_it_was_told_is_no_heading_error_and_nothing_to_the_side():
     """The command comes into force over half a second, and a heading goes round."""
-    rate, ramp = 0.6, 0.5
-    yaw = np.where(ramp > TIME, 0.5 * rate * TIME**2 / ramp, rate * (TIME - 0.5 * ramp)) * 2.0
-    assert yaw.max() > np.pi
-    found = measured(gliding(0.3, yaw=0.5 * yaw), yaw_rate=rate)
-    assert found.heading_deg_per_m < 1.0 and found.lateral_share < 0.01
-    wrong = measured(gliding(0.3, yaw=0.4 * yaw), yaw_rate=rate)
+    yaw = told_heading(0.6)
+    assert 2.0 * yaw.max() > np.pi
+    found = measured(gliding(0.3, yaw=yaw), yaw_rate=0.6)
+    assert found.heading_deg_per_m == pytest.approx(0.0, abs=1e-6)
+    assert found.lateral_share == pytest.approx(0.0, abs=1e-9)
+    wrong = measured(gliding(0.3, yaw=0.8 * yaw), yaw_rate=0.6)
     assert wrong.heading_deg_per_m > 10.0
+
+
+def told_heading(rate: float) -> np.ndarray:
+    """(steps,) heading [rad] before every control step of who obeys `follow_command` at once."""
+    body, gait, headings = body_of(ROBOT), new_gait(JOINTS, len(ROBOT.legs)), [0.0]
+    for _ in range(STEPS - 1):
+        follow_command(body, gait, 0.3, rate, DT, np.zeros(observation_size(JOINTS)))
+        headings.append(headings[-1] + DT * gait.twist[1])
+    return np.array(headings)
+
+
+def test_a_robot_that_got_nowhere_is_told_nothing_per_metre():
+    still = measured(gliding(0.01), forward=0.0)
+    assert still.speed == pytest.approx(0.01) and still.upright == 1.0 and still.roll_deg == pytest.approx(0.0)
+    rows = quality_results(still, ROBOT, "walk", "own").distinct("quantity")
+    assert not {"heading_deg_per_m", "lateral_share", "slip", "transport"} & set(rows)
+    assert {"speed", "speed_error", "torque", "foot_lift_mm"} <= set(rows)
+    assert measured(gliding(0.02), forward=0.0).slip == pytest.approx(1.0, rel=0.01), "8 cm are enough"
 
 
 def test_lean_is_the_root_of_the_mean_square():
@@ -135,6 +155,11 @@ def test_a_walk_that_fell_is_measured_up_to_the_fall_and_one_that_fell_at_once_g
         at_once.foot_lift_mm
     ).all()
     assert len(at_once.foot_lift_mm) == 4
+
+
+def test_a_walk_that_was_meant_to_be_short_is_upright_and_told_nothing_else():
+    rows = quality_results(gait_quality(ROBOT, gliding(steps=150), 0.3, 0.0, 150), ROBOT, "walk", "own")
+    assert rows.value(quantity="upright") == 1.0 and rows.distinct("quantity") == ["upright"]
 
 
 def test_a_table_has_the_lift_of_every_leg_by_its_name():

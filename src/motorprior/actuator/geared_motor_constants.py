@@ -24,6 +24,8 @@ LOG_REACH = 2.5
 """A constant of a drawn motor is within a factor of 12 of the central motor's."""
 ZERO_SCALE = SIGNED["encoder_zero"]
 """[rad]"""
+PER_STATED = "_per_stated"
+"""Ending of the name of a constant that is a multiple of a stated gain."""
 _WEAKENED = ("kp", "torque_limit", "integral_limit", "stall_torque")
 """Constants that are torques of the law, which heat weakens."""
 
@@ -109,6 +111,14 @@ def with_stated_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict
     If the stated gains are those of the motor, the decoded kp and kd_over_kp [-] are 1.
     """
     return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
+
+
+def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
+    """Constants by name of motors whose kp and kd_over_kp are multiples of stated gains, which then have names of it.
+
+    ``kp_per_stated`` and ``kd_over_kp_per_stated``: in units of no gain, or per unit of a firmware's gain.
+    """
+    return {f"{name}{PER_STATED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
 
 
 def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[str, ...] = ()) -> StepConstants:

@@ -61,6 +61,8 @@ _HEADER = Header(
 SCHEMA_VERSION = _HEADER.version
 _LARGEST, _LARGEST_LOGARITHM = 1e4, 30.0
 """Of a weight, and of what is exponentiated."""
+_LARGEST_CENTER = 600.0
+"""Of what `check_central_motor` can exponentiate; it knows the bounds of every constant."""
 _WEIGHTS = {
     "b1": Tensor(("neurons",), _LARGEST),
     "w1": Tensor(("inputs", "neurons"), _LARGEST),
@@ -78,7 +80,7 @@ _MOTORS = {
 }
 _GAINS = {"gains": Tensor((2, "motors"), 1e6)}
 _GREY_BOX = {
-    "motor_center": Tensor(("constants",), _LARGEST_LOGARITHM),
+    "motor_center": Tensor(("constants",), _LARGEST_CENTER),
     "motor_slope": Tensor(("latents", "constants"), LARGEST_SLOPE),
 }
 _COPULA = {

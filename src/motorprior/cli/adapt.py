@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tyro
 
+from motorprior.actuator.geared_motor_constants import PER_STATED
 from motorprior.cli.console import TERMINAL, table
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
@@ -41,4 +42,7 @@ def _show(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dic
             [name, *(f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0]))]
             for name, values in constants.items()
         ]
-        table("Constants of these motors [SI units]", ["constant", "least", "median", "most"], described)
+        units = "SI units"
+        if any(name.endswith(PER_STATED) for name in constants):
+            units += f"; …{PER_STATED}: per unit of the firmware's gain that the log states"
+        table(f"Constants of these motors [{units}]", ["constant", "least", "median", "most"], described)

@@ -13,6 +13,7 @@ from motorprior.bench.families import UNITS
 from motorprior.cli.console import table
 from motorprior.report.prior_difference import difference
 
+_UNITS = UNITS | {"integral_rate": "1/s"}  # no true motor has one
 DIFFERENT = 1
 """Exit code for priors that differ."""
 
@@ -47,7 +48,7 @@ def run_diff(config: Diff) -> None:
         print("The two priors are equal in content.")
         return
     _show("Header", found.header)
-    motors = {f"{name} [{UNITS[key]}]" if (key := name.split()[-1]) in UNITS else name: pair
+    motors = {f"{name} [{_UNITS[key]}]" if (key := name.split()[-1]) in _UNITS else name: pair
               for name, pair in found.motors.items()}  # fmt: skip
     _show("Motors: constants of the central one (z = 0) and their spread", motors)
     table("Tensors", ["tensor", "largest difference or shapes"], [[*map(_text, row)] for row in found.tensors.items()])

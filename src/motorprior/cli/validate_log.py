@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validate_log import COVERAGE, SPANS, ValidateLog, run_validate_log
+from motorprior.pipeline.validate_log import COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
 from motorprior.results import Results
 
 
@@ -27,12 +27,14 @@ def validate_log(config: ValidateLogCommand) -> None:
     columns = [(quantity, statistic) for quantity in SPANS for statistic in ("median", "mean")]
     rows = [[model, *(_milli(errors, model, *column) for column in columns)] for model in errors.distinct("model")]
     titles = [f"{SPANS[quantity]}, {statistic}" for quantity, statistic in columns]
-    table("Free runs, joint RMSE [mrad], over motors", ["model", *titles], rows)
+    known = results.where(quantity=TRAINED_ON).value() > 0.0
+    said = " (warning: no test, the prior was trained on this log)" if known else ""
+    table(f"Free runs, joint RMSE [mrad], over motors{said}", ["model", *titles], rows)
     shares = [
         [span, *(f"{100 * results.where(quantity=f'{COVERAGE[quantity]}{level}').value():.0f}" for level in (50, 90))]
         for quantity, span in SPANS.items()
     ]
-    table("Recorded angles inside the bands [%]", ["free runs", "50 % band", "90 % band"], shares)
+    table(f"Recorded angles inside the bands [%]{said}", ["free runs", "50 % band", "90 % band"], shares)
 
 
 def _milli(errors: Results, model: str, quantity: str, statistic: str) -> str:

@@ -26,9 +26,11 @@ def walk(config: WalkCommand) -> None:
     """See `run_walk`, and `run_walk_seeds` for more seeds than one."""
     one = Walk(**{name: getattr(config, name) for name in (field.name for field in fields(Walk))})
     if config.seeds == 1:
-        run_walk(one, TERMINAL)
+        if not run_walk(one, TERMINAL):
+            TERMINAL.note(f"{config.out} is finished with these settings: nothing was trained")
         return
     results = run_walk_seeds(one, config.seeds, TERMINAL)
     rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
-    table("Best policies in their own simulation", ("seed", "mean return [m]"), rows)
+    where = "in their own simulation" if config.validation is None else f"on validation motors ({config.validation})"
+    table(f"Best policies {where}", ("seed", "mean return [m]"), rows)
     print(config.out / PICTURE)

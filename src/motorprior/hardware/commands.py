@@ -78,7 +78,8 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sa
     limits = _with_pause(robot.require_wire().safety, settings.longest_pause)
     if settings.dry_run:
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
-            steps = deploy.rehearse(link, policy, stop, settings.seconds or 5.0, say, command)
+            seconds, has_imu = settings.seconds or 5.0, not settings.without_imu
+            steps = deploy.rehearse(link, policy, stop, seconds, say, command, has_imu)
         say(f"dry run: {steps} control steps, nothing was sent")
         return Results()
     require_terminal(settings.yes)

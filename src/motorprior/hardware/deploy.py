@@ -162,9 +162,23 @@ def rehearse(
     seconds: float,
     status: Callable[[str], None],
     command: tuple[float, float] = (0.0, 0.0),
+    has_imu: bool = True,
 ) -> int:
-    """Compute the targets of a policy for a command, and send nothing; returns the number of control steps."""
-    walker = Walker(link.robot, policy)
+    """Compute the targets of a policy for a command, and send nothing; returns the number of control steps.
+
+    Args:
+        link: idle.
+        policy: see `check_policy`.
+        stop: ends it.
+        seconds: ends it too [s].
+        status: gets a line twice a second.
+        command: speed [m/s] and yaw rate [rad/s].
+        has_imu: see `Walker`.
+
+    Raises:
+        RobotFault: targets that are not finite, or a robot that `first_look` or `RobotLink.check` refuses.
+    """
+    walker = Walker(link.robot, policy, has_imu)
     look = first_look(link, need_imu=False)
     walker.warm_up(look.measurement)
     walker.rates_at_rest = look.rates

@@ -12,7 +12,7 @@ from scipy.optimize import OptimizeResult, minimize
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, stated_gain_rows, stated_gains_of
 from motorprior.signals import rmse
 
 EVALUATIONS = 200
@@ -45,6 +45,37 @@ def _first(rows: np.ndarray | None) -> np.ndarray | None:
     return None if rows is None else rows[0]
 
 
+Told = Callable[[Actuator, MotorLog], Actuator]
+"""Takes motors of a log and one of its segments, and returns the motors as they are there."""
+
+
+def as_they_are(motors: Actuator, part: MotorLog) -> Actuator:
+    """Motors that are told nothing of a segment."""
+    return motors
+
+
+def in_proportion(log: MotorLog) -> Told:
+    """What gives a PD of a whole log the gains of a segment, in proportion to those that the log states, if any.
+
+        kp' = kp·stated kp / median stated kp,   kd' = kd·stated kd / median stated kd
+
+    Medians are over segments and joints; where one is 0 that gain stays as it is.
+    """
+    rows = stated_gain_rows(log)
+    if rows is None:
+        return as_they_are
+    middle = np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))[:, None]
+
+    def told(motors: Actuator, part: MotorLog) -> Actuator:
+        gains = stated_gains_of(part)
+        if gains is None or not isinstance(motors, IdealPd):
+            return motors
+        kp, kd = np.where(middle > 0.0, gains / np.where(middle > 0.0, middle, 1.0), 1.0)
+        return replace(motors, kp=motors.kp * kp, kd=motors.kd * kd)
+
+    return told
+
+
 GAINS = ("kp", "kd", "torque_limit")
 """Constants that are fitted for an ideal PD."""
 EVERYTHING = (*GAINS, "armature", "delay")
@@ -67,6 +98,7 @@ def fit_pd(
     free: tuple[str, ...],
     progress: Callable[[int], None] | None = None,
     segments: int | None = _SEGMENTS,
+    told: Told = as_they_are,
 ) -> IdealPd:
     """Fit one PD, shared by all motors, with the least closed-loop error on the bench log.
 
@@ -79,11 +111,12 @@ def fit_pd(
         free: GAINS or EVERYTHING; the other constants stay nominal.
         progress: called after every evaluation.
         segments: so many of the log's first are replayed; all if None.
+        told: what the PD is told of each segment.
 
     Returns:
         A PD of one motor; `repeated` copies it for several.
     """
-    error = closed_loop_error(log, progress, segments)
+    error = closed_loop_error(log, progress, segments, told)
     first = np.log([START.get(name, float(getattr(nominal, name)[0])) for name in free])
 
     def model(values: np.ndarray) -> IdealPd:
@@ -96,33 +129,36 @@ def fit_pd(
     return model(least(cost, first).x)
 
 
-def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None) -> IdealPd:
+def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None, told: Told = as_they_are) -> IdealPd:
     """One PD with armature and delay for all motors of the log, tuned from the best of many gains; M copies of it.
 
     Nothing needs to be known of the motors: the gains that are tried span small servos and large direct drives. The
-    whole log counts: motions of a real one show other things each.
+    whole log counts: motions of a real one show other things each. ``told`` is what the PD is told of each segment.
     """
-    error = closed_loop_error(log, progress)
+    error = closed_loop_error(log, progress, None, told)
     starts = [IdealPd.uniform(1, kp, kp * share, limit) for kp, share, limit in _BEGINNINGS]
-    return repeated(
-        fit_pd(log, min(starts, key=lambda start: error(repeated(start, log.num_joints))), EVERYTHING, progress, None),
-        log.num_joints,
-    )
+    best = min(starts, key=lambda start: error(repeated(start, log.num_joints)))
+    return repeated(fit_pd(log, best, EVERYTHING, progress, None, told), log.num_joints)
 
 
 def closed_loop_error(
-    log: MotorLog, progress: Callable[[int], None] | None, segments: int | None = None
+    log: MotorLog,
+    progress: Callable[[int], None] | None,
+    segments: int | None = None,
+    told: Told = as_they_are,
 ) -> Callable[[Actuator], float]:
     """Mean over the log's motors of the joint RMSE [rad] of its commands and loads on the dynamometer.
 
     Takes models of all of them; one that broke down has an error of 1000 rad. ``progress`` is called after every one.
-    The first ``segments`` of the log are replayed, or all.
+    The first ``segments`` of the log are replayed, or all; ``told`` is what the models are told of each.
     """
-    cases = trials(log, segments)
+    cases = list(zip(trials(log, segments), log.segments(), strict=False))
 
     def error(motors: Actuator) -> float:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = np.mean([rmse(run(motors, trial).joint_pos, truth, axis=0) for trial, truth in cases])
+            found = np.mean(
+                [rmse(run(told(motors, part), trial).joint_pos, truth, axis=0) for (trial, truth), part in cases]
+            )
         if progress is not None:
             progress(1)
         return float(found) if np.isfinite(found) else _BROKEN

@@ -22,7 +22,7 @@ CHUNK = 100
 CHECKPOINT_EVERY = 5
 """Number of chunks between two checkpoints."""
 DIVERGED = 3.0
-"""A chunk whose loss is so many times the least so far has diverged."""
+"""A chunk whose loss is so many times the least so far, the one before the first step included, has diverged."""
 SLOWER, RESTARTS = 3.0, 3
 """By how much a restart lowers the learning rate, and how many there are."""
 _PHYSICS = ("motor_center", "motor_slope")
@@ -92,16 +92,19 @@ def _attempt(
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, preset, optimiser)
     state, losses = _resumed((trainable, optimiser.init(trainable)), kept)
+    before = np.inf if kept is None else float(kept["before"])
     for first in range(CHUNK * len(losses), preset.steps, CHUNK):
         count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
         rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
-        state, loss = advance(state, (*rows, keys))
+        state, loss, first_loss = advance(state, (*rows, keys))
+        before = before if losses else float(first_loss)
         losses.append(float(loss))
-        if not (np.isfinite(losses[-1]) and losses[-1] <= DIVERGED * min(losses)):
+        if not (np.isfinite(losses[-1]) and losses[-1] <= DIVERGED * min(before, *losses)):
             return None, losses
         if checkpoints is not None and len(losses) % CHECKPOINT_EVERY == 0:
-            checkpoints.save(_flat(state) | {"losses": np.asarray(losses), "restart": np.asarray(restart)})
+            so_far = {"losses": losses, "restart": restart, "before": before}
+            checkpoints.save(_flat(state) | {name: np.asarray(value) for name, value in so_far.items()})
         report(count, f"loss {losses[-1]:.4f}")
     return state[0], losses
 
@@ -120,7 +123,7 @@ def _resumed(state: Any, kept: dict[str, np.ndarray] | None) -> tuple[Any, list[
 
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
-    """Compile a function that makes one chunk of Adam steps and returns their mean loss."""
+    """Compile a function that makes one chunk of Adam steps and returns their mean loss, and that before the first."""
     objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
@@ -146,6 +149,6 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
     @jax.jit
     def chunk(state, inputs):
         state, losses = jax.lax.scan(step, state, inputs)
-        return state, jnp.mean(losses)
+        return state, jnp.mean(losses), losses[0]
 
     return chunk

@@ -2,7 +2,8 @@
 
 Segments are replayed from where they begin with their commands and loads, nothing corrected on the way: the error is
 that of a simulation. Where the motors leave more than MISSING of the PD's error, physics that they lack makes most of
-it: then constants are not to be read as physics, and draws are widened.
+it: then constants are not to be read as physics, and draws are widened. Where the log states gains, the PD follows them
+as the motors do, in proportion.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.identification.baselines import tuned_pd
-from motorprior.identification.reference import SPEEDS, replays
+from motorprior.identification.baselines import in_proportion, tuned_pd
+from motorprior.identification.reference import SPEEDS, replayed_segments, replays
 from motorprior.logs.motor_log import MotorLog
 
 MISSING = 0.35
@@ -29,14 +30,16 @@ class FitQuality:
         motors: (M,) of every motor.
         baseline: (M,) of the tuned PD, the same for all motors.
         speeds: of each pool of `reference.SPEEDS`, by its name; nan where no joint was so fast.
-        segments: (S,) of every segment.
+        segments: of every segment that was replayed (`reference.replayed_segments`), by its place in the log.
+        num_segments: of the log.
         joint_names: M names.
     """
 
     motors: np.ndarray
     baseline: np.ndarray
     speeds: dict[str, float]
-    segments: np.ndarray
+    segments: dict[int, float]
+    num_segments: int
     joint_names: tuple[str, ...]
 
     @property
@@ -57,13 +60,15 @@ class FitQuality:
 
     def lines(self) -> tuple[str, ...]:
         """What a user should know, a line each."""
-        worst, segment = int(self.motors.argmax()), int(self.segments.argmax())
+        worst, segment = int(self.motors.argmax()), list(self.segments)[int(np.argmax(list(self.segments.values())))]
+        some = f" (of {len(self.segments)} of {self.num_segments} segments that were replayed)"
+        some = "" if len(self.segments) == self.num_segments else some
         speeds = ", ".join(f"{name} {1e3 * value:.1f}" for name, value in self.speeds.items() if np.isfinite(value))
         said = (
             f"replayed logs: {1e3 * np.median(self.motors):.1f} mrad (median over motors), one tuned PD "
             f"{1e3 * np.median(self.baseline):.1f} mrad",
             f"worst: {self.joint_names[worst]} with {1e3 * self.motors[worst]:.1f} mrad, segment {segment} with "
-            f"{1e3 * self.segments[segment]:.1f} mrad; by speed of the joint [mrad]: {speeds}",
+            f"{1e3 * self.segments[segment]:.1f} mrad{some}; by speed of the joint [mrad]: {speeds}",
         )
         if not self.misses_physics:
             return said
@@ -82,14 +87,17 @@ def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] =
         log: with known loads.
         report: called after every evaluation of the tuning.
     """
-    pd = tuned_pd(log, report)
+    tell = in_proportion(log)
+    pd = tuned_pd(log, report, tell)
     segments, pools = zip(*replays(motors, log), strict=True)
     error, pool = np.concatenate(segments), np.concatenate(pools)
-    baseline = np.concatenate([missed for missed, _ in replays(pd, log)])
+    baseline = np.concatenate([missed for missed, _ in replays(pd, log, tell)])
+    places = replayed_segments(log).tolist()
     return FitQuality(
         _rms(error, axis=0), _rms(baseline, axis=0),
         {name: float(_rms(error[pool == index])) for index, name in enumerate(SPEEDS)},
-        np.array([_rms(missed) for missed in segments]), log.joint_names,
+        {place: float(_rms(missed)) for place, missed in zip(places, segments, strict=True)},
+        len(log.segment_slices()), log.joint_names,
     )  # fmt: skip
 
 

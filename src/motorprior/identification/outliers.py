@@ -6,10 +6,11 @@ estimate. The fit is in decoder latents (for preset rollout the logarithms of th
 posterior mean, since a new random search could end in another local minimum. The result is compared with the M
 training motors, of mean m and standard deviation s,
 
-    t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, Z·min over latents of P(|Student's t with M - 1| > |t|))
+    t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
 where v·s² is the posterior variance of the second fit: this is the prediction interval of one more motor, with a
-Bonferroni correction over Z latents. The test has power only for constants that the log identifies.
+Bonferroni correction over the L latents in which the training motors differ. The others, constants that were held or
+that logs state, are not tested. The test has power only for constants that the log identifies.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from motorprior.identification.windows import TrainingData
 
 WIDER = 3.0
 """Standard deviation of the second fit's prior, in standard deviations of the training motors."""
-_SMALLEST = 1e-9
-"""Standard deviation assumed for a latent in which the training motors do not differ."""
+_SAME = 1e-9
+"""Standard deviation of a latent up to which the training motors do not differ in it: only rounding does."""
 
 
 @dataclass(frozen=True)
@@ -66,16 +67,17 @@ def outliers(
         temperature: as for `adapt`.
     """
     known = network.decoder_latents(trained)
-    mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SMALLEST)
+    mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SAME)
+    differ = spread > _SAME
     wide = Copula(np.eye(len(mean)), mean + WIDER * spread * SCORES[:, None])
-    start = (network.decoder_latents(found) - mean) / (WIDER * spread)
+    start = np.where(differ, (network.decoder_latents(found) - mean) / (WIDER * spread), 0.0)
     freed = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
     variance = WIDER**2 * np.diagonal(freed.covariance, axis1=1, axis2=2)
     deviation = WIDER * freed.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)
-    p_values = 2.0 * student_t.sf(np.abs(deviation), len(known) - 1)
+    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(deviation), len(known) - 1), 1.0)
     worst = p_values.argmin(axis=1)
     rows, names = np.arange(len(worst)), latent_names(network)
-    p_value = np.minimum(1.0, p_values.shape[1] * p_values[rows, worst])
+    p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
     return Outliers(p_value, tuple(names[index] for index in worst), deviation[rows, worst])
 
 

@@ -79,6 +79,11 @@ class Preset:
         return max(self.taps[-1], self.warm_up)
 
     @property
+    def trains(self) -> bool:
+        """Whether Adam trains a network, so that ``steps`` count; otherwise searches alone find the constants."""
+        return bool(self.num_neurons) or not self.physics_first
+
+    @property
     def stated_terms(self) -> tuple[str, ...]:
         """Terms of `servo_terms` that motors have because the logs state some of their constants."""
         return terms_with(name for name, value in self.firmware if value > 0.0)

@@ -11,7 +11,7 @@ from scipy.stats import t as student_t
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Response, run
-from motorprior.identification.baselines import trials
+from motorprior.identification.baselines import Told, trials
 from motorprior.identification.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
@@ -24,7 +24,7 @@ SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 BLOCK = 1.0
 """Duration of the blocks that a log is divided into, each with its own mean loss [s]."""
 _SEGMENTS = 20
-"""Number of log segments replayed for the residuals."""
+"""Number of log segments replayed for the residuals, at most."""
 _LEAST = {
     "mean": 1e-12, "log_mean": -math.inf, "log_std": 0.0, "motors": 1.0, "pieces": 1e-6, "piece_variance": 0.0,
 }  # fmt: skip
@@ -85,16 +85,29 @@ def loss_metrics(losses: np.ndarray, preset: Preset, name_ending: str) -> dict[s
     }
 
 
-def replays(motors: Actuator, log: MotorLog) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The log's segments, replayed from where they begin with their commands and loads; one motor per joint of the log.
+def replayed_segments(log: MotorLog) -> np.ndarray:
+    """Places of the segments that `replays` replays: all, or so many that are spread evenly over a log of many."""
+    count = len(log.segment_slices())
+    return np.linspace(0, count - 1, min(_SEGMENTS, count)).round().astype(int)
+
+
+def replays(motors: Actuator, log: MotorLog, tell: Told | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Segments of a log, replayed from where they begin with their commands and loads; one motor per joint of the log.
+
+    Args:
+        motors: one per joint.
+        log: with known loads; of it `replayed_segments`.
+        tell: what the motors are told of a segment; `told` if not given.
 
     Returns:
         Of each segment recorded - simulated angles [rad], both read by the same encoder, and the index into SPEEDS of
         the simulated joint's pool, each (steps, n).
     """
-    found = []
-    for (case, truth), part in zip(trials(log, _SEGMENTS), log.segments(), strict=False):
-        simulated = run(told(motors, part), case)
+    found, parts = [], list(log.segments())
+    for place in replayed_segments(log):
+        part = parts[place]
+        ((case, truth),) = trials(part)
+        simulated = run((tell or told)(motors, part), case)
         found.append((truth - measured_pos(simulated, log), _pool(simulated.joint_vel)))
     return found
 

@@ -20,7 +20,7 @@ from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
-from motorprior.identification.felt import limits_not_felt
+from motorprior.identification.felt import WORSE, limits_not_felt
 from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
 from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
 from motorprior.identification.posterior import standard_posterior
@@ -65,7 +65,7 @@ class Identified:
 def work_of(preset: Preset) -> int:
     """Sum of the numbers that `identify` reports, if nothing diverges."""
     stages = len(TERMS) + STAGES if preset.physics_first else 0
-    return _STAGE * stages + (preset.steps if preset.num_neurons or not preset.physics_first else 0)
+    return _STAGE * stages + (preset.steps if preset.trains else 0)
 
 
 def identify(
@@ -138,8 +138,9 @@ def _physics_first(
         metrics[f"{NOT_SHOWN}{name}"] = hidden.most
         notes.append(
             f"warning: the logs of {hidden.motors} of {len(found.offsets)} motors do not show a "
-            f"{limit_in_words(name, hidden.most)}, the largest that the fit gave them: half and double of it replay "
-            "them as well. A policy that is trained on this prior may count on it"
+            f"{limit_in_words(name, hidden.most)}, the largest that the fit gave them: with half of it, or with "
+            f"double, the loss of such a log is at most {WORSE:g} times what it is. A policy that is trained on this "
+            "prior may count on it"
         )
     judged = held_out_windows(runs)
     if preset.num_neurons and (judged.all() or not judged.any()):

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from motorprior.bounds import is_number, require_count, require_finite
+from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size
 from motorprior.locomotion.command import Commands
@@ -37,10 +37,9 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Args:
         robot: a legged one.
-        backend: what moves; must hold each target for ``control_dt``.
+        backend: what moves; must hold each target for the robot's control period.
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.
-        control_dt: control period [s]; the robot's if not given.
         draw_sensors: how the sensors err, and which way gravity pulls, from the backend's seed and ``episode_steps``;
             perfect ones on level ground if None. A backend whose ground slopes needs them.
         commands: drawn by the backend's seed; all that the robot is built for if not given.
@@ -55,19 +54,15 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         backend: Backend,
         weights: TaskWeights | None = None,
         episode_steps: int = 500,
-        control_dt: float | None = None,
         draw_sensors: Callable[[int, int], Sensors] | None = None,
         commands: Commands | Timetable | None = None,
         gait: str = "trot",
     ):
         require_count("episode_steps", episode_steps)
-        control_dt = robot.control_dt if control_dt is None else control_dt
-        if not (is_number(control_dt) and control_dt > 0.0):
-            raise ConfigError(f"control_dt {control_dt!r} s is not a number above 0", remedy="give the control period")
         furthest, self._action_shape = observation_bounds(robot.num_joints), (action_size(robot.num_joints),)
         self.observation_space = Box(-furthest, furthest, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, self._action_shape, np.float64)
-        self._controller, self._backend = GaitController(robot, float(control_dt), gait), backend
+        self._controller, self._backend = GaitController(robot, robot.control_dt, gait), backend
         self._robot, self._commands, self._schedule = robot, commands or Commands(), np.zeros((0, 2))
         self._weights = (weights or TaskWeights()).array()
         self._episode_steps = episode_steps

@@ -191,6 +191,14 @@ def log_digest(log: MotorLog) -> str:
     return whole.hexdigest()
 
 
+def motion_digest(log: MotorLog) -> str:
+    """SHA-256 of commands and angles: the same of one recording whatever its name and whatever loads it was given."""
+    whole = hashlib.sha256(repr(log.joint_pos.shape).encode())
+    for value in (log.position_target, log.joint_pos):
+        whole.update(np.ascontiguousarray(value).tobytes())
+    return whole.hexdigest()
+
+
 def column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
     """The name a user reads for one column of a channel, e.g. ``joint_pos/FR_hip``."""
     if channel in JOINT_SERIES:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import with_stated_gains
+from motorprior.actuator.geared_motor_constants import named_multiples, with_stated_gains
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_number
@@ -19,7 +19,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.prior_file import prior_and_robot
+from motorprior.pipeline.prior_file import prior_and_robot, trained_on
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working
@@ -80,7 +80,7 @@ class OutlierTest:
     Attributes:
         p_value: (M,) twice the smaller of two p-values, at most 1: that of the fit of its log
             (`reference.loss_p_value`) and that of the distance of its constants (`outliers`).
-        reason: (M,) what deviates most.
+        reason: (M,) what deviates most of a motor that is called unlike the fleet; "" of the others.
     """
 
     p_value: np.ndarray
@@ -118,13 +118,19 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
 
     preset, data, temperature, which = _prepared(prior, path, log, where)
     badly = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
-    reason = ["it fits its log badly"] * len(badly)
-    if len(prior.mean) < 2:
-        return OutlierTest(badly, tuple(reason))
-    far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
-    for motor in np.flatnonzero(far.p_value < badly):
-        reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
-    return OutlierTest(np.minimum(1.0, 2.0 * np.minimum(badly, far.p_value)), tuple(reason))
+    reason, p_value = ["it fits its log badly"] * len(badly), badly
+    if len(prior.mean) > 1:
+        far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
+        p_value = np.minimum(1.0, 2.0 * np.minimum(badly, far.p_value))
+        for motor in np.flatnonzero(far.p_value < badly):
+            reason[motor] = f"its {far.latent[motor]} is {far.deviation[motor]:+.1f} deviations from theirs"
+    odd = p_value < _bound(len(badly))
+    return OutlierTest(p_value, tuple(text if is_odd else "" for text, is_odd in zip(reason, odd, strict=True)))
+
+
+def _bound(motors: int) -> float:
+    """p-value below which one of so many motors is called unlike the fleet [-]."""
+    return FALSE_ALARMS / motors
 
 
 def _prepared(
@@ -165,6 +171,7 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
     log = checked(log, where=log.source)
+    _note_known(prior, log, log.source, progress)
     found = adapt_to(prior, "the prior", log, log.source)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
@@ -194,9 +201,11 @@ def run_adapt(
     started = time.monotonic()
     if config.seconds is not None:
         require_number("seconds", config.seconds)
-    log = first_seconds(read_parquet(config.log), config.seconds)
+    whole = read_parquet(config.log)
+    log = first_seconds(whole, config.seconds)
     prior, robot = prior_and_robot(config.prior, log, config.robot)
     wanted = description("adapt", asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
+    _note_known(prior, whole, str(config.log), progress)
     if is_finished(config.out, wanted):
         return
     with taken(config.out):  # long before it is written to: a log that is refused leaves what is there
@@ -216,14 +225,14 @@ def run_adapt(
 def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> dict[str, np.ndarray]:
     """(M,) constants by name [SI] of motors (M, Z) at the gains that the log of them states; none of a network.
 
-    Where these are in units of a firmware, kp and kd_over_kp are multiples of them.
+    Where these are in units of a firmware, the multiples of them have names of their own (`named_multiples`).
     """
     if prior.network.motor is None:
         return {}
     values, gains = prior.network.constants(latents), stated_gains_of(log)
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_stated_gains(values, *gains)
-    return values
+    return named_multiples(values) if prior.network.gain_unit else values
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:
@@ -243,6 +252,11 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     )
 
 
+def _note_known(prior: MotorPrior, log: MotorLog, where: str, progress: Progress) -> None:
+    if trained_on(prior, log):
+        progress.note(f"warning: the prior was trained on {where}: losses and p-values of its motors are no test")
+
+
 def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:
     surprise = tuple(float(value) for value in outliers.p_value)
     gains = stated_gains_of(log) if prior.network.gain_unit else None
@@ -250,7 +264,7 @@ def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: Out
 
 
 def _require_like_the_fleet(log: MotorLog, outliers: OutlierTest, path: str | Path) -> None:
-    bound = FALSE_ALARMS / log.num_joints
+    bound = _bound(log.num_joints)
     odd = zip(log.joint_names, outliers.p_value, outliers.reason, strict=True)
     unlike = [f"{name}: {reason}" for name, p_value, reason in odd if p_value < bound]
     if unlike:

@@ -141,7 +141,7 @@ class _Stages:
             write_json(self._run / STAGES, self._found)
         return result
 
-    def run_all(self, works: Mapping[str, Callable[[Progress], None]], threads: int, progress: Progress) -> None:
+    def run_all(self, works: Mapping[str, Callable[[Progress], object]], threads: int, progress: Progress) -> None:
         """Run the stages of several folders, ``threads`` at a time, or find them finished."""
         stages = [
             lambda progress, folder=folder, work=work: self.run(folder, partial(work, progress))

@@ -29,7 +29,7 @@ _NEEDS = {
     "study": ("transfer",),
 }
 """Stages whose own module another one's numbers depend on."""
-_PARTS = {"identify": ("training_log",), "study": ("study_watch",), "walk": ("training", "trained_policy")}
+_PARTS = {"identify": ("training_log",), "study": ("study_watch",), "walk": ("training", "trained_policy", "contests")}
 """Modules that belong to one stage."""
 _NO_NUMBERS = (
     *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
@@ -57,7 +57,9 @@ _NO_NUMBERS = (
     ),  # judges
     *(
         f"pipeline/{name}.py"
-        for name in ("play", "walk_film", "schedule_file", "walk_report", "walk_metrics", "walk_seeds")
+        for name in (
+            *("play", "walk_film", "schedule_file", "walk_report", "walk_metrics", "walk_seeds", "earlier_training"),
+        )
     ),
     *("simulation/render*.py", "simulation/viewer.py", "simulation/camera.py"),
     *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),

@@ -13,18 +13,19 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.prior_bounds import check_stated_gains
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import MotorLog, log_digest, stated_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, stated_gains_of
 from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, remove, working
 from motorprior.pipeline.stopwatch import Stopwatch
-from motorprior.pipeline.training_log import Origin, training_log
+from motorprior.pipeline.training_log import Origin, origin_of, training_log
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.fit_quality import FitQuality
@@ -49,7 +50,7 @@ class Identify:
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None
-    """Adam steps; the preset's own number if not given."""
+    """Adam steps; the preset's own number if not given. Refused by presets that train no network, as long_runs."""
     torque: bool = True
     """Use the log's joint_torque; without it the prior learns from positions and velocities alone."""
 
@@ -70,7 +71,7 @@ def fit_prior(
             period. Logs of the same joint names are more of the same motors, logs of other names are further motors.
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
         seed: of weights, windows and noise; same logs, preset and seed, same bytes.
-        steps: Adam steps; the preset's own number if not given.
+        steps: Adam steps; the preset's own number if not given; only of presets that train a network.
         out: folder for prior.safetensors and, meanwhile, a checkpoint: the same call goes on from its last checkpoint,
             and only loads what is finished. Nothing is written without it.
         progress: where to report to, for example ``Lines(sys.stderr)``.
@@ -79,25 +80,32 @@ def fit_prior(
         The prior, which knows the robot, the recipe and the figures of its training.
 
     Raises:
-        ConfigError: an unknown preset, or a number out of range.
+        ConfigError: an unknown preset, a number out of range, or steps of a preset that trains no network.
         LogError: logs that do not fit together, or that lack a channel, a row or a motion that the preset needs.
         ArtifactError: ``out`` cannot be written.
     """
     _require_numbers(steps, seed)
     recipe = _recipe(preset, steps)
-    return fit_recipe(_one_log(logs), preset, recipe, seed, None if out is None else Path(out), progress)
+    parts = _checked_logs(logs)
+    return fit_recipe(joined(parts), preset, recipe, seed, None if out is None else Path(out), progress, parts)
 
 
 def fit_recipe(
-    log: MotorLog, preset: str, recipe: Preset, seed: int, out: Path | None, progress: Progress = SILENT
+    log: MotorLog,
+    preset: str,
+    recipe: Preset,
+    seed: int,
+    out: Path | None,
+    progress: Progress = SILENT,
+    parts: Sequence[MotorLog] = (),
 ) -> MotorPrior:
-    """`fit_prior` of one log, of the preset's recipe or a changed one.
+    """`fit_prior` of one log, of the preset's recipe or a changed one; ``parts`` if it was joined from several.
 
     Raises:
         LogError, ArtifactError: see `fit_prior`.
     """
     recipe = _for_log(recipe, log)
-    job = _Job(log, log.source, preset, recipe, seed, Origin(log.robot, log.motor, {"log": log.source}))
+    job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
     if out is None:
         return _fitted(job, _data(job), progress, None)
     wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
@@ -140,17 +148,23 @@ def _require_numbers(steps: int | None, seed: int) -> None:
 
 
 def _recipe(preset: str, steps: int | None) -> Preset:
-    from motorprior.identification.presets import identification_preset
+    from motorprior.identification.presets import PRESETS, identification_preset
 
     recipe = identification_preset(preset)
-    return recipe if steps is None else replace(recipe, steps=steps)
+    if steps is None:
+        return recipe
+    if not recipe.trains:
+        others = ", ".join(name for name, other in PRESETS.items() if other.trains)
+        problem = f"steps {steps} has no effect on preset {preset!r}, which trains no network"
+        raise ConfigError(problem, remedy=f"leave it out, or use one of {others}", argument="steps")
+    return replace(recipe, steps=steps)
 
 
-def _one_log(logs: MotorLog | Sequence[MotorLog]) -> MotorLog:
+def _checked_logs(logs: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
     every = [logs] if isinstance(logs, MotorLog) else logs
     if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
         raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
-    return joined([checked(log, where=log.source) for log in every])
+    return [checked(log, where=log.source) for log in every]
 
 
 def _for_log(recipe: Preset, log: MotorLog) -> Preset:
@@ -163,6 +177,9 @@ def _data(job: _Job) -> TrainingData:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.windows import training_data
 
+    gains = stated_gains_of(job.log)
+    if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
+        check_stated_gains(gains, job.where)
     return training_data(job.log, job.recipe, job.where)
 
 

@@ -13,8 +13,8 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import adapt_to, first_seconds
-from motorprior.pipeline.identify import PRIOR, fit_prior
-from motorprior.pipeline.log_baselines import PRESETS, with_gains_of
+from motorprior.pipeline.identify import PRIOR, fit_prior, fit_recipe
+from motorprior.pipeline.log_baselines import baseline_recipes, with_gains_of
 from motorprior.pipeline.log_stretches import with_joints
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -35,7 +35,8 @@ class MotorsOut:
         errors: (J,) root mean square errors [rad] by model: ``prior``, the central motor of the others, told nothing
             but stated gains; ``same_place``, the mean of the others at the same place of their legs, if there are any;
             ``adapted``, the prior adapted to the seconds told; ``per_motor``, the physics of each motor fitted to them
-            alone; and ``tuned_pd``, one PD tuned on the others.
+            alone, over windows as long as the prior's, if the prior has the period of `log_baselines`; and
+            ``tuned_pd``, one PD tuned on the others.
         coverage: level [%] -> share of the recorded angles in the bands of the adapted prior.
     """
 
@@ -76,22 +77,27 @@ def leave_motors_out(
         progress: where to report to.
 
     Raises:
+        ConfigError: an unknown preset.
         LogError: a log that is too short, or lacks a channel.
     """
     from motorprior.identification.baselines import repeated, tuned_pd
     from motorprior.identification.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
+    from motorprior.identification.presets import identification_preset
 
     others = [joint for joint in range(known.num_joints) if joint not in group]
     left, of_group = with_joints(known, others), with_joints(judged, group)
-    prior = fit_prior(left, preset, seed, out=out / "others", progress=progress)
     told = first_seconds(of_group, seconds)
     rest = of_group.rows(slice(told.num_rows, None))
-    alone = fit_prior(told, PRESETS[PER_MOTOR], seed, out=out / PER_MOTOR, progress=progress)
+    alone = baseline_recipes(told, identification_preset(preset)).get(PER_MOTOR)
+    prior = fit_prior(left, preset, seed, out=out / "others", progress=progress)
+    models: dict[str, LogModel] = {}
+    if alone is not None:
+        fitted = fit_recipe(told, *alone, seed, out / PER_MOTOR, progress)
+        models[PER_MOTOR] = LatentActuator(fitted.network, fitted.mean)
     found = adapt_to(prior, out / "others" / PRIOR, told, told.source)
-    models: dict[str, LogModel] = {
+    models |= {
         "prior": LatentActuator(prior.network, prior.expected(of_group.joint_names)),
         "adapted": LatentActuator(prior.network, found.mean),
-        PER_MOTOR: LatentActuator(alone.network, alone.mean),
         "tuned_pd": repeated(tuned_pd(left), len(group)),
     }
     if robot.legs:

@@ -9,7 +9,8 @@ from motorprior.actuator.limits_not_shown import limit_in_words, limits_not_show
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, motion_digest
+from motorprior.pipeline.training_log import MOTIONS
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -36,6 +37,12 @@ def _doubt(name: str, value: float, robot: Robot) -> str:
     if name == "torque_limit" and described < value:
         said += f" (the description of {robot.name}: {described:.3g} at most)"
     return f"{said}; what is trained on it may count on that. Log motions that reach the limit"
+
+
+def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
+    """Whether the motion of this log is one that the prior was trained on, as far as its provenance says."""
+    motions = prior.provenance.get(MOTIONS)
+    return isinstance(motions, list) and motion_digest(log) in motions
 
 
 def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -47,25 +46,24 @@ RECIPE = Schema(
         "learning_rate": number(1e-12, 1e3),
     },
     _REMEDY,
-    optional=frozenset(field.name for field in fields(Preset) if field.default is not MISSING),
     name="recipe",
 )
-"""The entries of a Preset."""
+"""The entries of a Preset; identify writes all of them, and a default in place of one would be another recipe."""
 
 
 def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     """The recipe a prior was trained with.
 
     Raises:
-        ArtifactError: its provenance does not say, or says what no training can have been made with; names the entry,
-            its value and its bounds.
+        ArtifactError: its provenance lacks an entry, or says what no training can have been made with; names the
+            entry, its value and its bounds.
     """
     recipe: Any = prior.provenance.get("recipe")
     if not isinstance(recipe, dict):
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_REMEDY)
     RECIPE.check(recipe, where)
-    series = {name: tuple(recipe.get(name, ())) for name in ("taps", "terms", "lacks")}
-    firmware = tuple((name, value) for name, value in recipe.get("firmware", ()))
+    series = {name: tuple(recipe[name]) for name in ("taps", "terms", "lacks")}
+    firmware = tuple((name, value) for name, value in recipe["firmware"])
     preset = Preset(**{**recipe, **series, "firmware": firmware})
     _require_fit(preset, prior, where)
     return preset

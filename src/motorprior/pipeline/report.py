@@ -29,11 +29,15 @@ def build_report(run: Path) -> Path:
     """
     from motorprior.report import sections  # here: they import matplotlib, a second that nothing else needs
     from motorprior.report.gait_sections import robustness_section
+    from motorprior.report.learning import learning
     from motorprior.report.page import Report, Section, write_report
     from motorprior.report.real_motors import real_motors
 
     def walk(run: Path) -> list[Section]:
-        return sections.walk([run / folder for folder in belonging if _kind(folder) == "walk"])
+        folders: dict[str, list[Path]] = {}
+        for folder in [run / folder for folder in belonging if _kind(folder) == "walk"]:  # called CONDITION_SEED
+            folders.setdefault(folder.name.rsplit("_", 1)[0], []).append(folder)
+        return learning(folders)
 
     def robustness(run: Path) -> list[Section]:
         folders = [folder for folder in belonging if _kind(folder) == "robustness"]

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.exceptions import ConfigError
+from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.walk_metrics import read_metrics
 
 EVENTS = "tensorboard"
 """Folder of the events, in that of a walk."""
@@ -52,3 +54,15 @@ def events(folder: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
         yield add
     finally:
         writer.close()
+
+
+def write_events(folder: Path) -> None:
+    """The learning curve of the finished training in ``folder``.
+
+    Raises:
+        ArtifactError: see `read_metrics`.
+    """
+    told = read_metrics(folder)
+    with taken(folder), events(folder / EVENTS) as add:
+        for place in range(len(told["iteration"])):
+            add({name: values[place].item() for name, values in told.items()})

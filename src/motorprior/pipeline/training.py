@@ -15,7 +15,6 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import Progress
-from motorprior.pipeline.stage import remove
 from motorprior.pipeline.stopwatch import Stopwatch
 from motorprior.pipeline.tensorboard import EVENTS, events
 from motorprior.pipeline.walk_metrics import Extent, Metrics
@@ -63,10 +62,6 @@ class Checkpoint:
         except (ArtifactError, KeyError) as error:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-
-    def remove(self) -> None:
-        """Delete it."""
-        remove(self.folder, CHECKPOINT)
 
 
 @dataclass(frozen=True)

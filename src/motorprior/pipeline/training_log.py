@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,11 @@ from motorprior.bench.facts import FACTS, LOG, read_bench
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, motion_digest
 from motorprior.logs.parquet_io import read_parquet
+
+MOTIONS = "motions"
+"""Entry of a prior's provenance: `motion_digest` of every log that it was trained on; priors of before lack it."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,11 @@ class Origin:
     robot: str
     motor: str
     provenance: dict[str, Any]
+
+
+def origin_of(log: MotorLog, parts: Sequence[MotorLog]) -> Origin:
+    """Of a log that was joined from others."""
+    return Origin(log.robot, log.motor, {"log": log.source, MOTIONS: [motion_digest(part) for part in parts]})
 
 
 def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], Origin]:
@@ -35,13 +44,14 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
         raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
     paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
     if not any(path.is_dir() for path in paths):
-        log = joined([read_parquet(path) for path in paths])
+        logs = [read_parquet(path) for path in paths]
+        log = joined(logs)
         if log.robot == BENCH:
             raise LogError(
                 f"the log of a bench without its {FACTS}, which says of which robot its motors are", where=paths[0],
                 remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
             )  # fmt: skip
-        return log, paths, Origin(log.robot, log.motor, {"log": log.source})
+        return log, paths, origin_of(log, logs)
     if len(paths) > 1:
         folder = next(path for path in paths if path.is_dir())
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
@@ -52,5 +62,6 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
             remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
         )  # fmt: skip
     log, facts = read_bench(path)
-    origin = Origin(facts.fleet.robot, facts.fleet.motor, {"bench": facts.as_json()})
+    provenance = {"bench": facts.as_json(), MOTIONS: [motion_digest(log)]}
+    origin = Origin(facts.fleet.robot, facts.fleet.motor, provenance)
     return log, [path / LOG, path / FACTS], origin

@@ -20,7 +20,7 @@ from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
 from motorprior.pipeline.log_baselines import BaselineFits, baseline_recipes, fitted_baselines, with_gains_of
-from motorprior.pipeline.prior_file import prior_and_robot
+from motorprior.pipeline.prior_file import prior_and_robot, trained_on
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
@@ -35,6 +35,7 @@ SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
 """Errors that are measured, and how long their free runs are."""
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 BASELINES, PICTURES = "baselines", "pictures"
+TRAINED_ON = "prior_was_trained_on_this_log"
 _DPI = 110
 """A picture per motor: small files."""
 
@@ -68,7 +69,8 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
         ``free_run_rmse`` [rad] of free runs of a second and ``whole_run_rmse`` [rad] of free runs of whole segments:
         median and mean over motors, and of each motor (``part``). Models: the prior adapted (by its preset's name), its
         central motor (``prior_mean``), and the baselines of `log_baselines`. ``coverage50``, ``coverage90`` and
-        ``whole_run_coverage50``, ``whole_run_coverage90`` of the adapted prior's draws.
+        ``whole_run_coverage50``, ``whole_run_coverage90`` of the adapted prior's draws. TRAINED_ON: 1 if the judged log
+        is one that the prior was trained on, so that its figures are no test, otherwise 0.
 
     Raises:
         LogError, ArtifactError: a log or a prior that cannot be used.
@@ -82,6 +84,12 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     known, judged = _known_and_judged(config, log)
     inputs = [config.prior, config.log, *config.fitted_on, *(robot.files if robot else ())]
     wanted = description("validate-log", asdict(config), inputs)
+    trained = trained_on(prior, log)
+    if trained:
+        progress.note(
+            f"warning: the prior was trained on {config.log}: how well it does there is no test of it; judge a log "
+            "that it has not seen"
+        )
     if resting := joints_at_rest(judged):
         progress.note(
             f"note: {', '.join(resting)} did not move in what is judged: the error of a resting joint only "
@@ -89,7 +97,8 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
         )
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            write_results(config.out, _measure(config, prior, known, judged, progress))
+            found = Results.of([Result(TRAINED_ON, "1", float(trained))])
+            write_results(config.out, _measure(config, prior, known, judged, progress) + found)
     return read_results(config.out)
 
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_count
-from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
+from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
+from motorprior.pipeline.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
 from motorprior.pipeline.digests import digest
+from motorprior.pipeline.earlier_training import tell_what_is_lost
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.motor_provenance import choice_as_json
@@ -24,17 +24,18 @@ from motorprior.pipeline.prior_file import limits_in_doubt, load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, is_finished, remove, working
-from motorprior.pipeline.tensorboard import EVENTS, events, require_tensorboard
+from motorprior.pipeline.stopwatch import Stopwatch
+from motorprior.pipeline.tensorboard import EVENTS, require_tensorboard, write_events
 from motorprior.pipeline.trained_policy import judge_faults, policy_of
-from motorprior.pipeline.training import Checkpoint, Training
-from motorprior.pipeline.walk_metrics import METRICS, Extent, read_metrics
+from motorprior.pipeline.training import CHECKPOINT, Checkpoint, Training
+from motorprior.pipeline.walk_metrics import METRICS, Extent
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, Kind, make_executor, many_executors, require_executor
+from motorprior.search.executor import Kind, require_executor
 from motorprior.search.policy_search import Champion
-from motorprior.search.policy_shape import PolicyShape
+from motorprior.search.policy_shape import PolicyShape, units_for
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import ROBUST, Randomization
@@ -56,8 +57,8 @@ class Walk:
     motors: MotorChoice = field(default_factory=MotorChoice)
     """The motors of every episode."""
     start: Path | None = None
-    """A policy to go on from, with other motors for example; without one it starts from the gait itself. The range
-    of its speeds is kept."""
+    """A policy in another folder to go on from, with other motors for example; without one it starts from the gait
+    itself. The range of its speeds is kept."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
@@ -73,7 +74,7 @@ class Walk:
     commands: Commands = field(default_factory=Commands)
     """What the robot is told to do; faster than it usually is, too."""
     hidden_units: int = 0
-    """Hidden units of the policy; none for a linear one."""
+    """Hidden units of the policy, an even number of a symmetric one; none for a linear one."""
     symmetric: bool = True
     """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp."""
     search: ArsConfig = field(default_factory=ArsConfig)
@@ -99,8 +100,13 @@ class Walk:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> None:
+def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> bool:
     """Train, resume, or, if the folder holds this very policy, do no more than to write events that are asked for.
+
+    What the folder holds of other settings is thrown away, which ``progress`` is told.
+
+    Returns:
+        Whether it trained: False where the folder was finished.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
@@ -110,46 +116,46 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> N
     plan = _planned(config)
     if is_finished(config.out, plan.wanted):
         if config.tensorboard:
-            _write_events(config.out)
-        return
+            write_events(config.out)
+        if (config.out / CHECKPOINT).is_file():  # of a process that was killed at its very end
+            with taken(config.out):
+                remove(config.out, CHECKPOINT)
+        return False
     require_executor(config.executor, config.ray_address)
-    if config.motors.prior is not None:
-        for line in limits_in_doubt(load_prior(config.motors.prior, plan.robot), plan.robot):
-            progress.note(line)
+    for line in plan.doubts():
+        progress.note(line)
     scenes = plan.scenes()
+    with taken(config.out):
+        tell_what_is_lost(config.out, plan.wanted, progress)
+        with working(config.out, plan.wanted) as clock:
+            _train(plan, scenes, clock, progress, name)
+        remove(config.out, CHECKPOINT)  # once the marker is there: killed before, the same command goes on from it
+    return True
+
+
+def _train(plan: _Plan, scenes: list[Scene], clock: Stopwatch, progress: Progress, name: str) -> None:
+    """Train from the checkpoint, if there is one, and write what came out."""
+    config = plan.config
     workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
-    with working(config.out, plan.wanted) as clock:
-        extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions)
-        checkpoint = Checkpoint(config.out, plan.wanted, clock)
-        with _executors(config, workers, *scenes) as (executor, judge):
-            training = Training(
-                config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
-                save=lambda best: _policy(plan, best).save(config.out / POLICY),
-                tensorboard=config.tensorboard,
-            )  # fmt: skip
-            champion, curve = training.run(progress, name)
-        try:
-            judge_faults(curve, extent.episodes, progress)
-        except SimulationFault:  # there is nothing to go on from
-            checkpoint.remove()
-            remove(config.out, METRICS)
-            shutil.rmtree(config.out / EVENTS, ignore_errors=True)
-            raise
-        _policy(plan, champion).save(config.out / POLICY)
-        write_json(config.out / CURVE, curve)
-        checkpoint.remove()
-
-
-def _write_events(folder: Path) -> None:
-    """The learning curve of a finished training for TensorBoard.
-
-    Raises:
-        ArtifactError: see `read_metrics`.
-    """
-    told = read_metrics(folder)
-    with taken(folder), events(folder / EVENTS) as add:
-        for place in range(len(told["iteration"])):
-            add({name: values[place].item() for name, values in told.items()})
+    patient = config.patience is not None
+    extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions, may_end_early=patient)
+    checkpoint = Checkpoint(config.out, plan.wanted, clock)
+    with executors(scenes, workers, config.executor, config.ray_address) as (executor, judge):
+        training = Training(
+            config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
+            save=lambda best: _policy(plan, best).save(config.out / POLICY),
+            tensorboard=config.tensorboard,
+        )  # fmt: skip
+        champion, curve = training.run(progress, name)
+    try:
+        judge_faults(curve, extent.episodes, progress)
+    except SimulationFault:  # there is nothing to go on from
+        remove(config.out, CHECKPOINT)
+        remove(config.out, METRICS)
+        shutil.rmtree(config.out / EVENTS, ignore_errors=True)
+        raise
+    _policy(plan, champion).save(config.out / POLICY)
+    write_json(config.out / CURVE, curve)
 
 
 @dataclass(frozen=True)
@@ -182,6 +188,12 @@ class _Plan:
     judges: _Motors | None
     wanted: dict
 
+    def doubts(self) -> list[str]:
+        """What a user should know of his prior and of his validation fleet."""
+        config, robot = self.config, self.robot
+        found = [] if config.motors.prior is None else limits_in_doubt(load_prior(config.motors.prior, robot), robot)
+        return found + ([NO_JUDGE] if config.validation and is_of_the_twin(config.validation, robot) else [])
+
     def scenes(self) -> list[Scene]:
         """Of the candidates, and of the contests where they are walked on other motors.
 
@@ -190,23 +202,6 @@ class _Plan:
         """
         motors = [self.motors, *([] if self.judges is None else [self.judges])]
         return [scene(self.config, self.robot, each.draws, each.choice.physics_dt(self.robot)) for each in motors]
-
-
-@contextmanager
-def _executors(
-    config: Walk, workers: int, candidates: Scene, contests: Scene | None = None
-) -> Iterator[tuple[Executor, Executor]]:
-    """Where candidates walk, and where contests are walked."""
-    with ExitStack() as stack:
-        if contests is not None:
-            stack.enter_context(many_executors(config.executor, workers, config.ray_address))
-
-        def made(scene: Scene) -> Executor:
-            executor = make_executor(scene.simulator, workers, config.executor, config.ray_address)
-            return stack.enter_context(closing(executor))
-
-        first = made(candidates)
-        yield first, first if contests is None else made(contests)
 
 
 def _planned(config: Walk) -> _Plan:
@@ -224,12 +219,16 @@ def _planned(config: Walk) -> _Plan:
         require_count("patience", config.patience)
     if config.tensorboard:
         require_tensorboard()
-    units = -(-config.hidden_units // 2) if config.symmetric else config.hidden_units
+    units = units_for(config.hidden_units, config.symmetric)
+    _refuse_to_overwrite_the_start(config)
     robot = load_robot(config.robot)
     start = _start(config, robot)
     robot = config.commands.on(robot if start is None else start.commanded(robot))
     motors = _Motors(config.motors, config.motors.drawer(robot))  # refuses what cannot be, before digests are made
-    judges = None if config.validation is None else _judges(config.validation, robot)
+    judges = None
+    if config.validation is not None:
+        choice = MotorChoice("fleet", fleet=config.validation)
+        judges = _Motors(choice, validation_motors(config.validation, robot)[0])
     settings = asdict(config)
     for where in ("workers", "executor", "ray_address", "tensorboard"):  # the result does not depend on them
         del settings[where]
@@ -239,20 +238,6 @@ def _planned(config: Walk) -> _Plan:
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
     wanted = description("walk", settings, inputs)
     return _Plan(config, robot, shape, start, motors, judges, wanted)
-
-
-def _judges(validation: str, robot: Robot) -> _Motors:
-    """The motors of a validation fleet.
-
-    Raises:
-        ArtifactError, ConfigError: there is none, or it is another robot's.
-    """
-    judges = MotorChoice("fleet", fleet=validation)
-    try:
-        return _Motors(judges, judges.drawer(robot))
-    except (ArtifactError, ConfigError) as error:
-        problem = f"validation: {error.problem}"
-        raise type(error)(problem, where=error.where, remedy=error.remedy, argument="validation") from error
 
 
 def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> Scene:
@@ -284,6 +269,19 @@ def _policy(plan: _Plan, champion: Champion) -> Policy:
         "symmetric": config.symmetric,
     }
     return policy_of(plan.robot, config.gait, champion, config.motors.nominal(plan.robot), provenance)
+
+
+def _refuse_to_overwrite_the_start(config: Walk) -> None:
+    """Refuse to train into the folder of the policy to start from.
+
+    Raises:
+        ConfigError: it is the file that the training would write.
+    """
+    if config.start is not None and config.start.resolve() == (config.out / POLICY).resolve():
+        raise ConfigError(
+            f"start is {POLICY} of the folder out itself, which the training would overwrite", where=config.start,
+            remedy="give another folder as out", argument="out",
+        )  # fmt: skip
 
 
 def _start(config: Walk, robot: Robot) -> Policy | None:

@@ -23,11 +23,19 @@ _NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean",
 
 @dataclass(frozen=True)
 class Extent:
-    """Attributes: iterations and episode_steps of a training at most; episodes, of one iteration without contests."""
+    """How long a training is.
+
+    Attributes:
+        iterations: at most.
+        episode_steps: control steps of an episode at most.
+        episodes: of one iteration without contests.
+        may_end_early: whether it has a patience.
+    """
 
     iterations: int
     episode_steps: int
     episodes: int
+    may_end_early: bool = False
 
 
 class Metrics:
@@ -67,10 +75,10 @@ class Metrics:
         done, seconds = iterations - self._before, max(1e-9, time.monotonic() - self._began)
         left = seconds / done * (self._extent.iterations - iterations)
         rate = self._extent.episodes * done / seconds
-        upright = 100.0 * self._upright(point)
+        upright, at_most = 100.0 * self._upright(point), "at most " if self._extent.may_end_early else ""
         return (
             f"return {point['mean_return']:.2f} m, off the speed by {point['mean_speed_error']:.2f} m/s, "
-            f"upright {upright:.0f} %, {rate:.0f} episodes/s, {_time(left)} left"
+            f"upright {upright:.0f} %, {rate:.0f} episodes/s, {at_most}{_time(left)} left"
         )
 
     def _upright(self, point: dict[str, Any]) -> float:

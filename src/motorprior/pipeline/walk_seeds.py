@@ -59,7 +59,8 @@ def _of_seed(config: Walk, seed: int, side: int) -> Walk:
 
 
 def _train(walk: Walk, progress: Progress) -> None:
-    run_walk(walk, progress, f"walk, seed {walk.search.seed}")
+    if not run_walk(walk, progress, f"walk, seed {walk.search.seed}"):
+        progress.note(f"{walk.out} is finished with these settings: nothing was trained")
 
 
 def _draw(config: Walk, walks: list[Walk]) -> None:

@@ -16,6 +16,7 @@ from motorprior.report.plots_style import (
     MUTED,
     TEXT,
     describe,
+    distinct_colors,
     legend_below,
     model_color,
     model_label,
@@ -36,12 +37,13 @@ def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
     """
     figure = new_figure(3.5)
     (axes,) = panels(figure, 1)[0]
+    colors = distinct_colors(curves)
     for condition, seeds in curves.items():
         for iteration, mean_return in seeds:
-            axes.plot(iteration, mean_return, color=model_color(condition), linewidth=0.6, alpha=0.4)
+            axes.plot(iteration, mean_return, color=colors[condition], linewidth=0.6, alpha=0.4)
         grid, middle = _median(seeds)
-        count = f"{len(seeds)} seed" + "s" * (len(seeds) != 1)
-        model_line(axes, grid, middle, condition, f"{model_label(condition)}, {count}").set_linewidth(2.0)
+        label = f"{model_label(condition)}, {len(seeds)} seed" + "s" * (len(seeds) != 1)
+        model_line(axes, grid, middle, condition, label, colors[condition]).set_linewidth(2.0)
     describe(axes, x="ARS iteration [-]", y="mean return [m]", title="Learning to walk")
     legend_below(figure, axes, columns=3)
     return figure

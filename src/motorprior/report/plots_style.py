@@ -95,6 +95,16 @@ def model_color(model: str) -> str:
     return MODEL_COLORS[key] if key else OTHER_COLOR
 
 
+def distinct_colors(models: Iterable[str]) -> dict[str, str]:
+    """A colour for each of some lines of one plot: its model's, or where another line has that, a free one."""
+    colors: dict[str, str] = {}
+    for model in models:
+        free = (color for color in MODEL_COLORS.values() if color not in colors.values())
+        own = model_color(model)
+        colors[model] = next(free, own) if own in colors.values() else own
+    return colors
+
+
 def condition_color(condition: str) -> str:
     """Of what a policy was trained on: a model's colour, or UNNAMED_COLOR."""
     return model_color(condition) if model_key(condition) else UNNAMED_COLOR

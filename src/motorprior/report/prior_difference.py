@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_constants import named_multiples
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors
 
@@ -23,7 +23,8 @@ class Difference:
     Attributes:
         header: dotted key -> (value in A, value in B) of all entries that differ; None where one has no such entry.
         motors: figure -> (in A, in B): number of training motors and their mean |z|; of grey boxes also each constant
-            of the central motor (z = 0), and its spread in the fleet, as `spread of NAME`.
+            of the central motor (z = 0), those of the terms of its servo's firmware too, and its spread in the fleet,
+            as `spread of NAME`; multiples of stated gains have names of their own (`named_multiples`).
         tensors: name -> largest difference, or the two shapes where these differ; only those that differ.
     """
 
@@ -75,9 +76,13 @@ def _motor_figures(prior: MotorPrior) -> dict[str, float]:
     if prior.network.motor is None:
         return figures
     latents = prior.network.num_latents
-    central = prior.network.constants(np.zeros((1, latents)))
-    drawn = prior.network.constants(np.random.default_rng(0).standard_normal((_FLEET_DRAWS, latents)))
-    for name in PARAMETERS:
-        figures[name] = float(central[name][0])
+    drawn = _constants(prior, np.random.default_rng(0).standard_normal((_FLEET_DRAWS, latents)))
+    for name, central in _constants(prior, np.zeros((1, latents))).items():
+        figures[name] = float(central[0])
         figures[f"spread of {name}"] = float(0.5 * np.ptp(np.percentile(drawn[name], [16, 84])))
     return figures
+
+
+def _constants(prior: MotorPrior, z: np.ndarray) -> dict[str, np.ndarray]:
+    values = prior.network.constants(z)
+    return named_multiples(values) if prior.network.gain_unit else values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_json, read_tensors
+from motorprior.artifacts import read_tensors
 from motorprior.bench.facts import read_bench
 from motorprior.bench.families import FAMILIES
 from motorprior.report import plots
@@ -196,23 +196,6 @@ def no_logs() -> Section:
         "finished stages are kept.",
     )
     return Section("Real robot logs", "None were given.", body)
-
-
-def walk(folders: Sequence[Path]) -> list[Section]:
-    """Learning curves of the trainings in ``folders``, which are called CONDITION_SEED."""
-    curves: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for folder in folders:
-        points = read_json(folder / "curve.json")
-        iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
-        curves.setdefault(folder.name.rsplit("_", 1)[0], []).append((iteration, returns))
-    figure = plots.learning_curves(curves)
-    shown = picture(figure, "Mean return of the perturbed policies per iteration.", "learning curves")
-    lead = "Augmented random search on a linear policy that modulates a trot; other motors in every episode."
-    body = (
-        "Returns are of each condition's own simulation and do not compare across conditions. Where the simulated "
-        "robot falls at once, as on the paper's motors, there is little to learn from.",
-    )
-    return [Section("Learning to walk", lead, body, (shown,))]
 
 
 def transfer(run: Path, robot: Robot) -> list[Section]:

@@ -14,6 +14,20 @@ from motorprior.robots.robot import Robot
 from motorprior.search.moments import Moments
 
 
+def units_for(hidden_units: int, symmetric: bool) -> int:
+    """Units of a `PolicyShape` before mirroring, for so many hidden units of the policy.
+
+    Raises:
+        ConfigError: an odd number of a symmetric policy, which has every unit and its mirrored twin.
+    """
+    if symmetric and hidden_units % 2:
+        raise ConfigError(
+            f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
+            remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
+        )  # fmt: skip
+    return hidden_units // 2 if symmetric else hidden_units
+
+
 @dataclass(frozen=True, eq=False)
 class PolicyShape:
     """Sizes of a policy, and its symmetry.

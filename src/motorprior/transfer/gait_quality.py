@@ -18,12 +18,17 @@ WARM_UP = 1.0
 TOUCHING = 0.0005
 """A foot whose lowest point is below this height [m] is on the ground."""
 _LEAST_WAY = 0.05
-"""Way below which nothing is measured per metre [m]."""
+"""Way below which nothing is told per metre [m]."""
+_LEAST_TIME = 1.0
+"""Time after the first second below which only upright is told [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class GaitQuality:
-    """Measures of one walk, of its part after the first second.
+    """Measures of one walk, of its part after the first second; NaN where they are not known.
+
+    A walk of less than two seconds is upright or not, and no more is known of it, but that who fell in that time got
+    nowhere. Of less than 5 cm of way nothing is told per metre.
 
     Attributes:
         upright: 1 if it did not fall, else 0.
@@ -74,8 +79,8 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     """
     dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
     upright = float(lasted(episode, steps))
-    if len(episode.trace) < begin + round(1.0 / dt):
-        return _fallen_at_once(len(robot.legs))
+    if len(episode.trace) < begin + round(_LEAST_TIME / dt):
+        return _of_a_short_walk(upright, len(robot.legs))
     heading = np.unwrap([roll_pitch_yaw(quat)[2] for quat in episode.trace[:, 3:7]])
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
     qpos, moved = episode.trace[begin:], episode.motion[begin:]
@@ -83,7 +88,8 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
     yaw, time = heading[begin:], dt * (len(qpos) - 1)
     along = way_along(qpos[:, :2], yaw)
-    way, speed = max(_LEAST_WAY, abs(along)), along / time
+    speed, got_somewhere = along / time, abs(along) >= _LEAST_WAY
+    way, pace = (abs(along), abs(speed)) if got_somewhere else (math.nan, math.nan)
     feet = foot_motion(robot, qpos, qvel)
     swings = _swings(feet)
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
@@ -100,20 +106,29 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         roll_deg=math.degrees(float(np.sqrt(np.mean(np.square(roll))))),
         pitch_deg=math.degrees(float(np.sqrt(np.mean(np.square(pitch))))),
         torque=float(np.percentile(np.abs(torque).max(axis=1), 99.9)),
-        transport=power / (robot.weight * max(abs(speed), 1e-3)),
+        transport=power / (robot.weight * pace),
     )
 
 
 def way_along(place: np.ndarray, yaw: np.ndarray) -> float:
     """Way of the base along its own heading [m], from (F, 2) places [m] and (F,) headings [rad]."""
+    return float(np.sum(steps_along(place, yaw)))
+
+
+def steps_along(place: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """(F - 1,) parts of `way_along` [m], backward below 0."""
     step = np.diff(place, axis=0)
-    return float(np.sum(np.cos(yaw[:-1]) * step[:, 0] + np.sin(yaw[:-1]) * step[:, 1]))
+    return np.cos(yaw[:-1]) * step[:, 0] + np.sin(yaw[:-1]) * step[:, 1]
 
 
 def _commanded_heading(robot: Robot, yaw_rate: float, steps: int) -> np.ndarray:
-    """(steps,) heading [rad] that a command leads to, which comes into force over a while: `follow_command`."""
-    reached = robot.require_legs().yaw_rate * robot.control_dt / RAMP * np.arange(1, steps + 1)
-    return robot.control_dt * np.cumsum(np.sign(yaw_rate) * np.minimum(abs(yaw_rate), reached))
+    """(steps,) heading [rad] before every control step that a command leads to, 0 before the first.
+
+    The command comes into force over a while, see `follow_command`.
+    """
+    reached = robot.require_legs().yaw_rate * robot.control_dt / RAMP * np.arange(steps)
+    rates = np.sign(yaw_rate) * np.minimum(abs(yaw_rate), reached)  # of the control step before
+    return robot.control_dt * np.cumsum(rates)
 
 
 def _aside(place: np.ndarray, goal: np.ndarray, step: float) -> float:
@@ -138,6 +153,7 @@ def _swings(feet: FootMotion) -> list[list[float]]:
     return lifts
 
 
-def _fallen_at_once(legs: int) -> GaitQuality:
-    nan = float("nan")
-    return GaitQuality(0.0, 0.0, 1.0, nan, nan, np.full(legs, nan), *7 * [nan])
+def _of_a_short_walk(upright: float, legs: int) -> GaitQuality:
+    """Who fell at once got nowhere; of who is upright yet, nothing is known."""
+    speed, error = (math.nan, math.nan) if upright else (0.0, 1.0)
+    return GaitQuality(upright, speed, error, math.nan, math.nan, np.full(legs, math.nan), *7 * [math.nan])
