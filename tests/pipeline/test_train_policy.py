@@ -53,11 +53,12 @@ def test_validation_on_the_fleet_of_the_twin_deserves_a_note(tmp_path: Path):
 
 def test_what_cannot_be_trained_is_refused_by_the_name_of_the_argument(tmp_path: Path):
     fleet = mp.load_fleet("pupper_v2")
-    for options, words in (
+    cases: tuple[tuple[dict[str, Any], str], ...] = (
         ({"hidden_units": 5}, "hidden_units 5 is odd, .* -> give 6, or train without symmetry"),
         ({"hidden_units": -2}, "hidden_units -2"),
         ({"hidden_units": 257, "symmetric": False}, "hidden_units 257"),
-    ):
+    )
+    for options, words in cases:
         with pytest.raises(mp.ConfigError, match=words) as error:
             mp.train_policy(PUPPER_V2, fleet, **SHORT, **options)
         assert error.value.argument == "hidden_units"

@@ -49,7 +49,7 @@ def test_others_are_named_by_how_their_trainings_differ(trained: Path):
 
 def test_a_policy_that_went_on_from_another_is_no_seed_of_those_that_did_not(trained: Path):
     policy = Policy.load(trained / "trot" / POLICY)
-    further = [replace(policy, provenance=policy.provenance | {"start_sha256": start}) for start in ("1", "2", None)]
+    further = [replace(policy, provenance={**policy.provenance, "start_sha256": start}) for start in ("1", "2", None)]
     names = kinds_of([("ideal_pd", each) for each in further])
     assert names == [*2 * ["ideal_pd (begun from a policy)"], "ideal_pd (begun from the gait)"]
 

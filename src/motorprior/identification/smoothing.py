@@ -29,7 +29,7 @@ _TRIED_ROWS, _TRIED_MOTORS = 2000, 6
 _BLOCK, _FIRST_STATES = 500, 10
 """Rows that are tried together; those at whose end the filter has found the state in which they begin."""
 _MOVES = 0.25
-"""Of the widest motion within a block, what a block must have to count: at rest, a joint seems slow and free of noise."""
+"""Of the widest motion within a block, what a block must have to count: at rest, a joint seems slow and noiseless."""
 
 
 @njit(cache=True, nogil=True)
