@@ -69,7 +69,7 @@ def test_an_angle_beyond_its_limit_is_named(make_log):
     assert (finding.joint, finding.row, finding.value, finding.bound) == ("left", 42, -0.9, -0.5)
 
 
-@pytest.mark.parametrize("limits", [np.zeros((3, 2)), np.array([[1.0, -1.0]] * 2), np.full((2, 2), np.nan)])
+@pytest.mark.parametrize("limits", [np.zeros((3, 2)), np.array([[1.0, -1.0]] * 2), np.array([[np.nan, 1.0]] * 2)])
 def test_limits_that_do_not_fit_are_refused(make_log, limits):
     with pytest.raises(LogError, match="joint limits"):
         check_log(make_log(), limits)

@@ -34,7 +34,7 @@ def test_a_segment_begins_after_every_gap_and_nothing_else_changes(make_log: Mak
     assert not check_log(cut).of("gaps")
     for name, values in channels(log).items():
         np.testing.assert_array_equal(getattr(cut, name), values)
-    assert "2 gaps longer than 50 ms (5 median steps): 2.51 s before row 60, at 3.35 s; 2.51 s before row 130" in told
+    assert "2 gaps longer than 5 median steps: 2.51 s before row 60, at 3.35 s; 2.51 s before row 130" in told
     assert "left out" not in told
 
 
@@ -67,6 +67,17 @@ def test_a_segment_without_a_gap_is_not_left_out(make_log: Make):
     assert [part.stop - part.start for part in begin_at_gaps(log)[0].segment_slices()] == [50, 50, 3, 97]
 
 
+def test_a_slower_segment_has_no_gaps_for_that(make_log: Make):
+    """100 rows at 0.01 s, then 100 at 0.1 s in a segment of their own, which lacks half a second more."""
+    log = make_log(segment=np.repeat([0, 1], 100))
+    log.time[100:] = log.time[99] + 0.1 * np.arange(1, 101)
+    assert begin_at_gaps(log) == (log, "") and not check_log(log).of("gaps")
+    log.time[150:] += 0.55
+    cut, told = begin_at_gaps(log)
+    assert [part.start for part in cut.segment_slices()] == [0, 100, 150] and cut.num_rows == log.num_rows
+    assert "1 gap longer" in told and check_log(log).of("gaps")[0].row == 150
+
+
 def test_many_gaps_are_counted_and_the_first_named(make_log: Make):
     told = begin_at_gaps(late(make_log(), 1.0, *range(10, 200, 10)))[1]
     assert told.startswith("19 gaps longer than") and "and 14 more" in told and "before row 50," in told
@@ -75,6 +86,6 @@ def test_many_gaps_are_counted_and_the_first_named(make_log: Make):
 
 def test_rows_that_came_in_bursts_are_refused_with_a_remedy(make_log: Make):
     time = np.arange(200) * 1e-4 + 0.05 * (np.arange(200) // 3)
-    with pytest.raises(LogError, match="no 4 rows in 0 s or more without a gap") as refusal:
+    with pytest.raises(LogError, match="nowhere 4 rows without a gap") as refusal:
         begin_at_gaps(make_log(time=time))
     assert refusal.value.remedy is not None and "rate" in refusal.value.remedy

@@ -115,6 +115,13 @@ def test_a_unit_of_the_time_is_not_for_time_stamps(tmp_path: Path):
         read(tmp_path / "log.csv", [each.isoformat() for each in stamps()], MAP + '[units]\ntime = "ms"\n')
 
 
+def test_a_word_of_a_dictionary_that_no_row_uses_harms_nothing(tmp_path: Path):
+    words = pa.array(["never"] + [each.isoformat() for each in stamps()])
+    coded = pa.DictionaryArray.from_arrays(pa.array(np.arange(1, ROWS + 1), pa.int32()), words)
+    log = read(tmp_path / "log.parquet", coded)
+    np.testing.assert_allclose(log.time, SECONDS, rtol=0, atol=1e-9)
+
+
 def test_a_long_text_in_a_dictionary_is_no_time_stamp(tmp_path: Path):
     long = pa.DictionaryArray.from_arrays(pa.array(np.zeros(ROWS), pa.int32()), pa.array([60_000 * "x"]))
     with pytest.raises(LogError, match="row 0, when is 'xxx"):

@@ -34,7 +34,8 @@ def test_angles_that_are_too_large_are_named(make_log: MakeLog, size: float, sev
 def test_a_joint_may_turn_as_far_as_its_limits_say(make_log: MakeLog):
     log = make_log(joint_vel=None, time=0.1 * np.arange(200))
     log.joint_pos[:, 0] = 26.0 * np.sin(0.5 * log.time)
-    unknown = np.array([[-np.inf, np.inf]] * 2)
+    unknown, endless = np.full((2, 2), np.nan), np.array([[-np.inf, np.inf]] * 2)
+    assert units(log, endless) == [], "a wheel turns on and on"
     assert units(log) == units(log, unknown) == [("error", "left")]
     assert units(log, np.array([[-30.0, 30.0], [-1.0, 1.0]])) == []
     assert units(log, np.array([[-3.0, 3.0], [-1.0, 1.0]])) == [("error", "left")]
@@ -101,5 +102,5 @@ def test_angles_are_told_in_degrees(make_log: MakeLog):
 
 
 def test_joints_without_limits_are_named(make_log: MakeLog):
-    (found,) = check_log(make_log(), np.array([[-1.0, 1.0], [-np.inf, np.inf]])).of("limits")
+    (found,) = check_log(make_log(), np.array([[-1.0, 1.0], [np.nan, np.nan]])).of("limits")
     assert found.severity == "info" and "no limits for right: 1 of 2" in found.message

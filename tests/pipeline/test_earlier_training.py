@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.artifacts import read_tensors
+from motorprior.artifacts import read_tensors, write_json
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline import stage, training
 from motorprior.pipeline.earlier_training import _differences
@@ -51,6 +51,11 @@ def killed_before_its_marker(tmp_path: Path, every_iteration_is_saved: None) -> 
         patch.setattr(stage, "write_json", write)
         run_walk(walk(folder))
     return folder
+
+
+def test_what_another_stage_finished_there_is_no_policy(tmp_path: Path):
+    write_json(tmp_path / MARKER, {"stage": "bench", "config": {"motors": 32}, "seconds": 1.0})
+    assert "policy that was finished" not in heard_of(walk(tmp_path))
 
 
 def test_killed_before_its_marker_is_written_a_training_goes_on_from_its_checkpoint(

@@ -99,7 +99,7 @@ def test_a_gap_begins_a_segment_and_is_told(tmp_path: Path, period: float | None
     assert [part.num_rows for part in log.segments()] == ([601, 350] if period is None else [3001, 1746])
     assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9))
     assert not check_log(log).of("gaps")
-    assert f"{path}: 1 gap longer than 50 ms (5 median steps): 2.5 s before row 601, at 8.5 s; a segment begins" in said
+    assert f"{path}: 1 gap longer than 5 median steps: 2.5 s before row 601, at 8.5 s; a segment begins" in said
 
 
 def test_no_motion_is_invented_in_a_gap(tmp_path: Path):
@@ -130,7 +130,7 @@ def test_a_demo_takes_gaps_for_ends_of_segments_and_says_so(tmp_path: Path, monk
     )
     lines: list[str] = []
     real_motors.run_real_motors(config, show=lambda results, said: lines.extend(said))
-    assert any(line.startswith("swing: 1 gap longer than 50 ms") for line in lines)
+    assert any(line.startswith("swing: 1 gap longer than 5 median steps") for line in lines)
     for log in taken:
         assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9)) and not check_log(log).of("gaps")
     assert sum(log.num_rows for log in taken) > 4000

@@ -92,7 +92,7 @@ def test_an_arm_is_what_its_two_files_say(tmp_path: Path):
     assert (arm.name, arm.base, arm.joint_names, arm.num_links) == ("arm", "fixed", ("shoulder", "elbow"), 3)
     np.testing.assert_allclose(arm.limits, np.radians([[-90, 90], [-120, 120]]))
     asked = arm.limits_of(("elbow", "tail"))
-    np.testing.assert_allclose(asked, [[-np.radians(120), np.radians(120)], [-np.inf, np.inf]])
+    np.testing.assert_allclose(asked, [[-np.radians(120), np.radians(120)], [np.nan, np.nan]])
     assert [(joint.kp, joint.kd, joint.torque_limit) for joint in arm.joints] == [(20.0, 1.0, 4.0), (20.0, 1.0, 2.0)]
     np.testing.assert_array_equal(arm.nominal_pose, [0.1, -0.2])
     with pytest.raises(ConfigError, match="robot 'arm' cannot walk"):

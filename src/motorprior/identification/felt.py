@@ -1,6 +1,6 @@
 """Which constants of motors their logs feel: half and double of such a constant both replay the logs worse.
 
-So a log does not feel a constant of which half or double, one of the two at least, replays the log as well.
+A log does not feel a constant if half of it, or double, replays the log as well.
 """
 
 from __future__ import annotations

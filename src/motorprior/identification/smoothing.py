@@ -28,8 +28,6 @@ _TRIED_ROWS, _TRIED_MOTORS = 2000, 6
 """Rows and motors on which noise and density are chosen."""
 _BLOCK, _FIRST_STATES = 500, 10
 """Rows that are tried together; those at whose end the filter has found the state in which they begin."""
-_MOVES = 0.25
-"""Of the widest motion within a block, what a block must have to count: at rest, a joint seems slow and noiseless."""
 
 
 @njit(cache=True, nogil=True)
@@ -110,7 +108,10 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
 
 
 def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
-    """Rows on which noise and density are chosen: blocks in which the motor moves, from all over its log."""
+    """Rows on which noise and density are chosen: half where the motor moves fastest, half from all over its log.
+
+    At rest, in slow motion and in a steady one any density will do, and a low one is most likely.
+    """
     cut = [
         slice(first, min(first + _BLOCK, part.stop))
         for part in parts
@@ -119,11 +120,14 @@ def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
     ]
     if not cut:
         return []
-    width = np.array([np.ptp(readings[block]) for block in cut])
-    moving = np.flatnonzero(width >= _MOVES * width.max())
-    rows = float(np.mean([cut[each].stop - cut[each].start for each in moving]))
-    count = min(len(moving), max(1, round(_TRIED_ROWS / rows)))
-    return [cut[each] for each in moving[np.linspace(0, len(moving) - 1, count).round().astype(int)]]
+    count = min(len(cut), max(2, round(_TRIED_ROWS * len(cut) / sum(block.stop - block.start for block in cut))))
+    steps = [np.std(np.diff(readings[block])) for block in cut]
+    fastest = np.argsort(steps, kind="stable")[::-1][: (count + 1) // 2]
+    others = np.setdiff1d(np.arange(len(cut)), fastest)
+    spread = (
+        others[np.linspace(0, len(others) - 1, count - len(fastest)).round().astype(int)] if len(others) else others
+    )
+    return [cut[each] for each in sorted({*fastest.tolist(), *spread.tolist()})]
 
 
 def quantum(readings: np.ndarray) -> float:

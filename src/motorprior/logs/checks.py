@@ -35,7 +35,8 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
     Args:
         log: the log to look at; it must pass `checked`.
         joint_limits: (J, 2) lowest and highest angle of each joint [rad], for example
-            ``robot.limits_of(log.joint_names)``, infinite where they are not known; None if none is.
+            ``robot.limits_of(log.joint_names)``, NaN where they are not known, infinite of a joint that turns
+            on and on; None if none is known.
 
     Returns:
         Findings, errors first, each with what was measured, its bound and a remedy; ``usable`` where there is no error.
@@ -97,7 +98,8 @@ def require_plausible_angles(log: MotorLog, where: str | Path) -> None:
 
 def _checked_limits(log: MotorLog, joint_limits: np.ndarray) -> np.ndarray:
     limits = np.asarray(joint_limits, dtype=np.float64)
-    if limits.shape != (log.num_joints, 2) or not np.all(limits[:, 0] < limits[:, 1]):
+    unknown = np.isnan(limits).all(axis=-1)
+    if limits.shape != (log.num_joints, 2) or not np.all(unknown | (limits[:, 0] < limits[:, 1])):
         raise LogError(
             f"joint limits of shape {limits.shape}, expected ({log.num_joints}, 2) with lowest < highest",
             remedy="give one row (lowest, highest) [rad] per joint of the log",

@@ -49,16 +49,25 @@ def _jitter(steps: np.ndarray) -> float:
     return float((high - low) / np.median(steps))
 
 
+def gap_rows(log: MotorLog) -> np.ndarray:
+    """(G,) rows before which more than 5 median time steps of their own segment passed."""
+    found = []
+    for part in log.segment_slices():
+        steps = np.diff(log.time[part])
+        if len(steps):
+            found.append(part.start + 1 + np.flatnonzero(steps > GAP_FACTOR * np.median(steps)))
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.intp)
+
+
 def gaps(log: MotorLog) -> list[Finding]:
-    """Time steps of more than 5 medians within a segment."""
-    rows, steps = time_steps(log)
-    bound = GAP_FACTOR * float(np.median(steps))
-    late = steps > bound
-    if not late.any():
+    """Time steps of more than 5 medians of their segment."""
+    rows = gap_rows(log)
+    if not rows.size:
         return []
-    worst, first = int(np.argmax(steps)), int(rows[np.argmax(late)])
+    steps = log.time[rows] - log.time[rows - 1]
+    worst, first, bound = int(np.argmax(steps)), int(rows[0]), GAP_FACTOR * float(np.median(time_steps(log)[1]))
     message = (
-        f"{int(late.sum())} gaps longer than {1e3 * bound:.3g} ms (5 median steps), the first before row {first}, "
+        f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the first before row {first}, "
         f"the longest {1e3 * steps[worst]:.3g} ms before row {rows[worst]}"
     )
     remedy = "find out why rows are lost; `motorprior logs import` begins a segment after each gap"

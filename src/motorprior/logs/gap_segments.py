@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.clock_checks import GAP_FACTOR, gaps
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.clock_checks import GAP_FACTOR, gap_rows
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 
 LEAST_ROWS = 4
@@ -18,7 +18,7 @@ _MOST_NAMED = 5
 
 
 def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
-    """The log with a new segment after every gap, as the log doctor finds them (`clock_checks.gaps`).
+    """The log with a new segment after every gap, as the log doctor finds them (`clock_checks.gap_rows`).
 
     Args:
         log: as it was recorded.
@@ -31,22 +31,20 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     Raises:
         LogError: nothing is left.
     """
-    found = gaps(log)
-    bound = found[0].bound if found else None
-    if bound is None:
+    starts = gap_rows(log)
+    if not starts.size:
         return log, ""
-    rows, steps = time_steps(log)
-    starts = rows[steps > bound]
     parts = _pieces(log, starts, period)
     if not parts:
+        least = f" and {period:g} s" if period else ""
         raise LogError(
-            f"no {LEAST_ROWS} rows in {period:g} s or more without a gap of more than {1e3 * bound:.3g} ms, "
-            f"{GAP_FACTOR:g} median steps", where=log.source,
+            f"nowhere {LEAST_ROWS} rows{least} without a gap of more than {GAP_FACTOR:g} median steps",
+            where=log.source,
             remedy="record the time at which a row was measured, not received; or state its rate in the column map",
         )  # fmt: skip
     kept = log.rows(np.concatenate([np.arange(part.start, part.stop) for part in parts]))
     segment = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
-    told = _sentence(log, starts, bound, log.num_rows - kept.num_rows)
+    told = _sentence(log, starts, log.num_rows - kept.num_rows)
     return checked(replace(kept, segment=segment), where=log.source), told
 
 
@@ -63,7 +61,7 @@ def _is_short(log: MotorLog, piece: slice, period: float) -> bool:
     return piece.stop - piece.start < LEAST_ROWS or seconds < period
 
 
-def _sentence(log: MotorLog, starts: np.ndarray, bound: float, left_out: int) -> str:
+def _sentence(log: MotorLog, starts: np.ndarray, left_out: int) -> str:
     named = [
         f"{log.time[row] - log.time[row - 1]:.3g} s before row {row}, at {log.time[row]:.6g} s"
         for row in starts[:_MOST_NAMED]
@@ -72,6 +70,6 @@ def _sentence(log: MotorLog, starts: np.ndarray, bound: float, left_out: int) ->
     many = "1 gap" if len(starts) == 1 else f"{len(starts)} gaps"
     lost = f"; {left_out} rows between gaps, too few to use, are left out" if left_out else ""
     return (
-        f"{many} longer than {1e3 * bound:.3g} ms ({GAP_FACTOR:g} median steps): {'; '.join(named)}{more}; "
+        f"{many} longer than {GAP_FACTOR:g} median steps: {'; '.join(named)}{more}; "
         f"a segment begins after {'it' if len(starts) == 1 else 'each'}{lost}"
     )

@@ -16,7 +16,7 @@ _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
 
 def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
-    """Angles outside the limits, and joints without any; ``joint_limits`` (J, 2) [rad], infinite where not known."""
+    """Angles outside the limits, and joints without any; ``joint_limits`` (J, 2) [rad], NaN where not known."""
     found = _without_limits(log, joint_limits)
     for channel in ANGLES:
         angle = getattr(log, channel)
@@ -35,7 +35,7 @@ def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
 
 
 def _without_limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
-    unknown = np.flatnonzero(np.isinf(joint_limits).any(axis=1))
+    unknown = np.flatnonzero(np.isnan(joint_limits).any(axis=1))
     if not unknown.size:
         return []
     names = ", ".join(log.joint_names[column] for column in unknown)

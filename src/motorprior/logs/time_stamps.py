@@ -82,8 +82,9 @@ class TimeStamps:
         if self._first is None:
             self._with_zone = _parsed(column[:1], with_zone=True) is not None
         if pa.types.is_dictionary(column.type):
-            found = _parsed(column.dictionary, self._with_zone)
-            found = None if found is None else found.take(column.indices)
+            used, where = np.unique(column.indices.to_numpy(zero_copy_only=False), return_inverse=True)
+            found = _parsed(column.dictionary.take(pa.array(used)), self._with_zone)
+            found = None if found is None else found.take(pa.array(where))
         else:
             found = _parsed(column, self._with_zone)
         if found is None:

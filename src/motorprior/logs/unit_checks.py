@@ -44,10 +44,14 @@ def sizes(log: MotorLog, joint_limits: np.ndarray | None = None) -> list[Finding
 
     Args:
         log: the log.
-        joint_limits: (J, 2) lowest and highest angle [rad], infinite where they are not known; None if none is.
+        joint_limits: (J, 2) lowest and highest angle [rad], infinite of a joint that turns on and on, NaN where they
+            are not known; None if none is.
     """
-    limits = np.zeros((log.num_joints, 2)) if joint_limits is None else joint_limits
-    limits = np.where(np.isfinite(limits), limits, 0.0)
+    limits = (
+        np.zeros((log.num_joints, 2))
+        if joint_limits is None
+        else np.nan_to_num(joint_limits, posinf=np.inf, neginf=-np.inf)
+    )
     found = []
     for channel in ANGLES:
         for column in range(log.num_joints):

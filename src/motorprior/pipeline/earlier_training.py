@@ -38,12 +38,13 @@ def tell_what_is_lost(folder: Path, wanted: Mapping[str, Any], progress: Progres
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:
-    """The description of the finished stage in a folder."""
+    """The description of the finished training in a folder; None of another stage, or none."""
     try:
         found = read_json(folder / MARKER)
     except ArtifactError:
         return None
-    return {name: value for name, value in found.items() if name != "seconds"} if isinstance(found, dict) else None
+    is_training = isinstance(found, dict) and found.get("stage") == "walk" and isinstance(found.get("config"), dict)
+    return {name: value for name, value in found.items() if name != "seconds"} if is_training else None
 
 
 def _checkpoint(folder: Path) -> tuple[int, dict[str, Any] | None]:

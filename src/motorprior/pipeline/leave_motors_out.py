@@ -88,7 +88,7 @@ def leave_motors_out(
     left, of_group = with_joints(known, others), with_joints(judged, group)
     told = first_seconds(of_group, seconds)
     rest = of_group.rows(slice(told.num_rows, None))
-    alone = baseline_recipes(told, identification_preset(preset)).get(PER_MOTOR)
+    alone = baseline_recipes(told, identification_preset(preset), {PER_MOTOR}).get(PER_MOTOR)
     prior = fit_prior(left, preset, seed, out=out / "others", progress=progress)
     models: dict[str, LogModel] = {}
     if alone is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,12 +73,15 @@ def fitted_baselines(
     return models
 
 
-def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
+def baseline_recipes(
+    log: MotorLog, preset: Preset, wanted: Collection[str] | None = None
+) -> dict[str, tuple[str, Preset]]:
     """Preset and recipe of every baseline that is one, by name; its windows are no longer than the log allows.
 
     Args:
         log: what they are fitted to.
         preset: recipe of the prior.
+        wanted: names of the baselines; all if not given.
 
     Raises:
         LogError: every segment is too short for one of them; it names the log's source.
@@ -88,6 +92,7 @@ def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Pres
     if preset.period != BASELINE_PERIOD:
         return {}
     names = PRESETS | (LONG_RUNS if preset.window == NAMED["long_runs"].window else {})
+    names = {name: preset for name, preset in names.items() if wanted is None or name in wanted}
     recipes = {name: (preset, that_fits(NAMED[preset], log)) for name, preset in names.items()}
     for _, recipe in recipes.values():
         window_starts(log, recipe, log.source)

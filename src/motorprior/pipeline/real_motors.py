@@ -129,13 +129,13 @@ def _is_of(folder: LogFolder, robot: Robot) -> bool:
 def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> Look:
     known_robot, logs = _is_of(folder, robot), folder.logs
     fleet = fleet_of(config, robot, known_robot)
-    found = Look(_lines(config, folder))
+    whole, lines = _without_gaps(config, folder)
+    found = Look(lines)
     loads, why = _loads(config, logs, robot if known_robot else None)
     if loads is None and known_robot and fleet is not None and fleet.robot == robot.name:
         from motorprior.pipeline.look_by_replay import look_by_replay
 
         found += look_by_replay(logs, robot, fleet, "hung" if config.hung else "auto", config.seed, progress)
-    whole = {name: begin_at_gaps(log)[0] for name, log in logs.items()}
     parts = _moving(split(whole, _seconds(whole, loads is None), JUDGED_SECONDS).map(loads or _on_grid))
     found += Look((why, parts.told))
     if loads is None:
@@ -148,13 +148,24 @@ def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progres
     return found + look_with_loads(parts, described, fleet, config.seed, config.out / "prior", progress)
 
 
-def _lines(config: RealMotors, folder: LogFolder) -> tuple[str, ...]:
-    """What was left out, what is taken for granted, and where logs have gaps."""
-    lines = [f"left out {line}" for line in folder.left_out]
+def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], tuple[str, ...]]:
+    """The logs, segments begun after their gaps, and what was left out, taken for granted, and found of gaps.
+
+    Raises:
+        LogError: every log has gaps all over.
+    """
+    logs, lines = {}, [f"left out {line}" for line in folder.left_out]
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
-        told = (taken_for_granted(path, config.columns), begin_at_gaps(log)[1])
-        lines += [f"{name}: {line}" for line in told if line]
-    return tuple(lines)
+        try:
+            logs[name], told = begin_at_gaps(log)
+        except LogError as error:
+            if len(folder.logs) == 1:
+                raise
+            told = f"left out {error}"
+        lines += [f"{name}: {line}" for line in (taken_for_granted(path, config.columns), told) if line]
+    if not logs:
+        raise LogError("every log has gaps all over", where=config.logs, remedy="give logs of a steady clock")
+    return logs, tuple(lines)
 
 
 def fleet_of(config: RealMotors, robot: Robot, known_robot: bool) -> Fleet | None:

@@ -9,8 +9,7 @@ from motorprior.report.page import Section, Table
 from motorprior.report.study_tables import percent
 
 _CONSTANTS = {
-    "kp": "kp [N·m/rad]", "kd": "kd [N·m·s/rad]", "torque_limit": "torque limit [N·m]",
-    "armature": "armature [kg·m²]", "delay": "delay [s]", "coulomb": "Coulomb friction [N·m]",
+    "kp": "kp", "kd": "kd", "torque_limit": "limit", "armature": "armature", "delay": "delay", "coulomb": "Coulomb",
 }  # fmt: skip
 
 
@@ -33,7 +32,7 @@ def effort_section(fits: Mapping[str, Any], widths: Mapping[str, Any] | None) ->
 
 
 def _fits_table(fits: Mapping[str, Any]) -> Table:
-    columns = ("trained on", *_CONSTANTS.values(), "error [mrad]", "evaluations", "converged")
+    columns = ("trained on", *_CONSTANTS.values(), "error [mrad]", "runs", "converged")
     rows = tuple(
         (
             name, *(fit["constants"].get(each) for each in _CONSTANTS), 1000.0 * fit["error"], fit["evaluations"],
@@ -41,7 +40,12 @@ def _fits_table(fits: Mapping[str, Any]) -> Table:
         )
         for name, fit in fits.items()
     )  # fmt: skip
-    return Table(columns, rows, "Constants of one PD for all motors of the bench, and its closed-loop error there.")
+    caption = (
+        "Constants of one PD for all motors of the bench: kp [N·m/rad], kd [N·m·s/rad], torque limit [N·m], armature "
+        "[kg·m²], command delay [s], Coulomb friction [N·m]; its closed-loop error on the bench's log; runs through "
+        "that log that its search took."
+    )
+    return Table(columns, rows, caption)
 
 
 def _widths_table(widths: Mapping[str, Any]) -> Table:

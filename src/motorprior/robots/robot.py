@@ -202,9 +202,9 @@ class Robot:
         return np.array([(joint.lower, joint.upper) for joint in self.joints])
 
     def limits_of(self, joint_names: Sequence[str]) -> np.ndarray:
-        """(J, 2) lower and upper limit of some joints by name [rad]; -inf and inf of those that it does not have."""
+        """(J, 2) lower and upper limit of some joints by name [rad]; NaN of those that it does not have."""
         known = {joint.name: (joint.lower, joint.upper) for joint in self.joints}
-        return np.array([known.get(name, (-math.inf, math.inf)) for name in joint_names])
+        return np.array([known.get(name, (math.nan, math.nan)) for name in joint_names])
 
     @property
     def lower(self) -> np.ndarray:
