@@ -75,7 +75,8 @@ def test_a_slower_segment_has_no_gaps_for_that(make_log: Make):
     log.time[150:] += 0.55
     cut, told = begin_at_gaps(log)
     assert [part.start for part in cut.segment_slices()] == [0, 100, 150] and cut.num_rows == log.num_rows
-    assert "1 gap longer" in told and check_log(log).of("gaps")[0].row == 150
+    (finding,) = check_log(log).of("gaps")
+    assert "1 gap longer" in told and finding.row == 150 and finding.bound == pytest.approx(0.5)
 
 
 def test_many_gaps_are_counted_and_the_first_named(make_log: Make):

@@ -124,9 +124,7 @@ def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
     steps = [np.std(np.diff(readings[block])) for block in cut]
     fastest = np.argsort(steps, kind="stable")[::-1][: (count + 1) // 2]
     others = np.setdiff1d(np.arange(len(cut)), fastest)
-    spread = (
-        others[np.linspace(0, len(others) - 1, count - len(fastest)).round().astype(int)] if len(others) else others
-    )
+    spread = others[np.linspace(0, len(others) - 1, count - len(fastest)).round().astype(int)]
     return [cut[each] for each in sorted({*fastest.tolist(), *spread.tolist()})]
 
 

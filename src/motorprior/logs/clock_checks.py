@@ -65,7 +65,9 @@ def gaps(log: MotorLog) -> list[Finding]:
     if not rows.size:
         return []
     steps = log.time[rows] - log.time[rows - 1]
-    worst, first, bound = int(np.argmax(steps)), int(rows[0]), GAP_FACTOR * float(np.median(time_steps(log)[1]))
+    worst, first = int(np.argmax(steps)), int(rows[0])
+    part = next(part for part in log.segment_slices() if rows[worst] < part.stop)
+    bound = GAP_FACTOR * float(np.median(np.diff(log.time[part])))
     message = (
         f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the first before row {first}, "
         f"the longest {1e3 * steps[worst]:.3g} ms before row {rows[worst]}"
