@@ -10,11 +10,7 @@ import pytest
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification import fleet_fit
-from motorprior.identification.fleet_fit import (
-    STAGES,
-    FleetFit,
-    fit_fleet,
-)
+from motorprior.identification.fleet_fit import _LEAST_SPREAD, STAGES, FleetFit, _belief, _left_open, fit_fleet
 from motorprior.identification.initial_motor import initial_center, with_motor
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, _sums
 from motorprior.identification.presets import PRESETS
@@ -118,6 +114,28 @@ def test_a_motor_that_held_a_speed_has_no_limit_below_it(decoder_data: Data):
     found = np.exp(fit_fleet(bare(terms), runs, terms, True, 0, start=center + braked, turns=((NARROW, 3),)).raw)
     assert np.sum(runs.held_speed > 0.8) == 3  # the fourth is never asked for more than half of it
     assert np.all(found[:, speed] >= runs.held_speed), found[:, speed]
+
+
+def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: WindowRuns, found: FleetFit):
+    fit = MotorFit(found.network(bare()), runs)
+    at = Fit(found.offsets, found.loss, found.loss)
+    one = found.loss.mean() / fit.windows  # precision of a belief with variance 1
+    sure, unsure = (
+        _left_open(fit, at, Belief(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
+        for variance in (1e-13, 1.0)
+    )
+    np.testing.assert_allclose(sure, 1e-13, rtol=0.01)  # then the log adds nothing
+    assert np.all((sure < unsure) & (unsure <= 1.0))
+    shown, hidden = (unsure[PARAMETERS.index(name)] for name in ("kp", "stribeck_torque"))
+    assert hidden > 100.0 * shown, (shown, hidden)
+    narrow, wide = (_belief(at, fit.windows, left) for left in (0.0, unsure))
+    assert np.all(wide.precision <= narrow.precision)
+    np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
+
+
+def spread_of(z: np.ndarray) -> np.ndarray:
+    """(Z,) variance of one more motor around the median of M, from their distances to it."""
+    return (len(z) + 1) / (len(z) - 1) * np.mean((z - np.median(z, axis=0)) ** 2, axis=0)
 
 
 def test_losses_are_those_of_the_network_that_is_stored(runs: WindowRuns, found: FleetFit):

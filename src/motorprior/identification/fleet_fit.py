@@ -4,10 +4,12 @@ Decoder outputs are the logarithms of the constants (linear where they may be ne
 latent is one output. Alone, motors are fitted by a random search, Gauss-Newton steps and restarts. Together, restarts
 also begin at what other motors have, and a Gaussian over the motors is estimated with them by turns (empirical Bayes):
 
-    m = median over M motors,   v = (M + 1)/(M - 1)·mean of (z - m)²;   precision = T / (N·v),   T the mean loss
+    m = median over M motors,   v = (M + 1)/(M - 1)·mean of (z - m)² + mean of diag S;   precision = T / (N·v)
+    S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
 
-v is the variance of a further motor, as M motors tell it, and a window, of N, fitted as well as the average one counts
-as an observation. One motor is fitted alone.
+v is the variance of a further motor, as M motors tell it: how far apart they were found, and what their logs leave open
+of each (the expectation-maximisation of a Gaussian over motors; the first turn, before anything is believed, has no S).
+A window, of N, fitted as well as the average one counts as an observation. One motor is fitted alone.
 """
 
 from __future__ import annotations
@@ -99,9 +101,12 @@ def fit_fleet(
         other = restart(rng, fit, found, belief, together)
         found = found.better(fit.polish(other, belief, RESTART_STEPS))
         report()
-    for reach, steps in turns:
+    for turn, (reach, steps) in enumerate(turns):
         fit, found = _recentred(fit, found, held)
-        belief = _belief(found, fit.windows) if together else replace(belief, mean=began - _center(fit))
+        if together:
+            belief = _belief(found, fit.windows, _left_open(fit, found, belief) if turn else 0.0)
+        else:
+            belief = replace(belief, mean=began - _center(fit))
         belief = belief.holding(held)
         found = replace(found, energy=found.loss + belief.energy(found.z))
         again = fit.polish(found.z, belief, steps, reach)
@@ -185,12 +190,18 @@ def weak_belief(size: int) -> Belief:
     return Belief(np.zeros(size), np.full(size, _WEAK))
 
 
-def _belief(found: Fit, windows: int) -> Belief:
+def _left_open(fit: MotorFit, found: Fit, belief: Belief) -> np.ndarray:
+    """(Z,) variance of a motor's z that its own log leaves open, mean over the motors."""
+    precision = (fit.curvatures(found.z) + np.diag(belief.precision)) * fit.windows / found.loss.mean()
+    return np.einsum("mzz->mz", np.linalg.inv(precision)).mean(axis=0)
+
+
+def _belief(found: Fit, windows: int, left_open: np.ndarray | float) -> Belief:
     """What the motors say about one more."""
     mean = np.median(found.z, axis=0)
     motors = len(found.z)
     spread = (motors + 1) / (motors - 1) * np.mean((found.z - mean) ** 2, axis=0)
-    variance = np.maximum(spread, _LEAST_SPREAD**2)
+    variance = np.maximum(spread + left_open, _LEAST_SPREAD**2)
     return Belief(mean, found.loss.mean() / windows / variance)
 
 
