@@ -24,7 +24,8 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import load_fleet
 from motorprior.pipeline.prior_file import load_prior
-from motorprior.pipeline.twin_body import draw_motors
+from motorprior.pipeline.virtual.twin_body import draw_motors
+from motorprior.signals import rmse
 
 CONSTANTS = (
     *("kp", "kd_over_kp", "delay", "armature", "coulomb"),
@@ -51,8 +52,8 @@ def compared(name: str, found: np.ndarray, true: np.ndarray) -> dict[str, float]
         found, true = np.log(found), np.log(true)
     return {
         "correlation": float(np.corrcoef(found, true)[0, 1]),
-        "off": float(np.sqrt(np.mean((found - true) ** 2))),
-        "off_of_median": float(np.sqrt(np.mean((np.median(true) - true) ** 2))),
+        "off": float(rmse(found, true)),
+        "off_of_median": float(rmse(np.median(true), true)),
     }
 
 

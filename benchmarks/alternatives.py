@@ -48,6 +48,7 @@ from motorprior.pipeline.stage import write_results
 from motorprior.results import Result, Results
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.signals import rms
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
@@ -205,7 +206,7 @@ def free_run_error(run: Callable, parameters: Parameters, z: jnp.ndarray, held_o
     starts = held_out.starts[np.searchsorted(held_out.starts, np.arange(0, held_out.series.shape[1], 500))]
     windows = jnp.asarray(np.stack([held_out.series[:, start : start + rows] for start in starts]))
     errors = jax.jit(jax.vmap(lambda one: run(parameters, one, z)[0]))(windows)
-    return 1e3 * float(np.median(np.sqrt(np.mean(np.square(np.asarray(errors)), axis=(0, 1)))))
+    return 1e3 * float(np.median(rms(np.asarray(errors), axis=(0, 1))))
 
 
 def compare(settings: Settings) -> Results:

@@ -26,6 +26,7 @@ from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
 from motorprior.search.policy_search import advance, new_search
 from motorprior.search.policy_shape import PolicyShape
+from motorprior.signals import rmse
 from motorprior.simulation import bullet_world
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
@@ -96,7 +97,7 @@ def main() -> None:
                 other = in_bullet(there, motors, targets)
                 seconds += np.diff([*marks, time.perf_counter()])
                 apart = 0.0 if hung else float(np.hypot(*(one[1][-1] - other[1][-1])[:2]))
-                rows.append((1e3 * float(np.sqrt(np.mean(np.square(one[0] - other[0])))), apart))
+                rows.append((1e3 * float(rmse(one[0], other[0])), apart))
                 shown.setdefault(f"{kind} {'hung' if hung else 'ground'}", (one, other))
             there.close()
             place = "hung" if hung else "ground"
@@ -123,7 +124,7 @@ def convergence(prior: MotorPrior) -> dict[str, float]:
         motions.append(in_bullet(world, motors, targets))
         world.close()
     bullet_world.SOLVER_ITERATIONS = shipped
-    apart = 1e3 * float(np.sqrt(np.mean(np.square(motions[0][0] - motions[1][0]))))
+    apart = 1e3 * float(rmse(motions[0][0], motions[1][0]))
     print(f"{shipped} against {10 * shipped} solver iterations: {apart:.2g} mrad")
     return {"iterations_rmse_mrad": apart}
 

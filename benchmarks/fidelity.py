@@ -19,11 +19,11 @@ from motorprior.artifacts import write_text
 from motorprior.identification.bench_fidelity import Ensemble, Prediction
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.held_out import held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import seconds_of, write_results
-from motorprior.pipeline.validate import Validate, fidelity, load_priors, run_validate
+from motorprior.pipeline.validation.held_out import held_out_motors
+from motorprior.pipeline.validation.validate import Validate, fidelity, load_priors, run_validate
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

@@ -26,11 +26,11 @@ from motorprior.bench.facts import BenchFacts, read_bench
 from motorprior.identification.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.held_out import adapt_all, adapted_models, distribution, held_out_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import nominal_pd
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.pipeline.validation.held_out import adapt_all, adapted_models, distribution, held_out_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -72,7 +72,7 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
 def measure(settings: Settings, family: str) -> dict[str, float]:
     """The figures of one family, measured unless they are there."""
     paths, folder = identify(settings, family), settings.out / family / "measured"
-    wanted = description("validate", asdict(settings) | {"families": [family]}, list(paths.values()))
+    wanted = description("validate", __file__, asdict(settings) | {"families": [family]}, list(paths.values()))
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_json(folder / FIGURES, figures(settings, family, paths))

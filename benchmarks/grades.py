@@ -32,9 +32,9 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.study_cells import walk_table
-from motorprior.pipeline.study_conditions import Condition, fleet_of
-from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.transfer_study.condition import Condition, fleet_of
+from motorprior.pipeline.transfer_study.study_cells import walk_table
+from motorprior.pipeline.transfer_study.study_settings import Study
 from motorprior.report.plots_style import MODEL_COLORS, describe, new_figure, panels, png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot

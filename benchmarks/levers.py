@@ -21,6 +21,7 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.signals import rmse
 from motorprior.simulation import build_model, timed_paths
 from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.mj_call import library
@@ -112,7 +113,7 @@ def drive_of(motors: IdealPd, targets: np.ndarray) -> np.ndarray:
 def apart(one: np.ndarray, other: np.ndarray) -> float:
     """RMS difference of joint angles at the control steps of the first second [mrad]."""
     a, b = (angles[len(angles) // 200 - 1 :: len(angles) // 200][:100] for angles in (one, other))
-    return float(1e3 * np.sqrt(np.mean(np.square(a - b))))
+    return float(1e3 * rmse(a, b))
 
 
 def main() -> None:

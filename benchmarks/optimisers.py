@@ -30,15 +30,15 @@ from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.motor_provenance import choice_as_json
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import description, is_finished, remove, seconds_of, working
 from motorprior.pipeline.stopwatch import UNFINISHED
-from motorprior.pipeline.study_conditions import Condition
-from motorprior.pipeline.study_settings import Study
-from motorprior.pipeline.study_watch import twins_here, watched
-from motorprior.pipeline.trained_policy import policy_of
-from motorprior.pipeline.walk import POLICY, Walk, run_walk
+from motorprior.pipeline.transfer_study.condition import Condition
+from motorprior.pipeline.transfer_study.study_settings import Study
+from motorprior.pipeline.transfer_study.study_watch import twins_here, watched
+from motorprior.pipeline.walking.motor_provenance import choice_as_json
+from motorprior.pipeline.walking.trained_policy import policy_of
+from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -208,13 +208,8 @@ def train(walker: Walker, condition: Condition, seed: int) -> Path:
             PROGRESS, f"{method} {seed}",
         )  # fmt: skip
         return folder
-    inputs = [
-        *motors.inputs(walker.robot),
-        *walker.robot.files,
-        Path(__file__),
-        Path(__file__).with_name("searches.py"),
-    ]
-    wanted = description("walk", {"method": method, "seed": seed, "iterations": settings.iterations}, inputs)
+    inputs = [*motors.inputs(walker.robot), *walker.robot.files]
+    wanted = description("walk", __file__, {"method": method, "seed": seed, "iterations": settings.iterations}, inputs)
     if is_finished(folder, wanted):
         return folder
     PROGRESS.note(f"{method} {seed} ...")

@@ -22,7 +22,7 @@ from motorprior.artifacts import write_json
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.bench_fidelity import HELD_OUT_SEED, bench_errors
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
-from motorprior.pipeline.validate import load_priors
+from motorprior.pipeline.validation.validate import load_priors
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

@@ -2,7 +2,7 @@
 
     python benchmarks/real_logs.py --data DIR --out runs/real
 
-Models are judged by one free run over each whole held-out log, mean removed nowhere. Those of `pipeline.log_baselines`
+Models are judged by one free run over each whole held-out log, mean removed nowhere. Those of `log_baselines`
 have constants per joint, fitted to the same stretches of the known logs as the prior; ``prior`` is told nothing of the
 log but its joints and stated gains: its motor of the same joint, or its central motor; ``adapted`` knows the log's
 first 10 s and is judged on the rest. Loads (inertia, gravity and what other joints do to one) are those of the recorded
@@ -39,21 +39,21 @@ from motorprior.logs.puppersim import short_name
 from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_seconds
-from motorprior.pipeline.calibrate import Calibrate, run_calibrate
 from motorprior.pipeline.identify import PRIOR, fit_prior
-from motorprior.pipeline.leave_motors_out import leave_motors_out, motor_groups
-from motorprior.pipeline.log_baselines import (
+from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.recipe import recipe_of
+from motorprior.pipeline.replay.calibrate import Calibrate, run_calibrate
+from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
+from motorprior.pipeline.validation.log_baselines import (
     BaselineFits,
     fitted_baselines,
     fitted_responses,
     with_gains_of,
     with_some_load,
 )
-from motorprior.pipeline.log_stretches import stretches
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.raw_logs import LogsImport, import_logs
-from motorprior.pipeline.recipe import recipe_of
-from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.pipeline.validation.log_stretches import stretches
 from motorprior.robots.load import load_robot
 
 MODELS = (
@@ -119,7 +119,7 @@ def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[F
 def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
     """Figures of one fold, measured unless they are there."""
     folder = settings.out / robot / fold.name
-    wanted = description("validate", _counted(settings), [*fold.known, *fold.judged])
+    wanted = description("validate", __file__, _counted(settings), [*fold.known, *fold.judged])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_json(folder / FIGURES, _figures(settings, robot, fold, folder))
@@ -195,7 +195,7 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
     """The motors of one leg left out, judged on one of the logs; measured unless it is there."""
     robot, judged = load_robot(str(file)), paths[fold % len(paths)]
     folder = settings.out / robot.name / MOTORS_OUT / str(fold)
-    wanted = description("validate", _counted(settings), [*paths, judged, *robot.files])
+    wanted = description("validate", __file__, _counted(settings), [*paths, judged, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             known, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(judged)
@@ -284,7 +284,8 @@ def imported(settings: Settings, name: str, columns: str | None, robot: Path | N
     folder = settings.out / name / "logs"
     described = None if robot is None else str(robot)
     config = LogsImport(raw, folder, columns, RECIPE.period, hung=robot is not None, robot=described)
-    wanted = description("import", asdict(config), [*raw, *(load_robot(described).files if described else [])])
+    inputs = [*raw, *(load_robot(described).files if described else [])]
+    wanted = description("import", __file__, asdict(config), inputs)
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             import_logs(config)

@@ -22,7 +22,7 @@ from motorprior.hardware.protocol import Command, Sizes, Telemetry
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig
 from motorprior.hardware.virtual.injected import CommandCutter, NoisyLine
-from motorprior.pipeline.twin_body import TwinBody, draw_motors
+from motorprior.pipeline.virtual.twin_body import TwinBody, draw_motors
 from motorprior.robots.robot import Robot
 
 WAY = 1e-4

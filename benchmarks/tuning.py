@@ -68,7 +68,7 @@ def error(bench: Path, preset: Preset) -> float:
 def tune(settings: Settings) -> Results:
     """The grid; written after every training, so that an interrupted run goes on."""
     stage, files = settings.out / "identity.json", fleet_files(load_robot(DEFAULT_ROBOT), settings.fleet)
-    wanted = {"code": code_digest("identify"), "fleet": [digest(file) for file in files]}
+    wanted = {"code": code_digest(__file__), "fleet": [digest(file) for file in files]}
     same = stage.exists() and (settings.out / RESULTS).exists() and read_json(stage) == wanted
     results = read_results(settings.out) if same else Results()
     write_json(stage, wanted)

@@ -8,9 +8,8 @@ import numpy as np
 
 from motorprior.results import Result
 from motorprior.robots.robot import Robot
-from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.rollout import Episode
-from motorprior.transfer.gait_quality import WARM_UP, lasted, way_along
+from motorprior.transfer.gait_quality import WARM_UP, headings, lasted, way_along
 
 TURNS = "commanded/"
 """Beginning of the names of these quantities."""
@@ -40,7 +39,7 @@ def followed(robot: Robot, episodes: Sequence[Episode], steps: int) -> dict[str,
 def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
     """Speed along the heading [m/s] and yaw rate [rad/s] after the first second."""
     qpos = episode.trace[round(WARM_UP / robot.control_dt) :]
-    yaw = np.unwrap([roll_pitch_yaw(quat)[2] for quat in qpos[:, 3:7]])
+    yaw = headings(qpos)
     time = robot.control_dt * (len(qpos) - 1)
     return way_along(qpos[:, :2], yaw) / time, float(yaw[-1] - yaw[0]) / time
 

@@ -33,7 +33,7 @@ from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, drawn_from, load_robot_fleet
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.walk import POLICY, Walk, run_walk
+from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

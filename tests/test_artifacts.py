@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
-from motorprior.artifacts import atomic_path, read_json, read_tensors, require_keys, write_json, write_tensors
+from motorprior.artifacts import atomic_path, dotted, read_json, read_tensors, require_keys, write_json, write_tensors
 from motorprior.exceptions import ArtifactError
 
 
@@ -125,6 +125,11 @@ def test_what_is_not_json_is_refused(tmp_path: Path, content: bytes):
     (tmp_path / "run.json").write_bytes(content)
     with pytest.raises(ArtifactError, match=r"not (valid JSON|a text file)"):
         read_json(tmp_path / "run.json")
+
+
+def test_a_table_of_tables_is_one_of_dotted_names():
+    table = {"a": {"b": {"c": 1}, "d": [{"e": 2}], "f": {}}, "g": None}
+    assert dotted(table) == {"a.b.c": 1, "a.d": [{"e": 2}], "a.f": {}, "g": None}
 
 
 def test_keys_too_many_and_too_few_are_both_named():

@@ -3,10 +3,12 @@
 import ast
 import re
 import warnings
-from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from motorprior.pipeline.module_imports import imported
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
@@ -55,23 +57,9 @@ HOMES = {
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
     "filelock": "pipeline/folder_lock",
-    "tensorboardX": "pipeline/tensorboard",
+    "tensorboardX": "pipeline/walking/tensorboard",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
-
-
-def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of everything imported, at any depth, relative imports resolved."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            start = package[: len(package) - node.level + 1] if node.level else []
-            module = ".".join([*start, *([node.module] if node.module else [])])
-            yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
-            names = [a.value for a in node.args[:1] if isinstance(a, ast.Constant)]
-            yield from ((node.lineno, str(name)) for name in names)
 
 
 def layer(name: str, source: Path) -> str:
@@ -131,18 +119,23 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_home():
             "importlib.import_module('mujoco')",
             "mujoco is at home in simulation/ and robots/user_model only",
         ),
+        (
+            "robots/spec.py",
+            "command = ['python', '-m', 'motorprior.simulation.render_process', '-h']",
+            "robots imports simulation",
+        ),
         ("search/policy_search.py", "import ray", "ray is at home in search/executor only"),
         ("misc/thing.py", "", "misc has no place in the order"),
         ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
-        ("pipeline/walk.py", "import motorprior as mp", "pipeline imports public"),
+        ("pipeline/walking/walk.py", "import motorprior as mp", "pipeline imports public"),
         ("robots/spec.py", "from motorprior import load_fleet", "robots imports public"),
-        ("__init__.py", "from motorprior.pipeline.walk import run_walk", None),
+        ("__init__.py", "from motorprior.pipeline.walking.walk import run_walk", None),
         ("search/executor.py", "import ray\nfrom motorprior.locomotion.policy import act", None),
-        ("cli/main.py", "import tyro\nfrom motorprior.pipeline import walk", None),
+        ("cli/main.py", "import tyro\nfrom motorprior.pipeline.walking import walk", None),
         ("environments.py", "from motorprior.cli import main", "environments imports cli"),
-        ("pipeline/walk.py", "from motorprior.cli.console import TERMINAL", "pipeline imports cli"),
+        ("pipeline/walking/walk.py", "from motorprior.cli.console import TERMINAL", "pipeline imports cli"),
         ("report/page.py", "from motorprior.pipeline import stage", "report imports pipeline"),
-        ("pipeline/walk.py", "import tyro", "tyro is at home in cli/ only"),
+        ("pipeline/walking/walk.py", "import tyro", "tyro is at home in cli/ only"),
     ],
 )
 def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: str | None):
@@ -153,6 +146,17 @@ def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: st
     (tmp_path / place).write_text(code)
     found = [line.split(": ", 1)[1] for line in violations(tmp_path)]
     assert found == ([breach] if breach else [])
+
+
+def test_the_steps_of_the_pipeline_import_one_way():
+    folder, needs = SOURCE / "pipeline", {}
+    for file in folder.rglob("*.py"):
+        inside = file.relative_to(folder)
+        step = inside.parts[0].removesuffix(".py")
+        for _, name in imported(ast.parse(file.read_text("utf-8")), ["motorprior", "pipeline", *inside.parent.parts]):
+            if name.startswith("motorprior.pipeline.") and (other := name.split(".")[2]) != step:
+                needs.setdefault(step, set()).add(other)
+    assert len(list(TopologicalSorter(needs).static_order())) > 20  # or CycleError
 
 
 def test_the_host_never_imports_the_virtual_robot():

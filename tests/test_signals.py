@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motorprior.signals import high_frequency_rms, rmse
+from motorprior.signals import high_frequency_rms, rmse, runs_of_true
 
 PERIOD = 0.002
 
@@ -14,6 +14,12 @@ def test_rmse_of_a_constant_difference_is_its_size():
     np.testing.assert_allclose(rmse(a + offset, a, axis=0), np.abs(offset), atol=1e-15)
     # sqrt((0.09 + 0.16 + 0) / 3) = 0.5 / sqrt(3)
     assert rmse(a + offset, a) == pytest.approx(0.5 / np.sqrt(3))
+
+
+def test_runs_of_true_are_each_from_its_first_index_to_the_one_after_its_last():
+    mask = np.array([True, False, True, True, False, False, True])
+    assert runs_of_true(mask).tolist() == [[0, 1], [2, 4], [6, 7]]
+    assert runs_of_true(mask & False).shape == (0, 2)
 
 
 @pytest.mark.parametrize("count", [500, 501])

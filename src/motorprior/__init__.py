@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from motorprior.logs.registry import read_log as read_log
     from motorprior.pipeline.adapt import adapt as adapt
     from motorprior.pipeline.bench import record_bench as record_bench
-    from motorprior.pipeline.comparison import compare as compare
     from motorprior.pipeline.identify import fit_prior as fit_prior
     from motorprior.pipeline.progress import Lines as Lines
     from motorprior.pipeline.simulate import simulate as simulate
-    from motorprior.pipeline.train_policy import train_policy as train_policy
+    from motorprior.pipeline.transfer_study.comparison import compare as compare
+    from motorprior.pipeline.walking.train_policy import train_policy as train_policy
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot
     from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
@@ -63,7 +63,7 @@ _MODULES = {
     "SimulationFault": "exceptions",
     "adapt": "pipeline.adapt",
     "check_log": "logs.checks",
-    "compare": "pipeline.comparison",
+    "compare": "pipeline.transfer_study.comparison",
     "fit_prior": "pipeline.identify",
     "load_fleet": "bench.fleet",
     "load_robot": "robots.load",
@@ -72,7 +72,7 @@ _MODULES = {
     "read_log": "logs.registry",
     "record_bench": "pipeline.bench",
     "simulate": "pipeline.simulate",
-    "train_policy": "pipeline.train_policy",
+    "train_policy": "pipeline.walking.train_policy",
     "write_log": "logs.parquet_io",
 }
 """Where each public name lives; the imports above say the same to type checkers."""

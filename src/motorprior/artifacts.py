@@ -149,6 +149,20 @@ def _finite(text: str) -> float:
     return value
 
 
+def dotted(table: Mapping[str, Any], within: str = "") -> dict[str, Any]:
+    """Dotted name -> value of a table of tables; lists and empty tables are values.
+
+    Args:
+        table: as JSON.
+        within: beginning of the names, the dot included.
+    """
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        is_table = isinstance(value, Mapping) and value
+        found |= dotted(value, f"{within}{name}.") if is_table else {within + name: value}
+    return found
+
+
 def read_json(path: Path) -> Any:
     """Read JSON.
 

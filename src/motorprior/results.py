@@ -17,7 +17,7 @@ SCHEMA_VERSION = 1
 _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"} | {
     quantile: f"/{quantile}" for quantile in ("p50", "p99", "max")
 }
-"""Of a figure's name, for the statistics that stand beside another one."""
+"""What a row's statistic adds to the quantity in a figure's name; others, such as the median, add nothing."""
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 
+def rms(values: np.ndarray, axis: int | tuple[int, ...] | None = None) -> np.ndarray:
+    """Root mean square over ``axis`` (all axes by default)."""
+    return np.sqrt(np.mean(np.square(values), axis=axis))
+
+
 def rmse(a: np.ndarray, b: np.ndarray, axis: int | tuple[int, ...] | None = None) -> np.ndarray:
     """Root mean square of ``a - b`` over ``axis`` (all axes by default)."""
-    return np.sqrt(np.mean(np.square(np.asarray(a) - np.asarray(b)), axis=axis))
+    return rms(np.asarray(a) - np.asarray(b), axis)
+
+
+def runs_of_true(mask: np.ndarray) -> np.ndarray:
+    """(R, 2) first index of each run of True in a mask (T,), and the index after its last."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
 
 
 def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from motorprior.cli.main import main
 from motorprior.logs.puppersim import csv_columns
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk import Walk, run_walk
 from motorprior.robots.pupper_v2 import spec
 
 

@@ -31,7 +31,7 @@ from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.pipeline.bench import Bench
 from motorprior.pipeline.demo import Demo
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.virtual_robot import Virtual
+from motorprior.pipeline.virtual.virtual_robot import Virtual
 
 COMMANDS = (
     *(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.cli.transfer import _command
-from motorprior.pipeline.study_settings import Study
+from motorprior.pipeline.transfer_study.study_settings import Study
 
 
 @pytest.mark.parametrize(

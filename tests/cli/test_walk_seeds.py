@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk import Walk, run_walk
 
 SMALL = ("walk", "--actuator", "pd", "--episode-steps", 10, "--iterations", 1)
 

@@ -128,7 +128,7 @@ def test_the_column_map_on_the_page_is_understood(tmp_path: Path):
     known = load_column_map(path)
     assert [joint.name for joint in known.joints] == ["shoulder_pan", "shoulder_lift"]
     assert known.gain_unit == "firmware" and {joint.kp for joint in known.joints} == {16.0}
-    assert known.firmware == {"profile_acceleration": 39}
+    assert known.firmware == {"profile_acceleration": 39} and known.posture == "fixed"
 
 
 def test_the_tables_of_channels_on_the_page_are_understood(tmp_path: Path):

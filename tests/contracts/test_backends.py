@@ -15,7 +15,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_backend import SerialBackend
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.virtual_robot import in_thread
-from motorprior.pipeline.virtual_robot import Virtual, make
+from motorprior.pipeline.virtual.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend

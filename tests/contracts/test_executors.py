@@ -16,7 +16,7 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walk import Walk, scene
+from motorprior.pipeline.walking.walk import Walk, scene
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search import executor_ray
 from motorprior.search.ars import ArsConfig

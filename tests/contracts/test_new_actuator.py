@@ -1,19 +1,21 @@
-"""A new actuator is one file, this one, and one entry in the registry: it walks and runs on the bench at once."""
+"""A new actuator is one file, this one: it walks and runs on the bench at once."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pytest
 from numba import njit
 from policies import random_policy
 
-from motorprior.actuator import registry
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.foreign_step import FOREIGN
+from motorprior.actuator.friction_pd import FRICTION_PD
+from motorprior.actuator.grey_box import GREY_BOX
+from motorprior.actuator.ideal_pd import IDEAL_PD, IdealPd
 from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.latent import LATENT
+from motorprior.actuator.physical import PHYSICAL
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation import rollout
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
@@ -43,8 +45,9 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 SPRING = ActuatorKind(
-    "spring", "spring", "#123456", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, longest_step=0.004
+    "spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, longest_step=0.004
 )
+KINDS = (IDEAL_PD, FRICTION_PD, PHYSICAL, LATENT, GREY_BOX, FOREIGN, SPRING)
 
 
 @dataclass(frozen=True)
@@ -102,17 +105,8 @@ def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
     np.testing.assert_allclose(new.encoder_pos, new.joint_pos + READS_MORE)
 
 
-def test_one_entry_gives_it_a_name_and_a_colour_in_every_table(monkeypatch: pytest.MonkeyPatch):
-    with pytest.raises(ConfigError, match="spring") as error:
-        registry.title("spring")
-    assert error.value.remedy is not None and "ideal_pd" in error.value.remedy
-    monkeypatch.setattr(registry, "KINDS", (*registry.KINDS, SPRING))
-    assert (registry.title("spring"), registry.colour("spring")) == ("spring", "#123456")
-    assert registry.title("tuned_pd") == "tuned PD"
-
-
 def test_a_kind_says_where_its_encoder_is():
-    encoders = {kind.name: kind.encoder for kind in (*registry.KINDS, SPRING)}
+    encoders = {kind.name: kind.encoder for kind in KINDS}
     assert encoders == {
         "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "foreign": "rotor",
         "pd_friction": "joint", "spring": "rotor",
@@ -120,16 +114,11 @@ def test_a_kind_says_where_its_encoder_is():
 
 
 def test_a_kind_says_how_finely_it_is_simulated():
-    steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in (*registry.KINDS, SPRING)}
+    steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in KINDS}
     assert steps == {
         "ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "foreign": 0.001,
         "pd_friction": 0.002, "spring": 0.001,
     }  # fmt: skip
     light = replace(PUPPER_V2, physics_dt=0.001, twin_physics_dt=0.00025)
-    assert light.physics_step(registry.PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"
-    assert replace(light, twin_physics_dt=0.005).physics_step(registry.PHYSICAL.longest_step) == 0.001
-
-
-def test_names_of_models_are_unique():
-    names = [model.name for kind in registry.KINDS for model in kind.models]
-    assert len(set(names)) == len(names)
+    assert light.physics_step(PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"
+    assert replace(light, twin_physics_dt=0.005).physics_step(PHYSICAL.longest_step) == 0.001

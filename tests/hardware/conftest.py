@@ -23,7 +23,7 @@ from motorprior.hardware.virtual.firmware import IDLE, Drive, Sensors
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
 from motorprior.locomotion.policy import zero_policy
 from motorprior.logs.robot_run import Mode
-from motorprior.pipeline.virtual_robot import Virtual, make
+from motorprior.pipeline.virtual.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import SafetyLimits

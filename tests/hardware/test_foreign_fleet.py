@@ -3,7 +3,7 @@
 import pytest
 
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.virtual_robot import Virtual, make
+from motorprior.pipeline.virtual.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 

@@ -8,7 +8,7 @@ import pytest
 from closing_the_loop import CONTROL, Outcome, VirtualRobot, by_wear, figures_file
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.pipeline.twin_body import TwinBody, draw_motors
+from motorprior.pipeline.virtual.twin_body import TwinBody, draw_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from simulated_port import SimulatedPort

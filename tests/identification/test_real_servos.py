@@ -25,7 +25,7 @@ from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.parquet_io import read_parquet
 from motorprior.logs.registry import read_log
-from motorprior.pipeline.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 

@@ -10,7 +10,6 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.fleet_fit import TURNS, fit_fleet
 from motorprior.identification.latent_fit import adapt
-from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.reference import (
     LEVELS,
@@ -24,6 +23,7 @@ from motorprior.identification.reference import (
     reference_metrics,
 )
 from motorprior.identification.residual import without_residual
+from motorprior.identification.standardise import standard_posterior
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import training_data
 

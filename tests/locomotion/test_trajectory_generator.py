@@ -30,7 +30,7 @@ def targets(phase, forward=0.3, yaw_rate=0.0, height=0.0, ratio=1.0, lift=LIFT, 
 @pytest.fixture(scope="module")
 def feet():
     """From (steps, joints) angles to (steps, legs, 3) centres of the feet in the body's frame [m], by MuJoCo."""
-    model = build_model(PUPPER_V2, 0.002, 0.5, hung=True)
+    model = build_model(PUPPER_V2, hung=True)
     data, geoms = mujoco.MjData(model), [model.geom(leg.foot).id for leg in PUPPER_V2.legs]
 
     def places(angles: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ def test_a_standing_robot_is_carried_by_all_legs_whatever_the_phase():
 
 
 def test_the_robot_weighs_what_its_model_weighs():
-    model = build_model(PUPPER_V2, 0.002, 0.5, hung=False)
+    model = build_model(PUPPER_V2)
     assert BODY.weight == pytest.approx(9.81 * model.body_mass.sum(), rel=1e-6)
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.checks import check_log, drop_repeats
+from motorprior.logs.checks import check_log
 from motorprior.logs.puppersim import read_puppersim_logs
+from motorprior.logs.resampling import drop_repeats
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER
 

@@ -235,6 +235,13 @@ def test_a_check_finds_what_was_done(
     assert [finding.message for finding in found] != [finding.message for finding in healthy]
 
 
+@pytest.mark.parametrize("change", [change for *_, change in CASES])
+def test_a_remedy_in_a_column_map_is_not_the_only_one(rich_log: MotorLog, change: Callable[[MotorLog], MotorLog]):
+    """Not every format takes one."""
+    for finding in check_log(change(rich_log), LIMITS).findings:
+        assert "column map" not in finding.remedy or "file" in finding.remedy or "sensor" in finding.remedy, finding
+
+
 def test_every_check_has_its_case(rich_log: MotorLog):
     known = {check for check, *_ in CASES}
     for _, _, _, change in CASES:

@@ -27,7 +27,7 @@ def test_a_log_without_gaps_is_left_as_it_is(make_log: Make, full_log: MotorLog)
 
 
 def test_a_segment_begins_after_every_gap_and_nothing_else_changes(make_log: Make):
-    log = late(make_log(), 2.5, 60, 130)
+    log = late(make_log(posture=np.repeat([1, 0], [80, 120])), 2.5, 60, 130)
     assert check_log(log).of("gaps")
     cut, told = begin_at_gaps(log, 0.002)
     assert [(part.start, part.stop) for part in cut.segment_slices()] == [(0, 60), (60, 130), (130, 200)]

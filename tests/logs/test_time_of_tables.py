@@ -103,6 +103,13 @@ def test_a_missing_time_stamp_of_parquet_is_named(tmp_path: Path):
         read(tmp_path / "log.parquet", pa.array(some, pa.timestamp("us")))
 
 
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+@pytest.mark.parametrize("time", ["clock", "clock[0]"])
+def test_a_missing_column_of_times_is_named(tmp_path: Path, name: str, time: str):
+    with pytest.raises(LogError, match=r"no column 'clock'; it has 'when', 'goal_a', 'pos_a'"):
+        read(tmp_path / name, SECONDS, MAP.replace('"when"', f'"{time}"'))
+
+
 def test_stamps_that_run_backwards_are_refused(tmp_path: Path):
     some = stamps()
     some[4], some[5] = some[5], some[4]

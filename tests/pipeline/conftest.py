@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk import Walk, run_walk
 
 
 @pytest.fixture(scope="session")

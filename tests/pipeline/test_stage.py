@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import SimulationFault
-from motorprior.pipeline import digests, stopwatch
+from motorprior.pipeline import stopwatch
 from motorprior.pipeline.demo import _Stages
 from motorprior.pipeline.report import STAGES, belonging_stages, seconds_by_kind
 from motorprior.pipeline.stage import MARKER, is_finished, seconds_of, working
@@ -135,8 +135,3 @@ def test_without_a_list_nothing_is_known_to_belong(tmp_path: Path, text: str):
 def test_the_marker_says_what_was_asked_and_how_long_it_took(tmp_path: Path, clock: Clock):
     work(clock, tmp_path, 2.0)
     assert read_json(tmp_path / MARKER) == {**WANTED, "seconds": 2.0}
-
-
-def test_every_pattern_of_code_that_no_number_depends_on_matches_a_file():
-    package = Path(digests.__file__).parents[1]
-    assert [pattern for pattern in digests._NO_NUMBERS if not list(package.glob(pattern))] == []

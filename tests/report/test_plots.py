@@ -10,15 +10,18 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from motorprior.report import plots
 from motorprior.report.gait_picture import gait_animation, gait_strip
-from motorprior.report.plots_directions import (
+from motorprior.report.latent_directions import (
     Directions,
     behaviour_directions,
     best_explained,
     principal_directions,
 )
-from motorprior.report.plots_style import png_bytes
+from motorprior.report.plots_latent import latent_map
+from motorprior.report.plots_motor import closed_loop, excitation_and_response, torque_fit
+from motorprior.report.plots_robot import real_replay, robot_traces
+from motorprior.report.plots_study import fidelity_bars, learning_curves, transfer_bars
+from motorprior.report.plots_style import MODEL_COLORS, model_color, model_label, png_bytes
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.skeleton import Skeleton, skeleton
@@ -60,20 +63,20 @@ FIDELITY = {
 }
 OWN, TWIN = {"rollout": (0.4, 1.0), "paper": (-0.1, 0.3)}, {"rollout": (0.38, 0.99), "tuned_pd": (0.1, 0.9)}
 MAKERS: dict[str, Callable[[], Figure]] = {
-    "excitation": lambda: plots.excitation_and_response(TIME, ANGLE, ANGLE, ANGLE, ANGLE, ANGLE, "motor 1"),
-    "excitation_bare": lambda: plots.excitation_and_response(TIME, ANGLE, ANGLE, None, None, None, "motor 1"),
-    "torque_fit": lambda: plots.torque_fit(TIME, ANGLE, MODELS),
-    "latent_0": lambda: plots.latent_map(*latents(0)),
-    "latent_1": lambda: plots.latent_map(*latents(1)),
-    "latent_2": lambda: plots.latent_map(*latents(2)),
-    "latent_4": lambda: plots.latent_map(*latents(4)),
-    "closed_loop": lambda: plots.closed_loop(TIME, ANGLE, ANGLE, MODELS, "motor 1"),
-    "robot": lambda: plots.robot_traces(TIME, ANGLE, MODELS, ANGLE, MODELS, "FR_knee", "on the ground"),
-    "curves": lambda: plots.learning_curves(curves()),
-    "fidelity": lambda: plots.fidelity_bars(FIDELITY),
-    "transfer": lambda: plots.transfer_bars(OWN, TWIN),
-    "real": lambda: plots.real_replay(TIME, ANGLE, ANGLE, MODELS, (ANGLE - 0.1, ANGLE + 0.1), "FR_hip", "log"),
-    "real_bare": lambda: plots.real_replay(TIME, ANGLE, ANGLE, MODELS, None, "FR_hip", "log"),
+    "excitation": lambda: excitation_and_response(TIME, ANGLE, ANGLE, ANGLE, ANGLE, ANGLE, "motor 1"),
+    "excitation_bare": lambda: excitation_and_response(TIME, ANGLE, ANGLE, None, None, None, "motor 1"),
+    "torque_fit": lambda: torque_fit(TIME, ANGLE, MODELS),
+    "latent_0": lambda: latent_map(*latents(0)),
+    "latent_1": lambda: latent_map(*latents(1)),
+    "latent_2": lambda: latent_map(*latents(2)),
+    "latent_4": lambda: latent_map(*latents(4)),
+    "closed_loop": lambda: closed_loop(TIME, ANGLE, ANGLE, MODELS, "motor 1"),
+    "robot": lambda: robot_traces(TIME, ANGLE, MODELS, ANGLE, MODELS, "FR_knee", "on the ground"),
+    "curves": lambda: learning_curves(curves()),
+    "fidelity": lambda: fidelity_bars(FIDELITY),
+    "transfer": lambda: transfer_bars(OWN, TWIN),
+    "real": lambda: real_replay(TIME, ANGLE, ANGLE, MODELS, (ANGLE - 0.1, ANGLE + 0.1), "FR_hip", "log"),
+    "real_bare": lambda: real_replay(TIME, ANGLE, ANGLE, MODELS, None, "FR_hip", "log"),
     "strip": lambda: gait_strip(trot(), 0.01, "trot"),
 }
 
@@ -101,28 +104,28 @@ def test_a_model_has_the_same_colour_in_every_trace():
     for name in ("torque_fit", "closed_loop", "robot", "curves"):
         lines = [line for axes in MAKERS[name]().axes for line in axes.lines if str(line.get_label())[:5] == "paper"]
         assert lines
-        assert {to_rgb(line.get_color()) for line in lines} == {to_rgb(plots.MODEL_COLORS["paper"])}
+        assert {to_rgb(line.get_color()) for line in lines} == {to_rgb(MODEL_COLORS["paper"])}
 
 
 def test_a_file_keeps_white_and_a_models_colour():
     image = Image.open(BytesIO(png_bytes(MAKERS["transfer"](), dpi=60))).convert("RGB")
     pixels = np.asarray(image).reshape(-1, 3)
-    for color in ("white", plots.MODEL_COLORS["rollout"]):
+    for color in ("white", MODEL_COLORS["rollout"]):
         wanted = np.round(np.array(to_rgb(color)) * 255)
         assert np.count_nonzero(np.all(pixels == wanted, axis=1)) > 100
 
 
 def test_variants_and_unknown_models_have_a_colour_and_a_name():
-    assert plots.model_color("rollout_adapted") == plots.MODEL_COLORS["rollout"]
-    assert plots.model_label("rollout_adapted") == "rollout adapted"
-    assert plots.model_label("ideal_pd") == "ideal PD"
-    assert plots.model_color("something_else") not in plots.MODEL_COLORS.values()
-    assert plots.model_label("something_else") == "something else"
+    assert model_color("rollout_adapted") == MODEL_COLORS["rollout"]
+    assert model_label("rollout_adapted") == "rollout adapted"
+    assert model_label("ideal_pd") == "ideal PD"
+    assert model_color("something_else") not in MODEL_COLORS.values()
+    assert model_label("something_else") == "something else"
 
 
 def test_a_model_that_diverges_does_not_flatten_the_truth():
     wild = {"paper": ANGLE * np.exp(20 * TIME), "rollout": np.where(TIME > 0.5, np.nan, ANGLE)}
-    figure = plots.closed_loop(TIME, ANGLE, ANGLE, wild, "motor 1")
+    figure = closed_loop(TIME, ANGLE, ANGLE, wild, "motor 1")
     low, high = figure.axes[0].get_ylim()
     assert np.ptp(ANGLE) <= high - low < 3 * np.ptp(ANGLE)
     labels = [str(line.get_label()) for line in figure.axes[0].lines]
@@ -130,7 +133,7 @@ def test_a_model_that_diverges_does_not_flatten_the_truth():
 
 
 def test_the_median_curve_covers_what_all_seeds_share():
-    figure = plots.learning_curves(curves())
+    figure = learning_curves(curves())
     (line,) = [line for line in figure.axes[0].lines if line.get_label() == "rollout, 2 seeds"]
     x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
     assert x[0] == 0 and x[-1] == 36

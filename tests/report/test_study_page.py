@@ -16,8 +16,8 @@ from study_walks import CONDITIONS, PLACES, invented, steps_in_place, table_of, 
 
 from motorprior.artifacts import write_json, write_tensors
 from motorprior.exceptions import ArtifactError
-from motorprior.pipeline.study_report import build_study_report
-from motorprior.pipeline.study_settings import FITS, SPREADS
+from motorprior.pipeline.transfer_study.study_report import build_study_report
+from motorprior.pipeline.transfer_study.study_settings import FITS, SPREADS
 from motorprior.report.plots_forest import forest, profiles
 from motorprior.report.plots_style import MODEL_COLORS, UNNAMED_COLOR, condition_color, model_label, png_bytes
 from motorprior.report.study_sections import first_paragraph, own_speeds

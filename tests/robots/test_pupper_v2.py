@@ -2,6 +2,8 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -16,12 +18,12 @@ LINKS = [f"{leg}_{link}" for leg in spec.LEGS for link in ("abduction_link", "th
 
 @pytest.fixture(scope="module")
 def model():
-    return build_model(PUPPER_V2, 0.002, 0.45, hung=False)
+    return build_model(PUPPER_V2)
 
 
 @pytest.fixture(scope="module")
 def hung():
-    return build_model(PUPPER_V2, 0.002, 0.45, hung=True)
+    return build_model(PUPPER_V2, hung=True)
 
 
 @pytest.fixture(scope="module")
@@ -125,8 +127,8 @@ def test_only_the_feet_can_touch_and_only_the_floor(model):
     assert not model.geom_contype.any() and not model.geom_conaffinity.any()
 
 
-def test_arguments_reach_the_model():
-    model = build_model(PUPPER_V2, 0.00125, 0.37, hung=False)
+def test_friction_and_step_reach_the_model():
+    model = build_model(replace(PUPPER_V2, foot_friction=0.37), 0.00125)
     assert model.opt.timestep == 0.00125
     np.testing.assert_array_equal(model.pair_friction[:, :2], 0.37)
     assert (model.nq, model.nv) == (19, 18)
@@ -135,7 +137,7 @@ def test_arguments_reach_the_model():
 def test_a_hung_robot_has_only_its_joints(hung):
     assert (hung.nq, hung.nv) == (12, 12)
     pose = poses(1)[0]
-    np.testing.assert_allclose(feet(hung, pose), feet(build_model(PUPPER_V2, 0.002, 0.45, hung=False), pose), atol=1e-9)
+    np.testing.assert_allclose(feet(hung, pose), feet(build_model(PUPPER_V2), pose), atol=1e-9)
 
 
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):

@@ -5,6 +5,7 @@ import io
 import json
 import pickle
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +41,19 @@ def write_bam(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def write_sage(folder: Path, control_late: float = 0.0) -> Path:
+def write_sage(
+    folder: Path,
+    control_late: float = 0.0,
+    joints: Sequence[str] = JOINTS,
+    target: np.ndarray = TARGET,
+    angle: np.ndarray = ANGLE,
+) -> Path:
     path = folder / "motion"
     path.mkdir(exist_ok=True)
-    (path / "joint_list.txt").write_text("\n".join(JOINTS) + "\n")
-    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, TARGET.tolist(), strict=True)]
-    zeros = [0.0] * len(JOINTS)
-    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, ANGLE.tolist(), strict=True)]
+    (path / "joint_list.txt").write_text("\n".join(joints) + "\n")
+    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, target.tolist(), strict=True)]
+    zeros = [0.0] * len(joints)
+    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, angle.tolist(), strict=True)]
     (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
     header = "type,timestamp,positions,velocities,torques"
     (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")

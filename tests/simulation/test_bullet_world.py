@@ -15,7 +15,7 @@ from motorprior.robots.pupper_v2.urdf import ROTOR_GEAR_RATIO
 from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.playback import replay
-from motorprior.simulation.terrain import Terrain, heights
+from motorprior.simulation.terrain import CELL, Terrain, heights
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import physics_step
@@ -305,10 +305,10 @@ def test_the_same_seed_gives_the_same_bumps_and_the_start_is_level():
 def test_the_bumps_are_where_the_field_says(make):
     world = BulletWorld(STANDING, Terrain(roughness=0.03))
     world.reset(PD, seed=4)
-    field, cell = heights(world.terrain, 4), world.terrain.cell
+    field = heights(world.terrain, 4)
     middle = field.shape[0] // 2
     for row, column in ((20, 30), (100, 60), (150, 150), (30, 170)):
-        x, y = (column - middle) * cell, (row - middle) * cell
+        x, y = (column - middle) * CELL, (row - middle) * CELL
         hit = world.call("rayTest", [x, y, 1.0], [x, y, -1.0])[0]
         assert hit[3][2] == pytest.approx(field[row, column], abs=1e-3)
     world.close()

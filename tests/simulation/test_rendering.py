@@ -92,7 +92,7 @@ def test_a_window_that_does_not_open_is_an_error(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_robot_of_collision_shapes_alone_is_seen():
-    model = build_model(PUPPER_V2, 0.002, 0.6, hung=False)
+    model = build_model(PUPPER_V2)
     for group, shown in ((0, 0), (2, 0), (3, 1)):
         model.geom_group[1:], option = group, mujoco.MjvOption()
         prepare(model, option)

@@ -7,8 +7,8 @@ from motorprior.bench.facts import MOTORS_STREAM
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
-from motorprior.pipeline.twin_body import TWIN_STREAM as WIRE_STREAM
-from motorprior.pipeline.walk_seeds import SEEDS_APART
+from motorprior.pipeline.virtual.twin_body import TWIN_STREAM as WIRE_STREAM
+from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
 from motorprior.simulation.rollout import WalkConfig

@@ -237,6 +237,6 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 FOREIGN = ActuatorKind(
-    "foreign", "foreign", "#8a5a2b", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
+    "foreign", "foreign", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
     bench_step=SUBSTEP,
 )  # fmt: skip

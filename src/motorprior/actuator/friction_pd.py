@@ -112,6 +112,4 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
         arrays.damping[motor] = arrays.parameters[KD, motor]
 
 
-FRICTION_PD = ActuatorKind(
-    "pd_friction", "PD with friction", "#8a8f3c", reset=reset_pd, step=_step, make_explicit=_make_explicit
-)
+FRICTION_PD = ActuatorKind("pd_friction", "PD with friction", reset=reset_pd, step=_step, make_explicit=_make_explicit)

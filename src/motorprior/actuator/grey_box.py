@@ -82,6 +82,6 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 GREY_BOX = ActuatorKind(
-    "grey_box", "grey box", "#2563c9", reset=_reset, step=_step, measure=_measure, make_explicit=_make_explicit,
+    "grey_box", "grey box", reset=_reset, step=_step, measure=_measure, make_explicit=_make_explicit,
     limit_stiffness=_limit_stiffness,
 )  # fmt: skip

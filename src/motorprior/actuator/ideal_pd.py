@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
-from motorprior.actuator.kind import ActuatorKind, Model
+from motorprior.actuator.kind import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
@@ -112,11 +112,4 @@ def step_pd(
         torque[motor] = min(limit, max(-limit, raw)) + damping
 
 
-IDEAL_PD = ActuatorKind(
-    "ideal_pd",
-    "ideal PD",
-    "#979da6",
-    reset=reset_pd,
-    step=step_pd,
-    variants=(Model("tuned_pd", "tuned PD", "#a8672c"),),
-)
+IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=reset_pd, step=step_pd)

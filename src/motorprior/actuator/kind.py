@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numba import typeof, types
@@ -19,17 +19,6 @@ from motorprior.compiled import njit
 
 BENCH_STEP = 0.002
 """Step [s] of the dynamometer for motors without a finer one of their own: that of a robot's simulation."""
-
-
-class Model(NamedTuple):
-    """How motors are shown in tables and plots."""
-
-    name: str
-    """in files and figures"""
-    title: str
-    """for readers"""
-    colour: str
-    """#rrggbb"""
 
 
 @njit(cache=True, nogil=True)
@@ -56,7 +45,6 @@ class ActuatorKind:
     Attributes:
         name: in files and figures.
         title: for readers.
-        colour: #rrggbb, in tables and plots.
         reset: (arrays, position_target [rad], joint_pos [rad]) puts the memory at rest.
         step: (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes
             the torque of the coming step, and ``arrays.damping`` where the model renews it.
@@ -66,12 +54,10 @@ class ActuatorKind:
         limit_stiffness: (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled.
         longest_step: longest physics step [s], infinite if any will do; see `Robot.physics_step`.
         bench_step: longest step on the dynamometer [s].
-        variants: other names under which such motors appear in tables.
     """
 
     name: str
     title: str
-    colour: str
     reset: Any
     step: Any
     measure: Any = read_joint
@@ -79,17 +65,11 @@ class ActuatorKind:
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
     longest_step: float = np.inf
     bench_step: float = BENCH_STEP
-    variants: tuple[Model, ...] = ()
 
     @property
     def encoder(self) -> Literal["joint", "rotor"]:
         """Where the motors' encoders are."""
         return "joint" if self.measure is read_joint else "rotor"
-
-    @property
-    def models(self) -> tuple[Model, ...]:
-        """All names under which such motors appear in tables."""
-        return (Model(self.name, self.title, self.colour), *self.variants)
 
     @cached_property
     def law(self) -> Law:

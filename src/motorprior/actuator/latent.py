@@ -293,4 +293,4 @@ def _step(
     torque[:] = arrays.memory[0]
 
 
-LATENT = ActuatorKind("latent", "latent network", "#7d4fa8", reset=reset_network, step=_step)
+LATENT = ActuatorKind("latent", "latent network", reset=reset_network, step=_step)

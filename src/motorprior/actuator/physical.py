@@ -24,7 +24,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, multiplied, require_step
-from motorprior.actuator.kind import ActuatorKind, Model
+from motorprior.actuator.kind import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
@@ -229,6 +229,6 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 PHYSICAL = ActuatorKind(
-    "physical", "physical", "#15181d", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
-    bench_step=SUBSTEP, variants=(Model("oracle", "oracle", "#4b5360"),),
+    "physical", "physical", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
+    bench_step=SUBSTEP,
 )  # fmt: skip

@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.calibrate import FLEET, PICTURE, PRIOR_BANDS, Calibrate, run_calibrate
+from motorprior.pipeline.replay.calibrate import FLEET, PICTURE, PRIOR_BANDS, Calibrate, run_calibrate
 from motorprior.report.calibration_tables import calibrated_constants, calibration_errors, optima
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from motorprior.cli.console import CONSOLE, table
+from motorprior.cli.console import TERMINAL, table
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.hardware.settings import DeploySettings, require_robot_extra
 from motorprior.locomotion.policy import Policy
@@ -40,7 +40,7 @@ def run_deploy_command(config: Deploy) -> None:
     from motorprior.hardware.terminal import careful
 
     Policy.load(config.policy)  # before a virtual robot is started for nothing
-    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
+    say = careful(TERMINAL.note, sys.stderr)
     with config.choice.open() as port:
         results = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, say)
     if results:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import tyro
 
-from motorprior.cli.console import TERMINAL
-from motorprior.pipeline.identify import Identify, run_identify
+from motorprior.pipeline.identify import Identify
 
 
 @dataclass(frozen=True)
@@ -16,8 +15,3 @@ class IdentifyCommand(Identify):
     """Learn a motor prior from the log of a bench, or from logs of a hung robot."""
 
     bench: tyro.conf.Positional[tuple[Path, ...]]
-
-
-def identify(config: IdentifyCommand) -> None:
-    """See `run_identify`."""
-    run_identify(config, TERMINAL)

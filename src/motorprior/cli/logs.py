@@ -11,7 +11,7 @@ from motorprior.cli.console import table
 from motorprior.exceptions import LogError
 from motorprior.logs.checks import check_log
 from motorprior.logs.registry import read_log
-from motorprior.pipeline.raw_logs import LogsImport, require_paths
+from motorprior.pipeline.log_import.raw_logs import LogsImport, require_paths
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

@@ -22,13 +22,13 @@ from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
 from motorprior.cli.diff import Diff, run_diff  # noqa: E402
 from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
-from motorprior.cli.identify import IdentifyCommand, identify  # noqa: E402
+from motorprior.cli.identify import IdentifyCommand  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
-from motorprior.cli.simulate import SimulateCommand, simulate  # noqa: E402
+from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.speed import Speed, run_speed  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
@@ -38,7 +38,9 @@ from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
 from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
 from motorprior.pipeline.demo import Demo  # noqa: E402
-from motorprior.pipeline.raw_logs import import_logs  # noqa: E402
+from motorprior.pipeline.identify import run_identify  # noqa: E402
+from motorprior.pipeline.log_import.raw_logs import import_logs  # noqa: E402
+from motorprior.pipeline.simulate import run_simulate  # noqa: E402
 
 Logs = (
     Annotated[LogsImportCommand, tyro.conf.subcommand("import")] | Annotated[LogsCheck, tyro.conf.subcommand("check")]
@@ -71,12 +73,12 @@ RUN = {
     LogsCheck: run_logs_check,
     CalibrateCommand: run_calibrate_command,
     Bench: partial(run_bench, progress=TERMINAL),
-    IdentifyCommand: identify,
+    IdentifyCommand: partial(run_identify, progress=TERMINAL),
     ValidateCommand: validate,
     ValidateLogCommand: validate_log,
     Diff: run_diff,
     AdaptCommand: adapt,
-    SimulateCommand: simulate,
+    SimulateCommand: partial(run_simulate, progress=TERMINAL),
     ReplayCommand: replay,
     WalkCommand: walk,
     PlayCommand: play,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from motorprior.cli.console import CONSOLE
+from motorprior.cli.console import TERMINAL
 from motorprior.cli.robot_choice import RobotChoice
 from motorprior.hardware.settings import RecordSettings, require_robot_extra
 from motorprior.robots.load import load_robot
@@ -35,7 +35,7 @@ def run_record_command(config: Record) -> None:
     from motorprior.hardware.commands import run_record
     from motorprior.hardware.terminal import careful
 
-    say = careful(lambda text: CONSOLE.print(text, markup=False, soft_wrap=True), sys.stderr)
+    say = careful(TERMINAL.note, sys.stderr)
     settings, choice = config.settings, config.choice
     if choice.virtual and not settings.standing:
         choice = replace(choice, robot=replace(choice.robot, hung=True))

@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.replay import Replay, run_replay
+from motorprior.pipeline.replay.replay import Replay, run_replay
 from motorprior.report.tables import replay_models, replay_rows
 from motorprior.results import Results
 

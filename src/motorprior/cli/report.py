@@ -10,7 +10,7 @@ import tyro
 
 from motorprior.cli.console import TERMINAL
 from motorprior.pipeline.report import SETTINGS, build_report
-from motorprior.pipeline.walk_report import build_walk_report
+from motorprior.pipeline.watching.walk_report import build_walk_report
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 

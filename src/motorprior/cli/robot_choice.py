@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.virtual_robot import Virtual, living
+from motorprior.pipeline.virtual.virtual_robot import Virtual, living
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 

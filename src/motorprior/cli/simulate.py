@@ -7,9 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from motorprior.cli.console import TERMINAL
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.simulate import Simulate, run_simulate
+from motorprior.pipeline.simulate import Simulate
 
 
 @dataclass(frozen=True)
@@ -17,8 +16,3 @@ class SimulateCommand(Simulate):
     """Excite a simulated robot, fixed or hung in the air, and record a motor log."""
 
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
-
-
-def simulate(config: SimulateCommand) -> None:
-    """See `run_simulate`."""
-    run_simulate(config, TERMINAL)

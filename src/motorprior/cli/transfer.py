@@ -11,10 +11,10 @@ from rich.markdown import Markdown
 
 from motorprior.cli.console import CONSOLE, TERMINAL, table
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.study import run_study
-from motorprior.pipeline.study_report import TABLES, build_study_report
-from motorprior.pipeline.study_settings import Study
-from motorprior.pipeline.transfer import Transfer, run_transfer
+from motorprior.pipeline.transfer_study.study import run_study
+from motorprior.pipeline.transfer_study.study_report import TABLES, build_study_report
+from motorprior.pipeline.transfer_study.study_settings import Study
+from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
 from motorprior.transfer.study import DRAWS

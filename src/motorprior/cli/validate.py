@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validate import Validate, run_validate
+from motorprior.pipeline.validation.validate import Validate, run_validate
 from motorprior.report.tables import fidelity_rows
 from motorprior.results import Results
 from motorprior.transfer.metrics import COLUMNS

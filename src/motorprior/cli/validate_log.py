@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validate_log import COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.pipeline.validation.validate_log import COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
 from motorprior.results import Results
 
 

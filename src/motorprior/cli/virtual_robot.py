@@ -7,7 +7,7 @@ from pathlib import Path
 
 from motorprior.artifacts import write_json
 from motorprior.cli.console import TERMINAL
-from motorprior.pipeline.virtual_robot import Virtual, serve
+from motorprior.pipeline.virtual.virtual_robot import Virtual, serve
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

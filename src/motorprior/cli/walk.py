@@ -9,8 +9,8 @@ import tyro
 
 from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walk import Walk, run_walk
-from motorprior.pipeline.walk_seeds import PICTURE, run_walk_seeds
+from motorprior.pipeline.walking.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk_seeds import PICTURE, run_walk_seeds
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,7 @@ def trials(log: MotorLog, count: int | None = None) -> list[tuple[Trial, np.ndar
     found = []
     for part in list(log.segments())[:count]:
         assert part.external_torque is not None and part.load_inertia is not None
-        dt = float(np.median(np.diff(part.time)))
-        trial = Trial(part.position_target, part.external_torque, part.load_inertia[0], dt)
+        trial = Trial(part.position_target, part.external_torque, part.load_inertia[0], part.period)
         if part.load_stiffness is not None:
             at_zero = part.external_torque - part.load_stiffness * part.joint_pos
             trial = replace(trial, external_torque=at_zero, load_stiffness=part.load_stiffness)
@@ -46,7 +45,8 @@ def _first(rows: np.ndarray | None) -> np.ndarray | None:
 
 
 Told = Callable[[Actuator, MotorLog], Actuator]
-"""Takes motors of a log and one of its segments, and returns the motors as they are there."""
+"""Function from the motors of a log and one of its segments to the motors with the gains that they have in it: what
+`in_proportion` returns, or `as_they_are`."""
 
 
 def as_they_are(motors: Actuator, part: MotorLog) -> Actuator:

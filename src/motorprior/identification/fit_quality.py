@@ -17,6 +17,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.identification.baselines import in_proportion, tuned_pd
 from motorprior.identification.reference import SPEEDS, replayed_segments, replays
 from motorprior.logs.motor_log import MotorLog
+from motorprior.signals import rms
 
 MISSING = 0.35
 """Error over the tuned PD's from which on a fit counts as lacking physics [-]."""
@@ -103,4 +104,4 @@ def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] =
 
 def _rms(error: np.ndarray, axis: int | None = None) -> np.ndarray:
     """Root mean square; nan of nothing."""
-    return np.sqrt(np.mean(np.square(error), axis=axis)) if error.size else np.array(np.nan)
+    return rms(error, axis) if error.size else np.array(np.nan)

@@ -27,7 +27,7 @@ from motorprior.identification.response_models import ResponseMotors
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import POS, SECONDS, TARGET, VEL, training_data
 from motorprior.logs.motor_log import MotorLog
-from motorprior.signals import rmse
+from motorprior.signals import rms
 
 FREE_RUN = 1.0
 """Length of a free run [s]."""
@@ -70,7 +70,7 @@ def whole_runs(log: MotorLog, preset: Preset, where: str) -> list[WindowRuns]:
 
 def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) -> dict[str, np.ndarray]:
     """(M,) root mean square angle error [rad] of each model of the log's M motors, over all samples of its runs."""
-    return {name: rmse(_joined_errors(runs, model), np.zeros(()), axis=1) for name, model in models.items()}
+    return {name: rms(_joined_errors(runs, model), axis=1) for name, model in models.items()}
 
 
 def within_a_turn(errors: np.ndarray | float) -> np.ndarray:

@@ -86,8 +86,13 @@ class Fit:
     def better(self, other: Fit) -> Fit:
         """Of every motor the one with less energy."""
         chosen = other.energy < self.energy
-        pick = lambda a, b: np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), b, a)  # noqa: E731
-        return Fit(*(pick(a, b) for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Fit(*(of_either(chosen, values, others) for values, others in both))
+
+
+def of_either(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(M, ...) rows of ``others`` of the motors (M,) that are chosen, and of ``values`` of the rest."""
+    return np.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), others, values)
 
 
 class MotorFit:
@@ -168,14 +173,7 @@ class MotorFit:
             best = self.best_of(best[:, None] + draws, belief)
         return best
 
-    def polish(
-        self,
-        start: np.ndarray,
-        belief: Belief,
-        steps: int,
-        reach: float = NARROW,
-        report: Callable[[], None] = lambda: None,
-    ) -> Fit:
+    def polish(self, start: np.ndarray, belief: Belief, steps: int, reach: float = NARROW) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (M, Z).
 
         Args:
@@ -183,7 +181,6 @@ class MotorFit:
             belief: part of the energy.
             steps: at most.
             reach: of the differences, WIDE or NARROW.
-            report: called after every step.
         """
         z, damping = self.within(start), np.full(len(start), 1e-2)
         loss = self.losses(z)
@@ -200,7 +197,6 @@ class MotorFit:
             damping = np.clip(np.where(lower, tried[self._everyone, best], 30.0 * damping), 1e-6, 1e4)
             z = np.where(lower[:, None], candidates[self._everyone, best], z)
             loss, energy = np.where(lower, losses[self._everyone, best], loss), np.where(lower, found, energy)
-            report()
             if step + 1 < steps and lower.any():
                 moved = np.flatnonzero(lower)
                 slope[moved], curvature[moved] = self._derivatives(z, reach, moved)

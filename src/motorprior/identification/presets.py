@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from motorprior.actuator.kind import Model
 from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
 
@@ -47,7 +46,7 @@ class Preset:
             (`MotorLog.firmware`), 0 of those that are off; a recipe that puts physics first takes them, whatever terms
             it has besides.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
-            posteriors by a Laplace approximation (`posterior`).
+            posteriors by a Laplace approximation (`standard_posterior`).
     """
 
     objective: str
@@ -137,10 +136,7 @@ PRESETS = {
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
         learning_rate=1e-2,
     ),
-    "per_motor": Preset(
-        "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
-        warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", standardise=True,
-    ),
+    "per_motor": replace(_PACE, tries_terms=True),
     "pace": _PACE,
     "pace_long_runs": _PACE_LONG_RUNS,
     "coulomb_viscous": replace(_PACE_LONG_RUNS, lacks=("load_friction", "stribeck_torque")),
@@ -152,23 +148,6 @@ PRESETS = {
     ),
     "paper_wide": Preset("torque", 0.002, _TAPS, has_armature=False, window=1, batch=1024, steps=4000),
 }  # fmt: skip
-MODELS = (
-    Model("paper", "paper", "#cf3b3b"),
-    Model("rollout", "rollout", "#2563c9"),
-    Model("long_runs", "long runs", "#2563c9"),
-    Model("first_look", "first look", "#2563c9"),
-    Model("one_motor", "one motor", "#7d4fa8"),
-    Model("per_motor", "per motor", "#7d4fa8"),
-    Model("pace", "per motor, no terms tried", "#7d4fa8"),
-    Model("pace_long_runs", "per motor, no terms tried, long runs", "#7d4fa8"),
-    Model("coulomb_viscous", "Coulomb and viscous friction", "#7d4fa8"),
-    Model("stribeck", "Stribeck friction", "#7d4fa8"),
-    Model("latent_network", "latent network", "#7d4fa8"),
-    Model("one_network", "one network", "#1a9a8b"),
-    Model("actuator_net", "actuator net", "#7d4fa8"),
-    Model("paper_wide", "paper, wide", "#e08a1e"),
-)
-"""Label and colour of each recipe in pictures; not fields of `Preset`, since those identify a finished training."""
 
 
 def identification_preset(name: str) -> Preset:

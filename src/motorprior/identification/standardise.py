@@ -10,7 +10,8 @@ and the correlations R of the normal scores are shrunk, since samples of few mot
 for scores x standardised with the n - 1 standard deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005).
 So each latent alone is N(0, 1) over the training motors; a correlation that the shrinkage removes from the copula
 remains between their latents. The decoded motors do not change. Fewer than MOTORS_AT_LEAST motors give no reliable
-quantiles: their latents are scaled by mean and standard deviation alone.
+quantiles: their latents are scaled by mean and standard deviation alone, of constants by what is assumed of such
+motors, too (`assumed_spread`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ import numpy as np
 
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.assumed_spread import spread_of_few
+from motorprior.identification.latent_fit import laplace_covariance, window_losses
+from motorprior.identification.presets import Preset
+from motorprior.identification.windows import TrainingData
 
 MOTORS_AT_LEAST = 8
 """Least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error."""
@@ -30,12 +35,15 @@ _RISE = 1e-6
 """Smallest slope of a latent over its normal score."""
 
 
-def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwork, np.ndarray]:
+def standardised(
+    network: LatentNetwork, mean: np.ndarray, assumed: np.ndarray | None = None
+) -> tuple[LatentNetwork, np.ndarray]:
     """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
 
     Args:
         network: trained network without a copula.
         mean: (M, Z) latents of the training motors.
+        assumed: (Z,) how far such motors are assumed to differ, which counts for few motors; nothing if not given.
 
     Returns:
         The network and the new latents; both unchanged if Z = 0.
@@ -44,13 +52,40 @@ def standardised(network: LatentNetwork, mean: np.ndarray) -> tuple[LatentNetwor
     if latents == 0:
         return network, mean
     if motors < MOTORS_AT_LEAST:
-        quantiles = mean.mean(axis=0) + SCORES[:, None] * mean.std(axis=0)
+        spread = mean.std(axis=0) if assumed is None else spread_of_few(mean, assumed)
+        quantiles = mean.mean(axis=0) + SCORES[:, None] * spread
     else:
         quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
     quantiles = quantiles + _RISE * SCORES[:, None]
     normal = scores(quantiles, mean)
     mixing = np.eye(latents) if motors < MOTORS_AT_LEAST else np.linalg.cholesky(shrunk_correlation(normal)).T
     return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
+
+
+def standard_posterior(
+    network: LatentNetwork,
+    data: TrainingData,
+    preset: Preset,
+    mean: np.ndarray,
+    assumed: np.ndarray | None = None,
+) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
+    """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
+
+    The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
+
+    Args:
+        network: trained network.
+        data: the motors' logs.
+        preset: recipe of the training.
+        mean: (M, Z) latents of the motors after training.
+        assumed: see `standardised`.
+    """
+    network, mean = standardised(network, mean, assumed)
+    if mean.size == 0:
+        return network, mean, np.zeros_like(mean)
+    temperature = float(window_losses(network, data, preset, mean).mean())
+    covariance = laplace_covariance(network, data, preset, mean, temperature)
+    return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
 
 
 def widened(

@@ -29,7 +29,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order
 from motorprior.identification.fleet_fit import TURNS, bounded_fit, fit_fleet, held_constants, weak_belief
 from motorprior.identification.initial_motor import encoded, with_motor
-from motorprior.identification.motor_fit import MotorFit
+from motorprior.identification.motor_fit import MotorFit, of_either
 from motorprior.identification.window_runs import WindowRuns
 
 PRICE = 0.04
@@ -120,7 +120,11 @@ def _saved(before: _State, after: _State) -> float:
 
 
 def _worth(before: _State, after: _State, level: float) -> bool:
-    """Whether it saves its price and the ranks of the gains are no accident: of motors, or of few motors' stretches."""
+    """Whether the fits ``after`` are worth the terms that those ``before`` lack.
+
+    They are if they save more than PRICE of the held-out loss and the signed-rank test says so at this ``level``, from
+    the gains of all motors or, of fewer than _RANKS_TELL motors, of their stretches.
+    """
     if len(before.held_out) >= _RANKS_TELL:
         gains = _logarithm(before.held_out) - _logarithm(after.held_out)
     else:
@@ -193,9 +197,8 @@ class _Trial:
 def _better(one: _State, other: _State) -> _State:
     """Of every motor the one that fits better what is fitted."""
     chosen = other.fitted < one.fitted
-    pick = lambda a, b: np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), b, a)  # noqa: E731
-    values = [pick(getattr(one, name), getattr(other, name)) for name in ("raw", "fitted", "held_out", "parts")]
-    return _State(one.terms, *values)
+    names = ("raw", "fitted", "held_out", "parts")
+    return _State(one.terms, *(of_either(chosen, getattr(one, name), getattr(other, name)) for name in names))
 
 
 def stretches(runs: WindowRuns) -> np.ndarray:

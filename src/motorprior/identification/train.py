@@ -2,8 +2,8 @@
 
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
-the variances are computed afterwards (`posterior`). A preset with ``physics_first`` fits the motors' constants by
-`fleet_fit`, with the terms that `term_selection` finds, and trains only the residual network this way (`residual`).
+the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors' constants
+by `fleet_fit`, with the terms that `term_selection` finds, and trains only the residual network this way (`residual`).
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.limits_not_shown import NOT_SHOWN, limit_in_words
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import MotorPriorError
+from motorprior.identification.assumed_spread import assumed_spread
 from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
 from motorprior.identification.felt import WORSE, limits_not_felt
-from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
+from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet, held_constants
 from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
-from motorprior.identification.posterior import standard_posterior
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
+from motorprior.identification.standardise import standard_posterior
 from motorprior.identification.term_selection import MOTORS, ROWS, WINDOWS, Selection, held_out_windows, select_terms
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData, some_stretches
@@ -107,9 +108,10 @@ def _finished(
     losses: np.ndarray,
     metrics: dict[str, float],
     notes: tuple[str, ...],
+    assumed: np.ndarray | None = None,
 ) -> Identified:
     if preset.standardise:
-        network, mean, log_var = standard_posterior(network, data, preset, mean)
+        network, mean, log_var = standard_posterior(network, data, preset, mean, assumed)
     divergence = aggregate_posterior_summary(mean, log_var).kl if mean.size else 0.0
     return Identified(network, mean, log_var, preset, losses, float(divergence), metrics, notes)
 
@@ -161,7 +163,8 @@ def _physics_first(
                 f"error of position by {-100 * closer:+.1f} %"
             )
     log_var = np.zeros_like(found.offsets)
-    return _finished(network, found.offsets, log_var, data, preset, losses, metrics, tuple(notes))
+    assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
+    return _finished(network, found.offsets, log_var, data, preset, losses, metrics, tuple(notes), assumed)
 
 
 def _physics(

@@ -146,7 +146,7 @@ def _seconds_of_work(log: MotorLog) -> np.ndarray:
 
 def _without_noise(log: MotorLog) -> MotorLog:
     """The log with smoothed positions and velocities if its readings are noisy; with velocities in any case."""
-    found = smoothed(log.joint_pos, tuple(log.segment_slices()), float(np.median(np.diff(log.time))))
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
     if found is not None:
         return replace(log, joint_pos=found[0], joint_vel=found[1])
     return log if log.joint_vel is not None else replace(log, joint_vel=_velocities(log))
@@ -181,8 +181,7 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
                 f"no {channel}, which the {preset.objective} objective needs", where=where,
                 remedy=_REMEDIES[preset.objective],
             )  # fmt: skip
-    first = next(log.segments())
-    period = float(np.median(np.diff(first.time)))
+    period = next(log.segments()).period
     if abs(period - preset.period) > 0.01 * preset.period:
         raise LogError(
             f"sample period {period:g} s, the preset's is {preset.period:g} s",

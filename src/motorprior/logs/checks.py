@@ -21,10 +21,7 @@ from motorprior.logs import (
 from motorprior.logs.excited_stretch import excited_stretch
 from motorprior.logs.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.resampling import drop_repeats
 from motorprior.logs.validity import checked
-
-__all__ = ["Finding", "LogReport", "check_log", "drop_repeats"]
 
 _ORDER = {"error": 0, "warning": 1, "info": 2}
 

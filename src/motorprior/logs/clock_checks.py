@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from motorprior.logs.findings import Finding
+from motorprior.logs.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.resampling import repeated_rows
 from motorprior.logs.sensor_checks import encoder_step
@@ -28,7 +28,10 @@ def rate(log: MotorLog) -> list[Finding]:
     if 0.99 * least <= found <= 1.01 * most:  # clocks are not exact
         return [Finding("info", "rate", found, None, message, row=0)]
     message += f"; outside {least:g} to {most:g} Hz"
-    remedy = 'say what the unit of time is in the column map: time = "s", "ms", "us" or "ns"; or record faster'
+    remedy = (
+        f'convert the time in the file, or say what its unit is {IN_MAP}: time = "s", "ms", "us" or "ns"; '
+        "or record faster"
+    )
     return [Finding("error", "rate", found, least if found < least else most, message, remedy, row=0)]
 
 

@@ -4,6 +4,7 @@
     time = "t_ms"
     position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
     joint_pos = "present_{joint}"
+    posture = "hung"                        # of the base in all rows; or the column that says it in every row
 
     [units]
     time = "ms"
@@ -23,7 +24,8 @@
 An angle is sign·unit·value + zero, a velocity or torque sign·unit·value. ``action[{joint}]`` is one number of a column
 of lists. A joint may have units of its own, ``scale`` [rad per unit of its columns] where its unit has no name, and a
 table per channel that has other ones, ``[joints.1.joint_pos]``; a velocity has the sign of the angle. Where no column
-says the time, ``rate`` [Hz] stands for ``time``; time stamps are read as they are.
+says the time, ``rate`` [Hz] stands for ``time``; time stamps are read as they are. ``posture`` is one of POSTURES,
+or else the name of a column of such names.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.column_units import OF_ANGLES, QUANTITIES, TIMES, UNITS, Conversion, conversions, require_ticks
-from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS, is_register
+from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS, POSTURES, is_register
 from motorprior.outside_files import read_toml
 from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of, require
 
@@ -58,13 +60,13 @@ _NAME = Field(
 )
 _MAP = Schema(
     {
-        **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
+        **dict.fromkeys(("motor", "robot", "time", "segment", "posture", *SERIES), _NAME),
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         **dict.fromkeys(("units", "firmware", "joints"), TABLE),
     },
     _REMEDY,
-    optional=frozenset({"robot", "time", "rate", "segment", "encoder", "units", "firmware", *SERIES[2:]}),
+    optional=frozenset({"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}),
 )
 _UNITS = Schema(
     {**UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)},
@@ -118,6 +120,7 @@ class ColumnMap:
         time_scale: seconds per unit of that column.
         rate: of the rows [Hz], or None.
         segment: column of the number of the recording, or None for a single one.
+        posture: one of POSTURES, which holds for all rows, or else the column that says it; None if nobody says it.
         series: channel -> name of its columns, with JOINT where the joint's name stands.
         joints: in the order of the map.
         gain_unit: of the joints' gains (`MotorLog`).
@@ -134,8 +137,14 @@ class ColumnMap:
     time_scale: float = 1.0
     rate: float | None = None
     segment: str | None = None
+    posture: str | None = None
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def posture_column(self) -> str | None:
+        """Name of the column of postures; None if one holds for all rows, or if nobody says it."""
+        return None if self.posture in POSTURES else self.posture
 
     def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
         """(J,) of the channels stated_kp and stated_kd of these joints, as far as they are stated."""
@@ -184,7 +193,8 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     return ColumnMap(
         source=where, motor=table["motor"], robot=table.get("robot", ""), encoder=table.get("encoder", ""),
         time=table.get("time"), time_scale=TIMES[units.get("time", "s")], rate=table.get("rate"),
-        segment=table.get("segment"), series=series, joints=_joints(table["joints"], units, series, where),
+        segment=table.get("segment"), posture=table.get("posture"), series=series,
+        joints=_joints(table["joints"], units, series, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS), firmware=firmware,
     )  # fmt: skip
 

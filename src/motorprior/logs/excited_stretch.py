@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.resampling import repeated_rows, resample
 
 MAX_SAMPLES = 20_000
@@ -36,7 +36,7 @@ def excited_stretch(log: MotorLog) -> Stretch | None:
     period = float(np.median(steps)) if steps.size else 0.0
     if period <= 0.0 or segment.duration < MIN_SAMPLES * period:
         return None
-    rows = max(2, round(MAX_SAMPLES * period / float(np.median(time_steps(segment)[1]))))
+    rows = max(2, round(MAX_SAMPLES * period / segment.period))
     starts = range(0, max(1, segment.num_rows - rows + 1), rows)
     start = max(starts, key=lambda first: float(np.std(segment.position_target[first : first + rows], axis=0).sum()))
     stretch = segment.rows(slice(start, start + rows))

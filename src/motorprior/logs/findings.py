@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+IN_MAP = "in a column map (docs/your-motors.md)"
+"""Where a table's remedy is stated. Some formats take no map, so such a remedy names another way, too."""
+
 Severity = Literal["error", "warning", "info"]
 
 

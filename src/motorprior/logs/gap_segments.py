@@ -9,6 +9,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.clock_checks import GAP_FACTOR, gap_rows
+from motorprior.logs.findings import IN_MAP
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 
@@ -40,7 +41,7 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
         raise LogError(
             f"nowhere {LEAST_ROWS} rows{least} without a gap of more than {GAP_FACTOR:g} median steps",
             where=log.source,
-            remedy="record the time at which a row was measured, not received; or state its rate in the column map",
+            remedy=f"record the time at which a row was measured, not received; or state its rate {IN_MAP}",
         )  # fmt: skip
     kept = log.rows(np.concatenate([np.arange(part.start, part.stop) for part in parts]))
     segment = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from motorprior.logs.findings import Finding
+from motorprior.logs.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 from motorprior.logs.unit_checks import ANGLES
 
@@ -28,7 +28,8 @@ def limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
                 bound = float(joint_limits[column, int(value > joint_limits[column, 1])])
                 message = f"{channel}/{joint} is {value:.4g} rad in row {row}, its limit is {bound:.4g} rad"
                 remedy = (
-                    "check the encoder's zero, the sign and the order of the joints (zero and sign in the column map)"
+                    "check the encoder's zero, the sign and the order of the joints; correct them in the file, or "
+                    f"{IN_MAP} by zero, sign and name"
                 )
                 found.append(Finding("warning", "limits", value, bound, message, remedy, joint, row))
     return found
@@ -40,7 +41,7 @@ def _without_limits(log: MotorLog, joint_limits: np.ndarray) -> list[Finding]:
         return []
     names = ", ".join(log.joint_names[column] for column in unknown)
     message = f"the robot has no limits for {names}: {unknown.size} of {log.num_joints} joints are not checked"
-    remedy = "name them as the robot does (name in the column map), or give the robot that was recorded"
+    remedy = f"name them as the robot does, in the file, or {IN_MAP} by name; or give the robot that was recorded"
     return [Finding("info", "limits", float(unknown.size), None, message, remedy, row=0)]
 
 
@@ -55,7 +56,7 @@ def constant_channels(log: MotorLog) -> list[Finding]:
             joint, value = log.joint_names[column], float(values[0, column])
             message = f"{channel}/{joint} is {value:.6g} {JOINT_SERIES[channel]} in every row"
             what = "the joint's table [joints.…]" if channel == "joint_pos" else channel
-            remedy = f"check the sensor, or remove {what} from the column map"
+            remedy = f"check the sensor; where a column map names the channel, {what} can be removed from the map"
             severity = "warning" if column in excited else "info"
             found.append(Finding(severity, "constant", value, None, message, remedy, joint, row=0))
     return found
@@ -92,8 +93,8 @@ def excitation(log: MotorLog) -> list[Finding]:
             ratio = float(motion[column] / command[column])
             message = f"{joint} moves {ratio:.3g} times its command, more than {WILD_RATIO:g}"
             remedy = (
-                'if command and angle have different units, say so in the column map: angle = "deg" in '
-                "[joints.….position_target] or [joints.….joint_pos]"
+                f"if command and angle have different units, convert one of them in the file, or say so {IN_MAP}: "
+                'angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
             )
             found.append(Finding("warning", "excitation", ratio, WILD_RATIO, message, remedy, joint, row=0))
     if not excited.size:

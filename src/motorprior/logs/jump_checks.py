@@ -20,8 +20,8 @@ from typing import Literal
 import numpy as np
 
 from motorprior.logs.command_lag import MAX_LAG
-from motorprior.logs.findings import Finding
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.findings import IN_MAP, Finding
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.sensor_checks import encoder_step
 from motorprior.logs.unit_checks import HANDFUL
 
@@ -52,7 +52,8 @@ _DELETE = (
     "begins a segment after longer ones"
 )
 _CUT = (
-    "check bus, power and homing; delete the rows that are wrong, or begin a segment there (segment in the column map)"
+    "check bus, power and homing; delete the rows that are wrong, split the file there, or begin a segment there by a "
+    f"column that segment names {IN_MAP}"
 )
 
 
@@ -103,7 +104,7 @@ def _readings(log: MotorLog, column: int, starts: list[int]) -> _Readings | None
     period = float(np.median(np.diff(log.time[rows])))
     levels = min(LEVELS * encoder_step(angle), MOST_LEVELS)
     bound = max(USUAL * usual, NOISE * noise, levels, LEAST_SPEED * period, LEAST_JUMP)
-    lag = 1 + int(MAX_LAG / float(np.median(time_steps(log)[1])))
+    lag = 1 + int(MAX_LAG / log.period)
     return _Readings(rows, steps, usual, bound, period, lag)
 
 

@@ -24,7 +24,7 @@ from motorprior.logs.column_map import ColumnMap, MappedJoint
 from motorprior.logs.column_units import ANGLES, Conversion
 from motorprior.logs.log_reader import FOLDER, LogReader
 from motorprior.logs.mapped_table import if_it_has, read_mapped_log
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.number_table import read_text
 from motorprior.logs.table_columns import table_columns
 from motorprior.robots.robot import Robot
@@ -80,13 +80,16 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
 LEROBOT = LogReader("dataset of LeRobot", (FOLDER,), is_lerobot_folder, read_lerobot, GRANTED)
 
 
-def lerobot_columns(path: Path, names: list[str], joints: int | None = None) -> Iterator[dict[str, np.ndarray]]:
+def lerobot_columns(
+    path: Path, names: list[str], joints: int | None = None, posture: str | None = None
+) -> Iterator[dict[str, np.ndarray]]:
     """Batches of the columns of a dataset's files, see `table_columns`.
 
     Args:
         path: the folder of the dataset.
         names: of columns, or of elements of columns of lists.
         joints: numbers that ACTION and STATE have to have in every row; as many as there are if not given.
+        posture: that of the columns which holds names of postures.
 
     Raises:
         LogError: no files, or as `table_columns`.
@@ -94,8 +97,9 @@ def lerobot_columns(path: Path, names: list[str], joints: int | None = None) -> 
     found = sorted(path.glob("data/chunk-*/file-*.parquet"))
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
+    lengths: dict[str, int] | None = dict.fromkeys((ACTION, STATE), joints) if joints else None
     for file in found:
-        yield from table_columns(file, names, lengths=dict.fromkeys((ACTION, STATE), joints) if joints else None)
+        yield from table_columns(file, names, lengths=lengths, posture=posture)
 
 
 def _info(path: Path) -> dict[str, Any]:
@@ -131,7 +135,7 @@ def _feature_names(info: dict[str, Any], feature: str, path: Path) -> tuple[str,
 
 
 def _require_rate(log: MotorLog, info: dict[str, Any], path: Path) -> None:
-    recorded, stated = 1.0 / float(np.median(time_steps(log)[1])), info.get("fps")
+    recorded, stated = 1.0 / log.period, info.get("fps")
     if not is_number(stated, (1.0 - RATE_ERROR) * recorded, (1.0 + RATE_ERROR) * recorded):
         problem = f"fps is {str(stated)[:40]}, its timestamps say {recorded:.4g}"
         raise LogError(problem, where=path / INFO, remedy="correct fps or the timestamps")

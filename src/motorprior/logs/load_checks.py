@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from motorprior.logs.findings import Finding
+from motorprior.logs.findings import IN_MAP, Finding
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog, time_steps
 
@@ -73,12 +73,16 @@ def _finding(joint: str, measured: np.ndarray, needed: np.ndarray) -> Finding | 
     )
     if correlation < MIN_CORRELATION:
         remedy = (
-            "check the load, the clocks of both, and the sign of the torque ([joints.….joint_torque] in the column map)"
+            "check the load, the clocks of both, and the sign of the torque; turn it in the file, or "
+            f"{IN_MAP} by [joints.….joint_torque]"
         )
         message = f"joint_torque/{joint} is not the torque that moved its load: correlation {correlation:.2f}"
         return Finding("warning", "load", correlation, MIN_CORRELATION, message, remedy, joint, row=0)
     if not SLOPE[0] <= slope <= SLOPE[1]:
-        remedy = "check the load_inertia, the torque constant and the unit of the torque (torque in the column map)"
+        remedy = (
+            "check the load_inertia, the torque constant and the unit of the torque; convert it in the file, "
+            f"or {IN_MAP} by torque"
+        )
         message = f"the load of {joint} needed {slope:.2f} times its joint_torque"
         return Finding("warning", "load", slope, SLOPE[int(slope > 1.0)], message, remedy, joint, row=0)
     return None

@@ -12,19 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, shown
 from motorprior.logs.column_map import JOINT, ColumnMap, MappedJoint
 from motorprior.logs.column_units import Conversion
 from motorprior.logs.growing_array import GrowingArray
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.parquet_pages import COPY_AGAIN, MAX_NUMBERS
+from motorprior.logs.posture_column import NAMES
 from motorprior.logs.table_columns import CORRECT, table_columns
 from motorprior.logs.tensor_file import tensor_columns
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]
-"""Batches of the named columns of a file or folder, each (rows,) float64, or timedelta64 of time stamps."""
+"""Batches of the named columns of a file or folder, each (rows,) float64, timedelta64 of time stamps or
+int64 of postures."""
 _SI = Conversion()
 
 
@@ -41,14 +43,14 @@ def read_mapped_log(
         source: reads the columns of a path that is none of these.
 
     Raises:
-        LogError: missing or damaged file, a column that it lacks, a cell that is not a finite number, joints that are
-            not the robot's; names the file, the column and the value.
+        LogError: missing or damaged file, a column that it lacks, a cell that is not a finite number or no posture,
+            joints that are not the robot's; names the file, the column and the value.
     """
     path = Path(path)
-    source = source or (tensor_columns if path.suffix == ".pt" else partial(table_columns, time=columns.time))
+    source = source or _source(path, columns)
     joints = _in_order(columns, robot, path)
     wanted = {name: [text.replace(JOINT, joint.column) for joint in joints] for name, text in columns.series.items()}
-    singles = [name for name in (columns.time, columns.segment) if name]
+    singles = [name for name in (columns.time, columns.segment, columns.posture_column) if name]
     parts: dict[str, GrowingArray] = {}
     rows = 0
     for batch in source(path, [*singles, *(name for names in wanted.values() for name in names)]):
@@ -64,6 +66,8 @@ def read_mapped_log(
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     values: dict[str, np.ndarray] = {channel: part.finished() for channel, part in parts.items()}
     values |= {name: np.broadcast_to(gains, (rows, len(joints))) for name, gains in columns.gains(joints).items()}
+    if columns.posture in POSTURES:
+        values["posture"] = np.full(rows, POSTURES.index(columns.posture))
     return checked(
         MotorLog(
             joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
@@ -78,6 +82,18 @@ def read_mapped_log(
 def if_it_has(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:
     """The robot, if all these joints are its own: a log that names its joints may be of another one."""
     return robot if robot is not None and set(joint_names) <= set(robot.joint_names) else None
+
+
+def _source(path: Path, columns: ColumnMap) -> Columns:
+    if path.suffix != ".pt":
+        return partial(table_columns, time=columns.time, posture=columns.posture_column)
+    if columns.posture_column:
+        raise LogError(
+            f"the column map {columns.source} says posture = {shown(columns.posture_column)}: that is no posture, and "
+            "tensors hold no column of texts",
+            where=path, remedy=f"state one posture for all rows: {NAMES}",
+        )  # fmt: skip
+    return tensor_columns
 
 
 def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[MappedJoint, ...]:
@@ -104,6 +120,8 @@ def _channels(
         values[channel] = _in_si(channel, raw, joints)
     if columns.segment:
         values["segment"] = _whole(batch[columns.segment], columns.segment, before, path)
+    if columns.posture_column:
+        values["posture"] = batch[columns.posture_column]
     return values
 
 

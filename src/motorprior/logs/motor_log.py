@@ -113,6 +113,11 @@ class MotorLog:
         """Recorded time [s]: the sum over segments, without the pauses between them."""
         return float(sum(self.time[part][-1] - self.time[part][0] for part in self.segment_slices()))
 
+    @property
+    def period(self) -> float:
+        """Sample period [s]: the median time step within segments."""
+        return float(np.median(time_steps(self)[1]))
+
     def segment_slices(self) -> list[slice]:
         """Rows of each segment, in order."""
         if self.segment is None:

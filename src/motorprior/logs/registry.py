@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, LogError
@@ -43,7 +44,8 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     if columns is not None:
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
         _require_same_robot(known, robot, path)
-        return read_mapped_log(path, known, robot, lerobot_columns if is_lerobot_folder(path) else None)
+        of_folder = partial(lerobot_columns, posture=known.posture_column)
+        return read_mapped_log(path, known, robot, of_folder if is_lerobot_folder(path) else None)
     for reader in READERS:
         if reader.takes(path):
             return reader.read(path, robot)

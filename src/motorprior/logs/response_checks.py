@@ -6,9 +6,9 @@ import numpy as np
 
 from motorprior.logs.command_lag import MAX_LAG, MIN_CORRELATION, Following, following
 from motorprior.logs.excited_stretch import MIN_SAMPLES, Stretch
-from motorprior.logs.findings import Finding
+from motorprior.logs.findings import IN_MAP, Finding
 from motorprior.logs.joint_checks import excited_joints
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog
 
 DEAD_BAND = 0.1
 """A lag that is no longer a way than this, at the speed of the command, may be dead band, friction and sag [rad]."""
@@ -36,8 +36,8 @@ def _tracking_finding(joint: str, seen: Following, speed: float, row: int) -> Fi
     opposed = f"{1e3 * seen.opposed_lag:.3g} ms later, correlation {seen.opposed_correlation:.2f}"
     if seen.opposes:
         remedy = (
-            "say in the column map which of them is the other way round: sign = -1 in the table [joints.….joint_pos] "
-            "or [joints.….position_target]"
+            f"turn the one that is the other way round in the file, or say so {IN_MAP}: sign = -1 in the table "
+            "[joints.….joint_pos] or [joints.….position_target]"
         )
         message = f"{joint} moves against its command {opposed}"
         return Finding("error", "tracking", seen.opposed_correlation, -MIN_CORRELATION, message, remedy, joint, row)
@@ -78,8 +78,7 @@ def velocity(log: MotorLog) -> list[Finding]:
 def _window_changes(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     """∫joint_vel dt (trapezoids) and change of joint_pos, both (windows, J) [rad]."""
     assert log.joint_vel is not None
-    _, steps = time_steps(log)
-    width = max(1, round(VELOCITY_WINDOW / float(np.median(steps))))
+    width = max(1, round(VELOCITY_WINDOW / log.period))
     integrated, moved = [], []
     for part in log.segment_slices():
         speed, step = log.joint_vel[part], np.diff(log.time[part])[:, None]
@@ -103,8 +102,11 @@ def _velocity_finding(joint: str, slope: float) -> Finding:
 
 def _velocity_remedy(slope: float) -> str:
     if slope < 0.0:
-        return "say in the column map: sign = -1 in the table [joints.….joint_vel]"
+        return f"turn it in the file, or {IN_MAP}: sign = -1 in the table [joints.….joint_vel]"
     for unit, per_si in _VELOCITY_UNITS.items():
         if abs(slope / per_si - 1.0) < _ALIKE:
-            return f'these seem to be {unit}: say velocity = "{unit}" in the column map'
-    return "check that joint_vel is of the output side of the gear, its unit (velocity in the column map) and its times"
+            return f'these seem to be {unit}: convert them in the file, or say velocity = "{unit}" {IN_MAP}'
+    return (
+        "check that joint_vel is of the output side of the gear, its times, and its unit; convert it in the file, or "
+        f"{IN_MAP} by velocity"
+    )

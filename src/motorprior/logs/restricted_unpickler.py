@@ -22,9 +22,7 @@ NOT_A_LOG = "use only log files from their original source; convert others to CS
 _PLAIN = (str, int, float, bool, type(None), bytes)
 
 
-def load_plain(
-    source: str | Path | bytes, *, keys: Collection[str] | None = None, where: str | Path | None = None
-) -> Any:
+def load_plain(source: str | Path | bytes, *, keys: Collection[str] | None = None) -> Any:
     """Unpickle dicts with texts as keys, lists, tuples, text, bytes and numbers; numeric arrays become ``np.ndarray``.
 
     numpy scalars become Python numbers, bytearrays bytes. Text of Python 2 is read as latin1.
@@ -32,16 +30,15 @@ def load_plain(
     Args:
         source: path of the file, or the pickle itself.
         keys: what is wanted of a dict; the rest of it is left out. All of whatever it is if not given.
-        where: file to name in errors; the path by default.
 
     Raises:
         LogError: unreadable, longer than 100 MB, truncated, no dict with these keys, or asking for any other class or
             function, which is named and not called.
     """
     if isinstance(source, bytes):
-        return _load(source, where, PickleMachine(constructors(MAX_BYTES)), keys)
+        return _load(source, None, PickleMachine(constructors(MAX_BYTES)), keys)
     data = read_bytes(Path(source), MAX_BYTES, LogError)
-    return _load(data, source if where is None else where, PickleMachine(constructors(MAX_BYTES)), keys)
+    return _load(data, source, PickleMachine(constructors(MAX_BYTES)), keys)
 
 
 def load_tensors(data: bytes, *, where: str | Path) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.logs.excited_stretch import MAX_SAMPLES, Stretch
-from motorprior.logs.findings import Finding
+from motorprior.logs.findings import IN_MAP, Finding
 from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.reversals import reversals
@@ -60,7 +60,7 @@ def torque_without_sign(log: MotorLog) -> list[Finding]:
             continue
         least = float(np.min(np.abs(torque)))
         message = f"joint_torque/{joint} never changes sign (least size {least:.3g} N·m) while the joint goes both ways"
-        remedy = "it is the size of a current: remove joint_torque from the column map"
+        remedy = "it is the size of a current: leave it out of the file, or joint_torque out of its column map"
         row = int(np.argmax(torque != 0.0))
         found.append(Finding("warning", "unsigned_torque", least, 0.0, message, remedy, joint, row))
     return found
@@ -82,7 +82,7 @@ def torque_sign(stretch: Stretch) -> list[Finding]:
         correlation, joint = float(np.corrcoef(torque, error)[0, 1]), log.joint_names[column]
         if correlation < OTHER_SIGN:
             message = f"joint_torque/{joint} pushes away from the command: correlation {correlation:.2f} with the error"
-            remedy = "say in the column map: sign = -1 in the table [joints.….joint_torque]"
+            remedy = f"turn it in the file, or {IN_MAP}: sign = -1 in the table [joints.….joint_torque]"
             row = stretch.row
             found.append(Finding("warning", "torque_sign", correlation, OTHER_SIGN, message, remedy, joint, row))
     return found

@@ -8,8 +8,9 @@ from motorprior.logs.command_lag import MAX_LAG
 from motorprior.logs.findings import Finding
 from motorprior.logs.held_runs import Runs, runs_of, unchanged_runs
 from motorprior.logs.joint_checks import excited_joints
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, time_steps
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 from motorprior.logs.sensor_checks import encoder_step
+from motorprior.signals import rms
 
 SATURATED_TIME = 0.1
 """A shorter stay at an extreme is the turn of a motion [s]."""
@@ -78,7 +79,7 @@ def _error_elsewhere(error: np.ndarray, runs: Runs) -> float:
     inside[runs.starts] += 1
     inside[runs.stops] -= 1
     outside = np.cumsum(inside[:-1]) == 0
-    return float(np.sqrt(np.mean(error[outside] ** 2))) if outside.any() else 0.0
+    return float(rms(error[outside])) if outside.any() else 0.0
 
 
 def _saturated(log: MotorLog, channel: str, column: int, extreme: float, runs: Runs) -> Finding:
@@ -130,4 +131,4 @@ def _dead_channel(log: MotorLog, channel: str, column: int, values: np.ndarray) 
 
 
 def _rows_of(log: MotorLog, duration: float) -> int:
-    return round(duration / float(np.median(time_steps(log)[1])))
+    return round(duration / log.period)

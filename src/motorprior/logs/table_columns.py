@@ -1,6 +1,7 @@
 """Columns of tables, CSV (plain or gzip) or Parquet, batch by batch: only those asked for, as numbers.
 
-``x[2]`` is element 2 of a column ``x`` of lists. A column of time stamps comes as time since the first row.
+``x[2]`` is element 2 of a column ``x`` of lists. A column of time stamps comes as time since the first row, one of
+postures' names as their places in `motor_log.POSTURES`.
 """
 
 from __future__ import annotations
@@ -16,16 +17,21 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.csv_stream import csv_batches, csv_head
 from motorprior.logs.parquet_pages import COPY_AGAIN, require_parquet, require_small_pages
-from motorprior.logs.time_stamps import TimeStamps, are_stamps, begins_like_a_stamp
+from motorprior.logs.posture_column import CORRECT as CORRECT_POSTURE
+from motorprior.logs.posture_column import posture_codes
+from motorprior.logs.time_stamps import TimeStamps, are_stamps, are_texts, begins_like_a_stamp
 from motorprior.outside_files import require_file
 
-ENDINGS = (".csv", ".csv.gz", ".parquet")
 CORRECT = "correct the column map, or the file"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 
 
 def table_columns(
-    path: Path, names: list[str], time: str | None = None, lengths: Mapping[str, int] | None = None
+    path: Path,
+    names: list[str],
+    time: str | None = None,
+    lengths: Mapping[str, int] | None = None,
+    posture: str | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
     """Batches of rows: name -> (rows,) float64.
 
@@ -34,21 +40,24 @@ def table_columns(
         names: of its columns, or of elements of its columns of lists.
         time: that of them which may hold time stamps; it then comes as timedelta64[ns] since the first row.
         lengths: column of lists -> numbers that every list has to have.
+        posture: that of them which holds names of `motor_log.POSTURES`; it then comes as int64.
 
     Raises:
-        LogError: missing or damaged file, a column that it lacks, a cell that is empty, no number or no time stamp, a
-            list of another length; names the file, the row and the column.
+        LogError: missing or damaged file, a column that it lacks, a cell that is empty, no number, no time stamp or no
+            posture, a list of another length; names the file, the row and the column.
     """
     import pyarrow as pa
 
     require_file(path, LogError)
     rows, stamps = 0, TimeStamps(time or "", path)
     try:
-        for batch in _batches(path, names, time):
+        for batch in _batches(path, names, time, posture):
             for name, length in (lengths or {}).items():
                 _require_length(batch.column(name), name, length, rows, path)
             yield {
-                name: stamps.since_first(batch.column(name), rows)
+                name: posture_codes(batch.column(name), name, rows, path)
+                if name == posture
+                else stamps.since_first(batch.column(name), rows)
                 if name == time and _holds_stamps(batch, name)
                 else _numbers(batch, name, rows, path)
                 for name in names
@@ -70,12 +79,14 @@ def element_of(name: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def _batches(path: Path, names: list[str], time: str | None) -> Iterator[Any]:
+def _batches(path: Path, names: list[str], time: str | None, posture: str | None) -> Iterator[Any]:
     if path.suffix == ".parquet":
-        yield from _parquet_batches(path, names, time)
+        yield from _parquet_batches(path, names, time, posture)
         return
-    wanted = present(list(csv_head(path).names), names, path)
-    yield from csv_batches(path, wanted, texts=[time] if time in wanted and _begins_with_a_stamp(path, time) else ())
+    wanted = present(list(csv_head(path).names), names, path, posture)
+    texts = [posture] if posture else []
+    texts += [time] if time in wanted and _begins_with_a_stamp(path, time) else []
+    yield from csv_batches(path, wanted, texts=texts)
 
 
 def _begins_with_a_stamp(path: Path, time: str) -> bool:
@@ -84,46 +95,58 @@ def _begins_with_a_stamp(path: Path, time: str) -> bool:
     return first is not None and begins_like_a_stamp(first.column(time)[0].as_py())
 
 
-def _parquet_batches(path: Path, names: list[str], time: str | None) -> Iterator[Any]:
+def _parquet_batches(path: Path, names: list[str], time: str | None, posture: str | None) -> Iterator[Any]:
     import pyarrow.parquet as pq
 
     require_parquet(path)
-    as_dictionary = [time] if time else []  # of texts, which may unfold to gigabytes; numbers stay as they are
-    with pq.ParquetFile(path, pre_buffer=False, read_dictionary=as_dictionary) as file:  # or all is held in memory
-        wanted = present(file.schema_arrow.names, names, path)
-        _require_numbers(file.schema_arrow, wanted, time, path)
-        require_small_pages(path, set(wanted), texts=set(as_dictionary))
+    schema = pq.read_schema(path)
+    wanted = present(schema.names, names, path, posture)
+    _require_kinds(schema, wanted, time, posture, path)
+    texts = [name for name in wanted if are_texts(_inner(schema.field(name).type))]
+    require_small_pages(path, set(wanted), texts=set(texts))
+    # without pre_buffer, or all is held in memory; texts as dictionaries, or they may unfold to gigabytes
+    with pq.ParquetFile(path, pre_buffer=False, read_dictionary=texts) as file:
         yield from file.iter_batches(columns=wanted)
+
+
+def _inner(kind: Any) -> Any:
+    """Type of the elements of a list, or of a dictionary's words; else the type itself."""
+    return getattr(kind, "value_type", kind)
 
 
 def _holds_stamps(batch: Any, name: str) -> bool:
     """Whether a column of a batch has time stamps, where it may."""
     kind = batch.schema.field(name).type if batch.schema.get_field_index(name) >= 0 else None
-    return kind is not None and are_stamps(getattr(kind, "value_type", kind))
+    return kind is not None and are_stamps(_inner(kind))
 
 
-def _require_numbers(schema: Any, wanted: list[str], time: str | None, path: Path) -> None:
-    """Refuse, before it is read, any column but of numbers or their lists, or of time stamps."""
+def _require_kinds(schema: Any, wanted: list[str], time: str | None, posture: str | None, path: Path) -> None:
+    """Refuse, before it is read, any column but of numbers or their lists, of time stamps, or of postures' names."""
     import pyarrow as pa
 
     for name in wanted:
         kind = schema.field(name).type
-        inner = getattr(kind, "value_type", kind)  # of a list, or of a dictionary
+        inner = _inner(kind)
+        if name == posture:
+            if not are_texts(inner) or pa.types.is_nested(kind):
+                raise LogError(f"{name} is {kind}, not names of postures", where=path, remedy=CORRECT_POSTURE)
+            continue
         if name == time and are_stamps(inner) and not pa.types.is_nested(kind):
             continue
         if not (pa.types.is_integer(inner) or pa.types.is_floating(inner)):
             raise LogError(f"{name} is {kind}, not numbers", where=path, remedy=CORRECT)
 
 
-def present(have: list[str], names: list[str], path: Path) -> list[str]:
-    """Columns of the file that hold these names, each once."""
+def present(have: list[str], names: list[str], path: Path, posture: str | None = None) -> list[str]:
+    """Columns of the file that hold these names, each once; that of postures holds no lists."""
     counted = Counter(have)
-    found = dict.fromkeys(_owner(name, counted) for name in names)
+    found = dict.fromkeys(name if name == posture else _owner(name, counted) for name in names)
     for name in found:
         if counted[name] != 1:
             problem = "no column" if name not in counted else "more than one column"
             shown = ", ".join(map(ascii, have[:8])) + (", …" if len(have) > 8 else "")
-            raise LogError(f"{problem} {name[:80]!r}; it has {shown[:300]}", where=path, remedy=CORRECT)
+            remedy = CORRECT_POSTURE if name == posture else CORRECT
+            raise LogError(f"{problem} {name[:80]!r}; it has {shown[:300]}", where=path, remedy=remedy)
     return list(found)
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from motorprior.logs.findings import Finding
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, time_steps
+from motorprior.logs.findings import IN_MAP, Finding
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 
 ANGLES = ("position_target", "joint_pos")
 MAX_ANGLE = 2.0 * np.pi
@@ -25,7 +25,7 @@ SPEED_SHARE = 1e-3
 """And so large a share of the velocities."""
 SPEED_TIME = 0.01
 """Speeds are taken over so long a time [s], or the steps of an encoder that is polled fast would be some."""
-_DEGREES = 'say what its unit is in the column map: angle = "deg", "turn" or "tick"'
+_DEGREES = f'convert them in the file, or say what their unit is {IN_MAP}: angle = "deg", "turn" or "tick"'
 
 _UNSURE = f"if these are not rad, {_DEGREES}; if the encoder wrapped, unwrap the column (numpy.unwrap)"
 
@@ -107,14 +107,14 @@ def speeds(log: MotorLog, columns: Sequence[int]) -> list[Finding]:
         speed = _lasting(np.diff(log.joint_pos[rows, column]) / lengths)
         fast = speed > MAX_SPEED
         if (count := int(fast.sum())) > HANDFUL:
-            remedy = f"{_DEGREES}; or what the unit of time is: time"
+            remedy = f"{_DEGREES}; if the time has another unit, do so with time"
             found.append(_fast("joint_pos", joint, float(speed.max()), int(rows[np.argmax(fast)]), count, remedy))
         if log.joint_vel is None:
             continue
         speed = np.abs(log.joint_vel[:, column])
         fast = speed > MAX_SPEED
         if (count := int(fast.sum())) > max(HANDFUL, SPEED_SHARE * log.num_rows):
-            remedy = 'say what its unit is in the column map: velocity = "deg/s" or "rpm"'
+            remedy = f'convert it in the file, or say what its unit is {IN_MAP}: velocity = "deg/s" or "rpm"'
             found.append(_fast("joint_vel", joint, float(speed.max()), int(np.argmax(fast)), count, remedy))
     return found
 
@@ -129,7 +129,7 @@ def _fast(channel: str, joint: str, most: float, row: int, count: int, remedy: s
 
 def _places(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     """Rows (S + 1,) that are SPEED_TIME or a row apart, and the time between them (S,) [s]."""
-    period = float(np.median(time_steps(log)[1]))
+    period = log.period
     width = max(1, round(SPEED_TIME / period))
     rows = np.arange(0, log.num_rows, width)
     return rows, np.maximum(np.diff(log.time[rows]), width * period)

@@ -204,7 +204,7 @@ def run_adapt(
     whole = read_parquet(config.log)
     log = first_seconds(whole, config.seconds)
     prior, robot = prior_and_robot(config.prior, log, config.robot)
-    wanted = description("adapt", asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
+    wanted = description("adapt", __file__, asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
     _note_known(prior, whole, str(config.log), progress)
     if is_finished(config.out, wanted):
         return

@@ -17,22 +17,22 @@ from motorprior.locomotion.command import Commands
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.demo_settings import Demo, comparison_of, require_settings, that_walks
 from motorprior.pipeline.digests import digest
+from motorprior.pipeline.first_look.real_motors import RealMotors, Show, is_replayed, run_real_motors
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.real_motors import RealMotors, Show, is_replayed, run_real_motors
-from motorprior.pipeline.replay import Replay, run_replay
+from motorprior.pipeline.replay.replay import Replay, run_replay
 from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report, seconds_by_kind
-from motorprior.pipeline.robustness import Robustness, run_robustness
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.speed import measure_speed
 from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, write_results
 from motorprior.pipeline.stopwatch import seconds_in_stages
-from motorprior.pipeline.transfer import Transfer, run_transfer
-from motorprior.pipeline.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.pipeline.walk import Walk, run_walk
-from motorprior.pipeline.walk_seeds import SEEDS_APART
+from motorprior.pipeline.transfer_study.robustness import Robustness, run_robustness
+from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
+from motorprior.pipeline.validation.validate import GAINS_FILE, TUNED, Validate, run_validate
+from motorprior.pipeline.walking.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.search.ars import ArsConfig

@@ -8,10 +8,10 @@ from pathlib import Path
 from motorprior.bench.facts import require_bench_size
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
+from motorprior.pipeline.first_look.real_motors import RealMotors
 from motorprior.pipeline.motor_choice import load_robot_fleet
-from motorprior.pipeline.real_motors import RealMotors
-from motorprior.pipeline.replay import read_logs
-from motorprior.pipeline.walk import MOST_WORKERS
+from motorprior.pipeline.replay.replay import read_logs
+from motorprior.pipeline.walking.walk import MOST_WORKERS
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

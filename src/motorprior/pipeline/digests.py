@@ -7,64 +7,23 @@ from functools import cache
 from pathlib import Path
 
 from motorprior.exceptions import ArtifactError
+from motorprior.pipeline.module_imports import sources
 
-_STAGES = (
-    "bench",
-    "calibrate",
-    "identify",
-    "adapt",
-    "validate",
-    "simulate",
-    "replay",
-    "real_motors",
-    "walk",
-    "transfer",
-    "robustness",
-    "study",
-)
-_NEEDS = {
-    "validate": ("adapt",),
-    "real_motors": ("adapt", "identify"),
-    "robustness": ("transfer",),
-    "study": ("transfer",),
+_LEFT_OUT = {
+    "motorprior.report": "pages and pictures",
+    "motorprior.transfer.study_verdicts": "judges what is finished",
+    "motorprior.pipeline.transfer_study.study_report": "a page",
+    "motorprior.pipeline.walking.earlier_training": "tells what a new training throws away",
+    "motorprior.pipeline.walking.walk_metrics": "tells how a training goes",
+    "motorprior.pipeline.walking.tensorboard": "tells how a training goes",
+    "motorprior.pipeline.progress": "tells how far a stage is",
+    "motorprior.pipeline.side_by_side": "results do not depend on it",
+    "motorprior.pipeline.stage": "knows what is finished",
+    "motorprior.pipeline.digests": "knows what is finished",
+    "motorprior.pipeline.stopwatch": "knows how long it took",
+    "motorprior.pipeline.folder_lock": "knows who writes",
 }
-"""Stages whose own module another one's numbers depend on."""
-_PARTS = {"identify": ("training_log",), "study": ("study_watch",), "walk": ("training", "trained_policy", "contests")}
-"""Modules that belong to one stage."""
-_NO_NUMBERS = (
-    *("report/*", "hardware/*", "cli/*", "environments.py", "__main__.py"),
-    *(
-        f"pipeline/{name}.py"
-        for name in (
-            "progress",
-            "time_left",
-            "side_by_side",
-            "stage",
-            "digests",
-            "stopwatch",
-            "folder_lock",
-            "demo",
-            "demo_settings",
-            "report",
-            "speed",
-        )
-    ),
-    *("pipeline/train_policy.py", "pipeline/comparison.py", "pipeline/tensorboard.py"),
-    *(f"pipeline/{name}.py" for name in ("study_settings", "study_conditions", "study_report")),
-    *(
-        f"transfer/{name}.py"
-        for name in ("statistics", "study_summary", "study_verdicts", "study_targets", "study_claims", "study_results")
-    ),  # judges
-    *(
-        f"pipeline/{name}.py"
-        for name in (
-            *("play", "walk_film", "schedule_file", "walk_report", "walk_metrics", "walk_seeds", "earlier_training"),
-        )
-    ),
-    *("simulation/render*.py", "simulation/viewer.py", "simulation/camera.py"),
-    *("pipeline/virtual_robot.py", "pipeline/twin_body.py", "simulation/live_robot.py"),
-)
-"""What no stage computes with; a robot, real or virtual, is not part of any."""
+"""What stages import and no number of theirs depends on, and why; what only these import is left out with them."""
 
 
 def digest(path: Path) -> str:
@@ -81,20 +40,19 @@ def digest(path: Path) -> str:
 
 
 @cache
-def code_digest(stage: str) -> str:
-    """SHA-256 of the modules that the results of a stage can depend on, shortened."""
-    return package_digest(stage, Path(__file__).parents[1])
+def code_digest(file: str) -> str:
+    """SHA-256 of the code of a stage, shortened.
+
+    It covers the module of the stage and whatever this imports, at once or later and at any remove, less `_LEFT_OUT`.
+    Other code can be edited and the stage is still finished; data files count as its inputs, if it reads them.
+
+    Args:
+        file: of the module; a script's sources beside it count too.
+    """
+    return package_digest(Path(file).resolve(), Path(__file__).resolve().parents[1])
 
 
-def package_digest(stage: str, package: Path) -> str:
-    """`code_digest` of the package in some folder."""
-    needed = (stage, *_NEEDS.get(stage, ()))
-    others = [
-        f"pipeline/{name}.py" for other in _STAGES if other not in needed for name in (other, *_PARTS.get(other, ()))
-    ]
-    parts = []
-    for path in sorted(package.rglob("*.py")):
-        inner = path.relative_to(package)
-        if not any(inner.match(pattern) for pattern in (*_NO_NUMBERS, *others)):
-            parts.append(f"{inner.as_posix()} {digest(path)}")
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+def package_digest(file: Path, package: Path) -> str:
+    """`code_digest` of the package in some folder, which has the package's name."""
+    parts = [f"{name} {hashlib.sha256(text).hexdigest()}" for name, text in sources(file, package, _LEFT_OUT).items()]
+    return hashlib.sha256("\n".join(sorted(parts)).encode()).hexdigest()[:16]

@@ -108,7 +108,7 @@ def fit_recipe(
     job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
     if out is None:
         return _fitted(job, _data(job), progress, None)
-    wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
+    wanted = description("identify", __file__, {"preset": preset, "seed": seed}, [], asdict(recipe))
     return _fitted_in(out, wanted | {"inputs": [log_digest(log)]}, job, progress)
 
 
@@ -123,7 +123,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     log, inputs, origin = training_log(config.bench)
     recipe = _for_log(recipe, log)
     settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # the inputs speak for it
-    wanted = description("identify", settings, inputs, recipe=asdict(recipe))
+    wanted = description("identify", __file__, settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
     job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
     _fitted_in(config.out, wanted, job, progress)
@@ -199,15 +199,17 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """The prior, with the figures that it is judged by later."""
     from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.standardise import MOTORS_TO_TRUST, widened
+    from motorprior.identification.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, widened
     from motorprior.identification.train import identify, work_of
     from motorprior.identification.used_share import used_share
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
+        few = recipe.physics_first and log.num_joints < MOTORS_AT_LEAST
+        guess = "differ as motors of one model are assumed to" if few else "are a guess"
         progress.note(
-            f"note: {log.num_joints} motors say little about a distribution: the prior reproduces these motors, but "
-            f"its draws are a guess (record {MOTORS_TO_TRUST} or more)"
+            f"note: {log.num_joints} motor{'s say' if log.num_joints > 1 else ' says'} little about a distribution: "
+            f"the prior reproduces what was recorded, but its draws {guess} (record {MOTORS_TO_TRUST} or more)"
         )
     said = ""
     progress.note(used_share(data, recipe))

@@ -28,12 +28,13 @@ MARKER = "stage.json"
 
 
 def description(
-    name: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
+    name: str, file: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """What a stage was asked to do, as JSON.
 
     Args:
-        name: of the stage; its module in `motorprior.pipeline` has the same.
+        name: of the stage.
+        file: of the module that does its work, its ``__file__``; that code counts, see `code_digest`.
         settings: resolved options; paths among them are left out, `inputs` speaks for them.
         inputs: every file that the stage reads, in a fixed order; counts by name and content.
         recipe: contents of the preset that an option names.
@@ -41,7 +42,7 @@ def description(
     return {
         "stage": name,
         "version": __version__,
-        "code": code_digest(name),
+        "code": code_digest(file),
         "config": _plain(settings),
         "recipe": _plain(recipe or {}),
         "inputs": [f"{path.name} {digest(path)}" for path in inputs],

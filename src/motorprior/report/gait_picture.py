@@ -24,6 +24,10 @@ FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2,
 """Corners of `Skeleton.chassis` around each face of the box."""
 PICTURED = 0.166
 """Height of a base [m] that the pictures are laid out for; a larger robot is drawn smaller."""
+FRAMES, SPAN = 6, 0.6
+"""Of a strip: how many, and the time from the first to the last [s]."""
+RATE = 20.0
+"""Of an animation [pictures/s], rounded to a whole number of control steps."""
 BODY, FAR_LEG = "#dfe3e8", "#b4bac2"
 
 _SMOOTH = 2  # drawn this many times larger, then averaged down
@@ -47,28 +51,18 @@ class _View:
         return [(float(a) * _SMOOTH, float(b) * _SMOOTH) for a, b in zip(x, y, strict=True)]
 
 
-def gait_strip(
-    skeleton: Skeleton,
-    control_dt: float,
-    title: str,
-    *,
-    color: str = INK,
-    frames: int = 6,
-    span: float = 0.6,
-) -> Figure:
-    """The last ``span`` seconds as frames side by side; a foot on the ground has a ring.
+def gait_strip(skeleton: Skeleton, control_dt: float, title: str, *, color: str = INK) -> Figure:
+    """The last SPAN seconds as frames side by side; a foot on the ground has a ring.
 
     Args:
         skeleton: one frame per control step.
         control_dt: time between frames [s].
         title: above the strip.
         color: of the near legs.
-        frames: how many.
-        span: from the first to the last frame shown [s].
     """
     _require_frames(skeleton)
-    first = max(0, len(skeleton) - 1 - round(span / control_dt))
-    picked = np.unique(np.linspace(first, len(skeleton) - 1, frames).round().astype(int))
+    first = max(0, len(skeleton) - 1 - round(SPAN / control_dt))
+    picked = np.unique(np.linspace(first, len(skeleton) - 1, FRAMES).round().astype(int))
     size = skeleton.height / PICTURED
     pitch = 0.40 * size
     figure = new_figure(1.5)
@@ -114,7 +108,7 @@ def _strip_leg(axes: Axes, points: np.ndarray, foot_radius: float, color: str, o
         axes.plot([x], [z], "o", markersize=4, color="white", markeredgecolor=color, zorder=order)
 
 
-def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: str = INK, fps: float = 20.0) -> bytes:
+def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: str = INK) -> bytes:
     """An endless GIF in real time; the camera goes along, the ground has a tick every 0.1 m.
 
     Args:
@@ -122,10 +116,9 @@ def gait_animation(skeleton: Skeleton, control_dt: float, title: str, *, color: 
         control_dt: time between frames [s].
         title: written into the picture.
         color: of the near legs.
-        fps: pictures per second; rounded to a whole number of control steps.
     """
     _require_frames(skeleton)
-    stride = max(1, round(1.0 / (fps * control_dt)))
+    stride = max(1, round(1.0 / (RATE * control_dt)))
     picked = range(0, len(skeleton), stride)
     notes = [_time_and_place(skeleton, frame, control_dt, "    ") for frame in picked]
     return gif_bytes(drawn(skeleton.frames(np.array(picked)), title, notes, color=color), stride * control_dt)

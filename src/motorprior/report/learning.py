@@ -9,8 +9,8 @@ import numpy as np
 
 from motorprior.artifacts import read_json
 from motorprior.locomotion.policy import Policy
-from motorprior.report import plots
 from motorprior.report.page import Section, picture
+from motorprior.report.plots_study import learning_curves
 from motorprior.simulation.randomization import Randomization
 
 
@@ -30,9 +30,7 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> list[Section]:
             points = read_json(folder / "curve.json")
             iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
             curves.setdefault(name, []).append((iteration, returns))
-    shown = picture(
-        plots.learning_curves(curves), "Mean return of the perturbed policies per iteration.", "learning curves"
-    )
+    shown = picture(learning_curves(curves), "Mean return of the perturbed policies per iteration.", "learning curves")
     body = [_varied(policies), "Returns are of each condition's own simulation and do not compare across conditions."]
     if any(name.startswith("paper") for name in folders):
         body.append("Where the simulated robot falls at once, as on the paper's motors, there is little to learn from.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from io import BytesIO
@@ -18,7 +18,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from motorprior.artifacts import write_text
+from motorprior.artifacts import dotted, write_text
 from motorprior.exceptions import ConfigError
 from motorprior.report.plots_flow import flow_svg
 from motorprior.report.plots_style import DPI, model_color, model_key, model_label, png_bytes
@@ -113,7 +113,7 @@ def render(report: Report) -> str:
     return environment.from_string(template).render(
         report=report,
         anchors=_anchors([section.title for section in report.sections]),
-        settings=list(_flat(report.settings)),
+        settings=[(name, _listed(value)) for name, value in dotted(report.settings).items() if value != {}],
         flow_wide=Markup(flow_svg()),
         flow_narrow=Markup(flow_svg(narrow=True)),
         cells=_cells,
@@ -171,15 +171,8 @@ def _anchors(titles: list[str]) -> list[str]:
     return anchors
 
 
-def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """(dotted name, text) of every setting."""
-    for name, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
-        elif isinstance(value, (list, tuple)):
-            yield f"{prefix}{name}", ", ".join(str(each) for each in value)
-        else:
-            yield f"{prefix}{name}", str(value)
+def _listed(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
 def _is_simple(figure: Figure) -> bool:

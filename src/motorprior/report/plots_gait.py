@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.report.plots_style import INK, MUTED, TEXT, describe, new_figure, panels
+from motorprior.signals import runs_of_true
 
 
 def footfalls(
@@ -45,6 +46,5 @@ def _bars(axes: Axes, stance: np.ndarray, span: float, color: str) -> None:
     """A bar for every stretch on the ground."""
     width = span / len(stance)
     for leg, down in enumerate(stance.T):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
-        bars = [(first * width, (last - first) * width) for first, last in edges.reshape(-1, 2)]
+        bars = [(first * width, (after - first) * width) for first, after in runs_of_true(down)]
         axes.broken_barh(bars, (leg - 0.36, 0.72), color=color, linewidth=0)

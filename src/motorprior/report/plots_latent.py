@@ -10,7 +10,7 @@ from matplotlib.collections import EllipseCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from motorprior.report.plots_directions import Directions
+from motorprior.report.latent_directions import Directions
 from motorprior.report.plots_style import INK, MUTED, TEXT, describe, new_figure, panels, style
 
 PARAMETER_LABELS = {

@@ -14,9 +14,9 @@ from motorprior.report.plots_style import (
     model_color,
     new_figure,
     panels,
-    rms,
     target_line,
 )
+from motorprior.signals import rmse
 
 _OPACITY = {50: 0.34, 90: 0.18}
 
@@ -48,7 +48,7 @@ def log_against_bands(
         angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **look)
         error.fill_between(time, low - joint_pos, high - joint_pos, **look)
     angle.plot(time, joint_pos, color=INK, linewidth=1.1, label="recorded")
-    name = f"simulated, RMSE {1e3 * rms(model - joint_pos):.1f} mrad"
+    name = f"simulated, RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
     angle.plot(time, model, color=color, linewidth=0.9, label=name)
     error.plot(time, model - joint_pos, color=color, linewidth=0.9)
     error.axhline(0.0, color=INK, linewidth=0.8)

@@ -20,12 +20,12 @@ from motorprior.report.plots_style import (
     model_line,
     new_figure,
     panels,
-    rms,
     span,
     style,
     target_line,
     two_digits,
 )
+from motorprior.signals import rmse
 
 TIME = "time [s]"
 _MOST_DOTS = 1500
@@ -122,7 +122,7 @@ def _scatter(axes: Axes, measured: np.ndarray, values: np.ndarray, model: str, l
     axes.set(xlim=bounds, ylim=bounds, aspect="equal")
     axes.locator_params(nbins=4)
     axes.set_title(
-        f"{model_label(model)}\nRMSE {two_digits(rms(values - measured))} N·m",
+        f"{model_label(model)}\nRMSE {two_digits(float(rmse(values, measured)))} N·m",
         loc="left",
         fontsize=TEXT,
         color=model_color(model),
@@ -159,7 +159,7 @@ def closed_loop(
     target_line(angle, time, position_target)
     model_line(angle, time, truth, "truth", truth_label).set_linewidth(1.9)
     for model, values in models.items():
-        name = f"{model_label(model)}, RMSE {_milli(rms(values - truth))}"
+        name = f"{model_label(model)}, RMSE {_milli(float(rmse(values, truth)))}"
         model_line(angle, time, values, model, name)
         model_line(error, time, values - truth, model)
     error.axhline(0.0, color=INK, linewidth=0.8)

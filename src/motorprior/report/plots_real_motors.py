@@ -19,11 +19,11 @@ from motorprior.report.plots_style import (
     model_color,
     new_figure,
     panels,
-    rms,
     style,
     target_line,
 )
 from motorprior.report.real_motor_tables import NAMES, Trace
+from motorprior.signals import rmse
 
 LONGEST = 8.0
 """Shown of a trace, from its end, where a chirp is fastest [s]."""
@@ -86,7 +86,7 @@ def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
         angle.plot(time, values, color=color, linewidth=1.1, label=NAMES[model])
         error.plot(time, 1e3 * (values - measured), color=color, linewidth=0.9)
     fit_y(angle, [measured, trace.target[part]], list(simulated.values()))
-    best = min(simulated.values(), key=lambda values: rms(values - measured))
+    best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
     fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], room=3.0)
     describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
     describe(error, y="minus recorded [mrad]")

@@ -124,11 +124,11 @@ def _bar(axes: Axes, x: float, width: float, value: float, floor: float, model: 
     axes.annotate(text, at, xytext=(0, 2), textcoords="offset points", color=color, **look)
 
 
-def _wrapped(text: str, width: int = 18) -> str:
-    """Two lines or more where a label is long."""
+def _wrapped(text: str) -> str:
+    """Two lines or more where a label is longer than 18 letters."""
     lines = [""]
     for word in text.split():
-        if lines[-1] and len(lines[-1]) + len(word) >= width:
+        if lines[-1] and len(lines[-1]) + len(word) >= 18:
             lines.append(word)
         else:
             lines[-1] = f"{lines[-1]} {word}".strip()

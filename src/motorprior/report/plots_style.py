@@ -202,11 +202,6 @@ def span(arrays: list[np.ndarray]) -> tuple[float, float]:
     return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
 
 
-def rms(error: np.ndarray) -> float:
-    """Root mean square; not finite if any error is not."""
-    return float(np.sqrt(np.mean(np.square(error))))
-
-
 def two_digits(value: float) -> str:
     """2 significant digits, whole numbers from 10 on."""
     if value == 0.0:

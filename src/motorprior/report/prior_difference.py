@@ -10,7 +10,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import named_multiples
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_tensors
+from motorprior.artifacts import dotted, read_tensors
 
 _FLEET_DRAWS = 256
 """Motors of N(0, I) whose constants give the spread of a prior's fleet."""
@@ -46,21 +46,13 @@ def difference(a: Path, b: Path) -> Difference:
     """
     figures = [_motor_figures(MotorPrior.load(path)) for path in (a, b)]
     (tensors, header), (other_tensors, other_header) = (read_tensors(path) for path in (a, b))
-    pairs = _pairs(_flattened(header), _flattened(other_header))
+    pairs = _pairs(dotted(header), dotted(other_header))
     apart = {name: _apart(*pair) for name, pair in _pairs(tensors, other_tensors).items() if not np.array_equal(*pair)}
     return Difference({key: pair for key, pair in pairs.items() if pair[0] != pair[1]}, _pairs(*figures), apart)
 
 
 def _pairs(one: dict[str, Any], other: dict[str, Any]) -> dict[str, tuple[Any, Any]]:
     return {key: (one.get(key), other.get(key)) for key in one | other}
-
-
-def _flattened(value: Any, key: str = "") -> dict[str, Any]:
-    """Tables in tables as one table with dotted keys; lists are values."""
-    if not isinstance(value, dict) or not value:
-        return {key: value}
-    inner = (_flattened(part, f"{key}.{name}" if key else str(name)) for name, part in value.items())
-    return {name: leaf for table in inner for name, leaf in table.items()}
 
 
 def _apart(one: np.ndarray | None, other: np.ndarray | None) -> float | list[list[int] | None]:

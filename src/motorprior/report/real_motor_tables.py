@@ -13,7 +13,8 @@ from motorprior.results import Results
 RMSE, FREE_RUN = "real_motors_rmse", "real_motors_free_run_rmse"
 """Errors of free runs of whole stretches of log, and of a second."""
 CONSTANT = "real_motors_"
-"""Begins the quantity of a constant: of the joint that `Result.part` names, or, as statistics, of a fleet's draws."""
+"""Prefix of `Result.quantity` in rows of a motor constant. The value is that of the joint named by ``part``; in a row
+without ``part`` it is what ``statistic`` says: a quantile of a fleet's draws, or the motors' median (NOT_SHOWN)."""
 NOT_SHOWN = "not_shown"
 """Statistic of a constant that the logs do not show: its value is that of a fit, not of the motors."""
 NAMES = {

@@ -13,10 +13,13 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors
 from motorprior.bench.facts import read_bench
 from motorprior.bench.families import FAMILIES
-from motorprior.report import plots
 from motorprior.report.gait_sections import gait_pictures
+from motorprior.report.latent_directions import behaviour_directions, best_explained
 from motorprior.report.page import Section, Table, picture
-from motorprior.report.plots_directions import behaviour_directions, best_explained
+from motorprior.report.plots_latent import latent_map
+from motorprior.report.plots_motor import closed_loop, excitation_and_response, torque_fit
+from motorprior.report.plots_robot import real_replay, robot_traces
+from motorprior.report.plots_study import fidelity_bars, transfer_bars
 from motorprior.report.tables import (
     TRANSFER_COLUMNS,
     by_model,
@@ -53,7 +56,7 @@ def bench(run: Path) -> list[Section]:
         arrays = [None if column is None else column[first, 0] for column in columns]
         assert arrays[0] is not None and arrays[1] is not None
         title = f"Preset {preset}: {text}"
-        figure = plots.excitation_and_response(time, arrays[0], arrays[1], *arrays[2:], title=title)
+        figure = excitation_and_response(time, arrays[0], arrays[1], *arrays[2:], title=title)
         pictures.append(picture(figure, f"Bench preset {preset}, first motor.", f"{preset} excitation and response"))
     _, facts = read_bench(run / "bench" / "rollout")
     count = f"{facts.motors} physical motors of fleet {facts.fleet.name}"
@@ -70,7 +73,7 @@ def identify(run: Path) -> list[Section]:
     points = prior.mean if directions is None else prior.mean @ directions.axes
     constants = {field.name: getattr(motors, field.name) for field in fields(motors)}
     known = best_explained(points, constants, _LATENT_PANELS)
-    figure = plots.latent_map(prior.mean, prior.log_var, known, directions)
+    figure = latent_map(prior.mean, prior.log_var, known, directions)
     body = (
         "Each training motor owns a mean and a variance of z. A new motor is a draw z ~ N(0, I): the circles. The "
         "training never saw the physical parameters that colour the dots. Of all directions of z the map shows the two "
@@ -100,7 +103,7 @@ def _torque_section(tensors: dict[str, np.ndarray]) -> Section:
         prefix = f"torque/{name}/"
         if prefix + "time" in tensors:
             time, measured, predicted = (tensors[prefix + key] for key in ("time", "measured", "predicted"))
-            figure = plots.torque_fit(time, measured, {name: predicted})
+            figure = torque_fit(time, measured, {name: predicted})
             pictures.append(picture(figure, f"{name}: torque from the true history.", f"torque fit of {name}"))
     lead = "Shown the true history, every network predicts torque: that is what the paper trains for."
     body = ("A small error here says nothing about the closed loop: see the next chapter.",)
@@ -114,7 +117,7 @@ def _fidelity_table(results: Results, columns: tuple[str, ...], caption: str) ->
 
 def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], results: Results) -> Section:
     time = np.arange(len(tensors["bench/target"])) * header["bench_dt"]
-    figure = plots.closed_loop(
+    figure = closed_loop(
         time, tensors["bench/target"], tensors["bench/truth"], _by_model(tensors, "bench/model/"), "gait + impacts"
     )
     shown = picture(figure, "One held-out trial: every model in its own closed loop.", "closed-loop traces")
@@ -133,7 +136,7 @@ def _bench_section(tensors: dict[str, np.ndarray], header: dict[str, Any], resul
 def _robot_section(tensors: dict[str, np.ndarray], header: dict[str, Any], results: Results) -> Section:
     positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
     time = np.arange(len(tensors["robot/target"])) * header["robot_dt"]
-    traces = plots.robot_traces(
+    traces = robot_traces(
         time, tensors["robot/position/truth"], positions, tensors["robot/torque/truth"], torques, header["joint"],
         "standing trot",
     )  # fmt: skip
@@ -146,7 +149,7 @@ def _robot_section(tensors: dict[str, np.ndarray], header: dict[str, Any], resul
     bars = {title: by_model(results, quantity) for quantity, title in metrics.items()}
     pictures = (
         picture(traces, f"{header['joint']} in a trot on the ground.", "traces inside the robot"),
-        picture(plots.fidelity_bars(bars), "Inside the robot.", "fidelity inside the robot"),
+        picture(fidelity_bars(bars), "Inside the robot.", "fidelity inside the robot"),
     )
     lead = "The same models as the motors of a standing and of a hung robot."
     torque = by_model(results, "standing_torque_hf")
@@ -173,7 +176,7 @@ def replay(run: Path) -> list[Section]:
         models = _by_model(tensors, f"{log}/model/")
         band = (tensors[f"{log}/low"], tensors[f"{log}/high"]) if f"{log}/low" in tensors else None
         time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
-        figure = plots.real_replay(time, target, measured, models, band, joint, f"log {log}")
+        figure = real_replay(time, target, measured, models, band, joint, f"log {log}")
         pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors.", f"replay of {log}"))
     columns = ("log", "joint", *replay_models(results))
     rows = tuple(tuple(row) for row in replay_rows(results))
@@ -213,7 +216,7 @@ def transfer(run: Path, robot: Robot) -> list[Section]:
         }
         for place in ("own", "twin")
     ]
-    bars = picture(plots.transfer_bars(*pairs), "Own simulation and twin.", "speed and time upright")
+    bars = picture(transfer_bars(*pairs), "Own simulation and twin.", "speed and time upright")
     pictures = [
         bars,
         *(

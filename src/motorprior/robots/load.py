@@ -139,10 +139,10 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
-    where, legs, removes = str(path), table.get("legs", {}), "actuators" in table
+    where, legs = str(path), table.get("legs", {})
     base, encoder = table["base"], table.get("encoder", "joint")
     file = path.parent / table["model"]
-    model = UserModel(file, base == "free", removes)
+    model = UserModel(file, base == "free", "actuators" in table)
     names = model.joint_names(tuple(table["joints"]) if "joints" in table else None)
     if not names:
         raise ArtifactError("the model has no hinges", where=file, remedy="give a model with joints")
@@ -173,7 +173,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         motor=table["motor"],
         joints=joints,
         base=base,
-        model=ModelFile(file.resolve(), hashlib.sha256(file.read_bytes()).hexdigest(), removes),
+        model=ModelFile(file.resolve(), hashlib.sha256(file.read_bytes()).hexdigest()),
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
         legs=made,

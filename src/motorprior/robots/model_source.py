@@ -33,9 +33,7 @@ class ModelFile:
     Attributes:
         path: of the file; meshes are looked for beside it, as MuJoCo does.
         sha256: digest of the file when the robot was loaded.
-        removes_actuators: the file's own actuators are taken out, for motorprior drives the joints.
     """
 
     path: Path
     sha256: str
-    removes_actuators: bool = False

@@ -27,13 +27,12 @@ CONTACT_DT = 0.001
 FLOOR = "floor"
 
 
-def build_model(robot: Robot, physics_dt: float, foot_friction: float, hung: bool) -> mujoco.MjModel:
+def build_model(robot: Robot, physics_dt: float | None = None, hung: bool = False) -> mujoco.MjModel:
     """The compiled model.
 
     Args:
         robot: whose model.
-        physics_dt: step [s].
-        foot_friction: sliding friction of the feet [-].
+        physics_dt: step [s]; the robot's own by default.
         hung: weld a free base to the world, high enough that no foot reaches the floor.
 
     Raises:
@@ -42,6 +41,7 @@ def build_model(robot: Robot, physics_dt: float, foot_friction: float, hung: boo
     """
     if hung and robot.base == "fixed":
         raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="only a free robot hangs: use hung=False")
+    physics_dt = robot.physics_dt if physics_dt is None else physics_dt
     spec = _read(robot)
     option = spec.option
     option.timestep, option.gravity = physics_dt, [0.0, 0.0, -GRAVITY]
@@ -56,7 +56,7 @@ def build_model(robot: Robot, physics_dt: float, foot_friction: float, hung: boo
         spec.delete(element)
     if robot.base == "free":
         _place(spec, robot, hung)
-    _add_floor(spec, robot, physics_dt, foot_friction)
+    _add_floor(spec, robot, physics_dt)
     return spec.compile()
 
 
@@ -77,11 +77,11 @@ def _place(spec: Any, robot: Robot, hung: bool) -> None:
         spec.delete(base.first_joint())
 
 
-def _add_floor(spec: Any, robot: Robot, physics_dt: float, foot_friction: float) -> None:
+def _add_floor(spec: Any, robot: Robot, physics_dt: float) -> None:
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1])
     floor.contype = floor.conaffinity = 0
     damping = max(1.0, physics_dt / CONTACT_DT)
+    friction = [robot.foot_friction, robot.foot_friction, 0.005, 0.0001, 0.0001]
     for leg in robot.legs:
-        friction = [foot_friction, foot_friction, 0.005, 0.0001, 0.0001]
         spec.add_pair(geomname1=FLOOR, geomname2=leg.foot, condim=3, friction=friction, solref=[CONTACT_TIME, damping])

@@ -34,7 +34,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.scratch import scratch_folder
 from motorprior.simulation.randomization import Conditions, nominal_conditions
-from motorprior.simulation.terrain import Terrain, heights
+from motorprior.simulation.terrain import CELL, Terrain, heights
 from motorprior.simulation.world_config import WorldConfig
 
 PHYSICS_DT = 0.001
@@ -203,7 +203,7 @@ class BulletWorld:
         else:
             field = heights(self.terrain, seed)
             shape = self.call(
-                "createCollisionShape", self._bullet.GEOM_HEIGHTFIELD, meshScale=[self.terrain.cell] * 2 + [1.0],
+                "createCollisionShape", self._bullet.GEOM_HEIGHTFIELD, meshScale=[CELL] * 2 + [1.0],
                 heightfieldData=field.ravel().tolist(), numHeightfieldRows=field.shape[1],
                 numHeightfieldColumns=field.shape[0],
             )  # fmt: skip
@@ -237,7 +237,7 @@ class BulletWorld:
 
     def _weigh(self, conditions: Conditions) -> None:
         """Friction of the feet, and masses and inertias times their factors."""
-        friction = self.config.foot_friction * conditions.friction
+        friction = self.config.robot.foot_friction * conditions.friction
         for number, index in enumerate([-1, *self._indices]):
             self.call("changeDynamics", self.robot, index, lateralFriction=friction, restitution=0.0)
             factor = float(conditions.mass[number])

@@ -31,7 +31,7 @@ def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
         qpos: (F, 7 + joints).
         qvel: (F, 6 + joints).
     """
-    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
+    model = build_model(robot)
     data, velocity = mujoco.MjData(model), np.zeros(6)
     feet = [(model.geom(leg.foot).id, leg.foot_radius) for leg in robot.legs]
     clearance, sliding = np.zeros((2, len(qpos), len(feet)))

@@ -53,7 +53,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
         remedy = "import it with a period, and its angles say them"
         raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
     _require_level(log)
-    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=robot.base == "free")
+    model = build_model(robot, hung=robot.base == "free")
     data = mujoco.MjData(model)
     inertia, external, stiffness = (np.empty_like(log.joint_pos) for _ in range(3))
     for part in log.segment_slices():

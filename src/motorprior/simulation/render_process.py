@@ -30,7 +30,7 @@ def main() -> None:
     """Write frames (walks · height, width, 3) uint8 of the walks "0", "1", … (F, 7 + joints) in a file of tensors."""
     walks, header = read_tensors(Path(sys.argv[1]))
     robot = load_robot(header["robot"])
-    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
+    model = build_model(robot)
     model.vis.quality.offsamples = 0  # smooth edges cost as much again without a GPU
     data, option = mujoco.MjData(model), mujoco.MjvOption()
     prepare(model, option)

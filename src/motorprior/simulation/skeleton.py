@@ -55,7 +55,7 @@ def skeleton(robot: Robot, qpos: np.ndarray) -> Skeleton:
     """
     robot.require_legs()
     qpos = _checked(qpos, 7 + robot.num_joints)
-    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
+    model = build_model(robot)
     data = mujoco.MjData(model)
     bodies, feet = _leg_ids(model, robot)
     box = model.body(1).geomadr[0]

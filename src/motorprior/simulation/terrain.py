@@ -11,6 +11,10 @@ from motorprior.exceptions import ConfigError
 
 HIGHEST = 0.05
 """Largest roughness [m]; the robot stands 0.17 m high."""
+CELL, EXTENT = 0.04, 8.0
+"""Distance between neighbouring heights, and edge of the patch [m]."""
+WAVELENGTH = 0.2
+"""Of the shortest bumps [m], four standard deviations of the Gaussian that smooths them."""
 START_RADIUS = 0.25
 """Radius of the level ground around the origin [m]."""
 BLEND = 0.25
@@ -24,15 +28,9 @@ class Terrain:
 
     Attributes:
         roughness: highest bump above the lowest [m]; 0 is an endless flat floor.
-        cell: distance between neighbouring heights [m].
-        extent: edge of the patch [m].
-        wavelength: of the shortest bumps [m], four standard deviations of the Gaussian that smooths them.
     """
 
     roughness: float = 0.0
-    cell: float = 0.04
-    extent: float = 8.0
-    wavelength: float = 0.2
 
     def __post_init__(self) -> None:
         """Refuse cliffs."""
@@ -46,10 +44,10 @@ class Terrain:
 
 def heights(terrain: Terrain, seed: int) -> np.ndarray:
     """(n, n) heights [m], y by x, zero around the origin; white noise, smoothed, scaled to the roughness."""
-    count = round(terrain.extent / terrain.cell) + 1
+    count = round(EXTENT / CELL) + 1
     noise = np.random.default_rng([_STREAM, seed]).standard_normal((count, count))
-    field = gaussian_filter(noise, 0.25 * terrain.wavelength / terrain.cell)
+    field = gaussian_filter(noise, 0.25 * WAVELENGTH / CELL)
     field *= terrain.roughness / np.ptp(field)
-    line = terrain.cell * (np.arange(count) - (count - 1) / 2)
+    line = CELL * (np.arange(count) - (count - 1) / 2)
     apart = np.hypot(*np.meshgrid(line, line))
     return field * np.clip((apart - START_RADIUS) / BLEND, 0.0, 1.0)

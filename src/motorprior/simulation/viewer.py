@@ -46,7 +46,7 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
     require_screen()
     import mujoco.viewer  # here: it looks for a screen
 
-    model = build_model(robot, robot.physics_dt, robot.foot_friction, hung=False)
+    model = build_model(robot)
     data = mujoco.MjData(model)
     try:
         opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)

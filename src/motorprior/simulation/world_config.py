@@ -16,32 +16,23 @@ class WorldConfig:
         robot: which.
         physics_dt: step [s]; must divide control_dt.
         control_dt: time a position target is held [s].
-        foot_friction: sliding friction [-].
         hung: a free base is fixed in the air.
     """
 
     robot: Robot
     physics_dt: float
     control_dt: float
-    foot_friction: float
     hung: bool = False
 
     @classmethod
     def of(
-        cls,
-        robot: Robot,
-        *,
-        physics_dt: float | None = None,
-        control_dt: float | None = None,
-        foot_friction: float | None = None,
-        hung: bool = False,
+        cls, robot: Robot, *, physics_dt: float | None = None, control_dt: float | None = None, hung: bool = False
     ) -> WorldConfig:
-        """The robot's own clocks and friction where no others are given."""
+        """The robot's own clocks where no others are given."""
         return cls(
             robot,
             robot.physics_dt if physics_dt is None else physics_dt,
             robot.control_dt if control_dt is None else control_dt,
-            robot.foot_friction if foot_friction is None else foot_friction,
             hung,
         )
 

@@ -16,8 +16,9 @@ from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.exceptions import ConfigError
-from motorprior.identification.gauss_newton import Belief
 from motorprior.robots.robot import Robot
+from motorprior.signals import rms
+from motorprior.transfer.gauss_newton import Belief
 from motorprior.transfer.real_replay import Replayer
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
@@ -136,7 +137,7 @@ class FleetProblem:
     def rmse(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> float:
         """Mean over the moved joints of a log of their RMSE [rad]."""
         (error,) = self.errors([name], x, offsets)
-        return float(np.mean(np.sqrt(np.mean(error**2, axis=0))))
+        return float(np.mean(rms(error, axis=0)))
 
     def unit(self, unknown: Unknown) -> str:
         """Of the constant."""

@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.locomotion.control_step import RAMP
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
+from motorprior.signals import rms
 from motorprior.simulation.foot_motion import FootMotion, foot_motion
 from motorprior.simulation.rollout import Episode
 
@@ -81,7 +82,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     upright = float(lasted(episode, steps))
     if len(episode.trace) < begin + round(_LEAST_TIME / dt):
         return _of_a_short_walk(upright, len(robot.legs))
-    heading = np.unwrap([roll_pitch_yaw(quat)[2] for quat in episode.trace[:, 3:7]])
+    heading = headings(episode.trace)
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
     qpos, moved = episode.trace[begin:], episode.motion[begin:]
     qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
@@ -103,11 +104,16 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         slip=float(np.mean(np.sum(feet.sliding * (feet.clearance < TOUCHING), axis=0))) * dt / way,
         step_frequency=float(np.mean([len(lifts) for lifts in swings])) / time,
         body_rate=float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
-        roll_deg=math.degrees(float(np.sqrt(np.mean(np.square(roll))))),
-        pitch_deg=math.degrees(float(np.sqrt(np.mean(np.square(pitch))))),
+        roll_deg=math.degrees(float(rms(roll))),
+        pitch_deg=math.degrees(float(rms(pitch))),
         torque=float(np.percentile(np.abs(torque).max(axis=1), 99.9)),
         transport=power / (robot.weight * pace),
     )
+
+
+def headings(qpos: np.ndarray) -> np.ndarray:
+    """(F,) headings [rad] of poses (F, 7 + joints), without jumps of whole turns."""
+    return np.unwrap([roll_pitch_yaw(quat)[2] for quat in qpos[:, 3:7]])
 
 
 def way_along(place: np.ndarray, yaw: np.ndarray) -> float:

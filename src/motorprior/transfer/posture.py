@@ -9,6 +9,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.robot import Robot
+from motorprior.signals import runs_of_true
 from motorprior.transfer.real_replay import Replayer
 
 FALLEN_TILT = 0.8
@@ -44,8 +45,7 @@ def with_posture(log: MotorLog, name: str) -> MotorLog:
 def _lying(time: np.ndarray, tilt: np.ndarray) -> np.ndarray:
     """(rows,) whether a row is one of a stretch of FALLEN_TIME or more beyond FALLEN_TILT."""
     tilted = np.abs(tilt).max(axis=1) > FALLEN_TILT
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], tilted, [False]]).astype(int)))
-    for first, after in edges.reshape(-1, 2):
+    for first, after in runs_of_true(tilted):
         tilted[first:after] = time[after - 1] - time[first] >= FALLEN_TIME
     return tilted
 

@@ -12,6 +12,7 @@ from motorprior.logs.joint_checks import excited_joints
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.robots.robot import Robot
+from motorprior.signals import rms
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
@@ -96,7 +97,7 @@ class Replayer:
         """The angles and their RMSE."""
         simulated = self.joint_pos(actuator)
         rmse = np.full(self.prepared.num_joints, np.nan)
-        rmse[self.excited] = np.sqrt(np.mean(self.error(simulated) ** 2, axis=0))
+        rmse[self.excited] = rms(self.error(simulated), axis=0)
         return LogReplay(simulated, rmse)
 
     def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, hung: bool) -> np.ndarray:

@@ -15,8 +15,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.identification.gauss_newton import Belief, Residuals, gauss_newton_step, jacobian
 from motorprior.transfer.fleet_problem import FleetProblem
+from motorprior.transfer.gauss_newton import Belief, Residuals, gauss_newton_step, jacobian
 
 MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 """Of the starting fleet's spread, among which the belief's is chosen."""

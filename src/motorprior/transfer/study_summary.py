@@ -95,14 +95,11 @@ class Summary:
         return in_order((condition for _, condition, _ in self.estimates), CONDITIONS)
 
 
-def summarise(
-    table: WalkTable, alone: frozenset[str] = frozenset({ADAPTED}), enough_draws: int = ENOUGH_DRAWS
-) -> Summary:
+def summarise(table: WalkTable, enough_draws: int = ENOUGH_DRAWS) -> Summary:
     """Judge a table of walks.
 
     Args:
         table: of places, conditions, seeds and draws; what lacks a place or a condition lacks its comparisons.
-        alone: conditions whose draws are not those of the others, though they have the same numbers.
         enough_draws: see ENOUGH_DRAWS.
 
     Raises:
@@ -127,10 +124,10 @@ def summarise(
     cells = {pair: cell for pair, cell in cells.items() if pair[0] != OWN_ABROAD}
     ratios = {pair: _ratio(pair, cells[pair], home) for pair, home in homes.items() if pair in cells}
     regrets = {
-        (pairing.place, pairing.other): _compare(pairing, cells, alone).difference
+        (pairing.place, pairing.other): _compare(pairing, cells).difference
         for pairing in _pairings(ORACLE, cells, ("speed",))
     }
-    comparisons, corrected = _compared(cells, alone)
+    comparisons, corrected = _compared(cells)
     policies, draws = _fewest(cells)
     decides = policies >= ENOUGH_POLICIES and draws >= enough_draws
     facts = Facts(estimates, comparisons, corrected, _peers(cells), standing, losses(cells))
@@ -156,11 +153,11 @@ def _standing(place: str, condition: str, cell: WalkTable) -> float:
     return float(np.mean(cell.scores(place, condition, "upright").mean(axis=1) >= LEAST_UPRIGHT))
 
 
-def _compared(cells: Cells, alone: frozenset[str]) -> tuple[dict[Pairing, Comparison], dict[Pairing, float]]:
+def _compared(cells: Cells) -> tuple[dict[Pairing, Comparison], dict[Pairing, float]]:
     """Comparisons of all families, and their p values, each corrected within its family."""
     comparisons, corrected = {}, {}
     for family in families(cells):
-        found = {pairing: _compare(pairing, cells, alone) for pairing in family}
+        found = {pairing: _compare(pairing, cells) for pairing in family}
         comparisons |= found
         corrected |= holm({pairing: each.p for pairing, each in found.items()})
     for pairing in [each for each in comparisons if (each.one, each.other) == (ADAPTED, PRIOR)]:
@@ -193,10 +190,11 @@ def _pairings(one: str, cells: Cells, measures: Iterable[str] = COMPARED) -> lis
     ]
 
 
-def _compare(pairing: Pairing, cells: Cells, alone: frozenset[str]) -> Comparison:
+def _compare(pairing: Pairing, cells: Cells) -> Comparison:
+    """On the same draws where both walked them; the adapted prior has others, though of the same numbers."""
     place, one, other, measure = pairing
     mine, theirs, statistic = cells[place, one], cells[place, other], statistic_of(measure)
-    shared = not alone & {one, other} and mine.distinct("draw") == theirs.distinct("draw")
+    shared = ADAPTED not in (one, other) and mine.distinct("draw") == theirs.distinct("draw")
     if one == ADAPTED:
         mine, theirs = _on_the_same_robots(mine, theirs)
     elif other == ADAPTED:

@@ -7,9 +7,8 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from motorprior.robots.robot import Robot
-from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.rollout import Episode
-from motorprior.transfer.gait_quality import gait_quality, way_along
+from motorprior.transfer.gait_quality import gait_quality, headings, way_along
 from motorprior.transfer.study import share_upright
 
 _OF_TORQUE = ("transport", "torque_beyond")
@@ -41,9 +40,7 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
     found = {
         "speed": float(episode.displacement[0]) / (steps * robot.control_dt),
         "upright": upright,
-        "distance": way_along(
-            episode.trace[:, :2], np.array([roll_pitch_yaw(quat)[2] for quat in episode.trace[:, 3:7]])
-        ),
+        "distance": way_along(episode.trace[:, :2], headings(episode.trace)),
         "drift": abs(float(episode.displacement[1])) if upright == 1.0 else float("nan"),
         **{name: float(quality[name]) for name in shared},
         "torque_beyond": float(np.mean(torque > limit)),

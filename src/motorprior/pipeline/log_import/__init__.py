@@ -1,0 +1,1 @@
+"""Recordings of any robot become motor logs."""

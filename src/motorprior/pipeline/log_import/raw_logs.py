@@ -1,0 +1,257 @@
+"""Raw logs of a robot, brought in as motor logs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.bounds import require_number
+from motorprior.exceptions import ConfigError
+from motorprior.logs.gap_segments import begin_at_gaps
+from motorprior.logs.motor_log import FIRMWARE, POSTURES, MotorLog, time_steps
+from motorprior.logs.parquet_io import write_log
+from motorprior.logs.registry import read_log, taken_for_granted
+from motorprior.logs.resampling import resample
+from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
+from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.log_import.import_files import summary, targets_of
+from motorprior.pipeline.log_import.stated_settings import require_gains, with_stated
+from motorprior.pipeline.log_import.unknown_load import write_with_unknown_loads
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1.0
+"""Of a grid [s]; a recipe's sample period has the same bounds."""
+MOST_SAMPLES = 50_000_000
+"""Largest number of samples of all joints together on a grid: 2.3 hours of twelve motors every 2 ms."""
+
+
+@dataclass(frozen=True)
+class LogsImport:
+    """Convert recordings of a robot and raw logs to motor logs."""
+
+    paths: tuple[Path, ...]
+    """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), raw logs of
+    jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
+    datasets, or, with ``columns``, any table (.csv, .csv.gz, .parquet) and tensors (.pt)."""
+    out: Path
+    """Folder for the .parquet files."""
+    columns: str | None = None
+    """What columns of a table, or tensors, mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    period: float | None = None
+    """Sample period of the result [s]; as recorded if not given."""
+    kp: tuple[float, ...] = ()
+    """Proportional gain [N·m/rad] that the motors were told: one for all joints, or one per joint in the order of the
+    robot that is given. Takes the place of what ``columns`` says; in firmware units where that says so."""
+    kd: tuple[float, ...] = ()
+    """Derivative gain [N·m·s/rad], like ``kp``."""
+    profile_acceleration: float | None = None
+    """Largest acceleration of the profile that every servo's firmware was told [rad/s²], in place of what ``columns``
+    says; 0 if it has no such limit. Feetech STS: 0.1534 rad/s² per unit."""
+    profile_speed: float | None = None
+    """Largest speed of that profile [rad/s]; 0 if it has no such limit."""
+    dead_zone: float | None = None
+    """Error that the firmware does not act on [rad]; 0 if there is none."""
+    hung: bool = False
+    """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
+    the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
+    given. A log that states another posture in any of its rows is refused."""
+    fit_load: bool = False
+    """Tables of motors on a base that stands still, each with a rigid body on its joint that nobody weighed, the same
+    in all tables: fit the body's inertia and weight, which needs kp in N·m/rad. They are printed with standard
+    deviations and kept in loads.json. The period is 2 ms. Needs ``columns``, and no robot: a model says the loads."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). If none is given, logs that do
+    not name their joints are of the shipped one, and a table's joints are called as its map calls them."""
+
+
+def require_paths(paths: tuple[Path, ...]) -> None:
+    """Refuse to do nothing.
+
+    Raises:
+        ConfigError: no log is given.
+    """
+    if not paths:
+        raise ConfigError("no log given", remedy="give at least one file")
+
+
+def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
+    """Write one .parquet per raw log, named after it, and say what is in it.
+
+    A segment begins after every gap, which is told, as is what a format takes for granted.
+
+    Raises:
+        ConfigError: two logs would get the same name, a log would take the place of a recording, a period or a gain
+            that is out of range, a period too short for a log, gains of which it is not known to which joint they
+            belong, loads to be fitted that are known, or could be, or loads of a held base for a log that states
+            another posture.
+        LogError, ArtifactError: a log that cannot be read, a folder that cannot be written, or that another command
+            writes to: of two logs of one name only one would be left.
+    """
+    require_paths(config.paths)
+    if config.period is not None:
+        require_number("period", config.period, SHORTEST_PERIOD, LONGEST_PERIOD)
+    require_gains(_gains(config))
+    if config.fit_load:
+        config = _to_fit(config)
+    robot = load_robot(config.robot or DEFAULT_ROBOT)
+    targets = targets_of(config.paths, config.out)
+    with taken(config.out):
+        if config.fit_load:
+            logs = {target: _imported(path, robot, config, progress) for target, path in targets.items()}
+            write_with_unknown_loads(logs, config.out, progress)
+            for target, log in logs.items():
+                progress.note(f"{target}: {summary(log)}")
+            return
+        for target, path in targets.items():
+            log = _imported(path, robot, config, progress)
+            write_log(target, log)
+            progress.note(f"{target}: {summary(log)}")
+
+
+def _gains(config: LogsImport) -> dict[str, tuple[float, ...]]:
+    return {"kp": config.kp, "kd": config.kd}
+
+
+def _to_fit(config: LogsImport) -> LogsImport:
+    """The settings at the period of the fit.
+
+    Raises:
+        ConfigError: another period, another way to have loads, or no column map.
+    """
+    from motorprior.identification.load_fit import RECIPE
+
+    odd = {
+        "hung and fit_load are two ways to have loads": config.hung,
+        "fit_load needs columns: of other formats the robot's model, or the log, says the loads": not config.columns,
+        f"fit_load with a robot: the model of {config.robot!r} says the loads": config.robot is not None,
+    }
+    for problem in (problem for problem, found in odd.items() if found):
+        remedy = "leave fit_load out and, where the base does not move, give hung"
+        raise ConfigError(problem, remedy=remedy, argument="fit_load")
+    if config.period not in (None, RECIPE.period):
+        raise ConfigError(
+            f"period {config.period:g} s: loads are fitted at {RECIPE.period:g} s", remedy=f"give {RECIPE.period:g}",
+            argument="period",
+        )  # fmt: skip
+    return replace(config, period=RECIPE.period)
+
+
+def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) -> MotorLog:
+    """One log as it was asked for.
+
+    Raises:
+        ConfigError: loads are asked for that the log has, or that its posture rules out, or gains for nobody knows
+            which joint.
+        LogError: it cannot be read.
+    """
+    if config.columns is None and ROBOT_RUN.takes(path):
+        return _with_what_is_stated(_robot_run(path, robot, config), robot, config, progress)
+    unnamed = config.robot is None and config.columns is not None and not config.hung
+    log = _with_what_is_stated(read_log(path, None if unnamed else robot, config.columns), robot, config, progress)
+    wanted = "hung" if config.hung else "fit_load" if config.fit_load else ""
+    if wanted:
+        _require_no_load(path, log, wanted)
+    if config.hung:
+        _require_held(path, log, robot)
+    period = config.period or (robot.physics_dt if wanted else None)
+    log, gaps = begin_at_gaps(log, period or 0.0)
+    for told in filter(None, (gaps, taken_for_granted(path, config.columns))):
+        progress.note(f"{path}: {told}")
+    if period is None:
+        return log
+    _require_size(path, log, period)
+    if not wanted:
+        return resample(log, period)
+    return _hung(log, robot, period) if config.hung else _bare(log, period)
+
+
+def _hung(log: MotorLog, robot: Robot, period: float) -> MotorLog:
+    from motorprior.simulation.hung_load import with_loads
+
+    return with_loads(smooth_on_grid(log, period), robot)
+
+
+def _bare(log: MotorLog, period: float) -> MotorLog:
+    from motorprior.identification.load_fit import require_torque
+
+    require_torque(log)
+    return smooth_on_grid(log, period)
+
+
+def _require_no_load(path: Path, log: MotorLog, wanted: str) -> None:
+    for name in ("load_inertia", "external_torque", "load_stiffness"):
+        if getattr(log, name) is not None:
+            problem = f"{wanted}: it says its load itself ({name})"
+            raise ConfigError(problem, where=path, remedy=f"leave {wanted} out", argument=wanted)
+
+
+def _require_held(path: Path, log: MotorLog, robot: Robot) -> None:
+    """Refuse the loads of a robot whose base is held for a log that says, in any row, that it was not."""
+    if log.posture is None:
+        return
+    held = "hung" if robot.base == "free" else "fixed"
+    odd = np.flatnonzero(log.posture != POSTURES.index(held))
+    if odd.size:
+        raise ConfigError(
+            f"hung: row {odd[0]} states the posture {POSTURES[log.posture[odd[0]]]}, and {robot.name}, whose base is "
+            f"{robot.base}, has to be {held} in every row",
+            where=path, remedy="leave hung out, correct the posture, or cut those rows from the file", argument="hung",
+        )  # fmt: skip
+
+
+def _require_size(path: Path, log: MotorLog, period: float) -> None:
+    """Refuse a grid before it takes gigabytes.
+
+    Raises:
+        ConfigError: names the shortest period that is possible.
+    """
+    rows, shortest = log.duration / period, log.duration * log.num_joints / MOST_SAMPLES
+    if period < shortest:
+        raise ConfigError(
+            f"period {period:g} s makes {rows:,.0f} rows of {log.num_joints} joints, above {MOST_SAMPLES:,} samples",
+            where=path, remedy=f"give a period of at least {1.01 * shortest:.3g} s", argument="period",
+        )  # fmt: skip
+
+
+def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
+    if config.period is None and not config.hung:
+        return read_log(path, robot)
+    period = config.period or robot.physics_dt
+    _require_size(path, read_log(path, robot), period)
+    if not config.hung:
+        return read_robot_run(path, robot, period=period)
+    from motorprior.simulation.hung_load import with_loads
+
+    return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
+
+
+def _with_what_is_stated(log: MotorLog, robot: Robot, config: LogsImport, progress: Progress) -> MotorLog:
+    """The log with the gains and the registers of the firmware that the user states."""
+    firmware = {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}
+    found, lines = with_stated(log, _gains(config), firmware, robot)
+    for told in lines:
+        progress.note(f"{log.source}: {told}")
+    return found
+
+
+def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
+    """The log at steps of ``period`` [s], its commands held, its angles splines through smoothed readings.
+
+    Velocities are the splines' own: recorded ones are often filtered, and loads need accelerations.
+    """
+    from scipy.interpolate import CubicSpline
+
+    from motorprior.identification.smoothing import smoothed
+
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), float(np.median(time_steps(log)[1])))
+    angles, grid = log.joint_pos if found is None else found[0], resample(log, period)
+    pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
+    for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
+        spline = CubicSpline(log.time[old], angles[old], axis=0)
+        pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
+    return replace(grid, joint_pos=pos, joint_vel=vel)

@@ -1,0 +1,108 @@
+"""Logs inside the bands of a calibrated fleet, or of a prior of it: a picture, and the share of readings they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.fleet import Fleet
+from motorprior.pipeline.motor_choice import gains_for
+from motorprior.pipeline.progress import Task
+from motorprior.pipeline.replay.replay import shown_joint
+from motorprior.report.plots_calibrate import Band, LogPanel, calibration
+from motorprior.report.plots_style import png_bytes
+from motorprior.results import Result, Results
+from motorprior.robots.robot import Robot
+from motorprior.transfer.fleet_problem import FleetProblem
+from motorprior.transfer.real_replay import Replayer
+
+LEVELS = (90, 50)
+"""Bands of a prior [%], the widest first; of a fleet the first."""
+
+
+def draw_bands(
+    problem: FleetProblem, center: np.ndarray, fleet: Fleet, draws: int, seed: int, task: Task
+) -> tuple[bytes, Results]:
+    """Replay every log on ``draws`` robots of the fleet.
+
+    Args:
+        problem: logs and robot.
+        center: (unknowns,) of the fit.
+        fleet: the fitted one.
+        draws: of all motors of the robot.
+        seed: of the draws.
+        task: told of every log.
+
+    Returns:
+        The picture, a PNG, and per log the share of the angles of moved joints within the bands.
+    """
+    rng, panels, covered = np.random.default_rng(seed), [], []
+    for name, replayer in problem.replayers.items():
+        runs = _fleet_runs(replayer, problem.robot, fleet, draws, rng)
+        low, high = np.quantile(runs, [0.05, 0.95], axis=0)
+        central = replayer.joint_pos(problem.motors(center).actuator())
+        panels.append(_panel(name, problem.robot, replayer, central, [Band("fleet, 90 % of draws", low, high)]))
+        covered.append(Result("calibrate_coverage90", "1", _inside(replayer, low, high), log=name))
+        task.advance()
+    return png_bytes(calibration(panels)), Results.of(covered)
+
+
+def draw_prior_bands(
+    replayers: Mapping[str, Replayer], robot: Robot, fleet: Fleet, prior: MotorPrior, draws: int, seed: int, task: Task
+) -> tuple[bytes, Results]:
+    """`draw_bands` of a prior: its LEVELS and its central motor, beside the fleet's 90 % as lines.
+
+    Args:
+        replayers: logs by name.
+        robot: that they are of.
+        fleet: the fitted one, from whose bench the prior is.
+        prior: of this robot.
+        draws: of all motors of the robot, of the fleet and of the prior.
+        seed: of the draws.
+        task: told of every log.
+    """
+    from motorprior.identification.coverage import band
+
+    rng, panels, covered = np.random.default_rng(seed), [], []
+    for name, replayer in replayers.items():
+        low, high = np.quantile(_fleet_runs(replayer, robot, fleet, draws, rng), [0.05, 0.95], axis=0)
+        bands, gains = [Band("fleet, 90 % of draws", low, high, False)], gains_for(prior, robot, replayer.prepared)
+        motors = (prior.sample(robot.num_joints, rng, gains) for _ in range(draws))
+        runs = _runs(replayer, list(motors))
+        for level in LEVELS:
+            low, high = band(runs, level)
+            bands.append(Band(f"prior, {level} %", low, high))
+            covered.append(Result(f"calibrate_coverage{level}", "1", _inside(replayer, low, high), "prior", log=name))
+        nowhere = np.zeros((robot.num_joints, prior.network.num_latents))
+        central = replayer.joint_pos(LatentActuator(prior.network, nowhere, gains=gains))
+        panels.append(_panel(name, robot, replayer, central, bands))
+        task.advance()
+    return png_bytes(calibration(panels)), Results.of(covered)
+
+
+def _fleet_runs(replayer: Replayer, robot: Robot, fleet: Fleet, draws: int, rng: np.random.Generator) -> np.ndarray:
+    return _runs(replayer, [fleet.sample(robot.num_joints, rng).actuator() for _ in range(draws)])
+
+
+def _runs(replayer: Replayer, motors: Sequence[Actuator]) -> np.ndarray:
+    """(draws, T, joints) angles."""
+    return np.array([replayer.joint_pos(each) for each in motors])
+
+
+def _inside(replayer: Replayer, low: np.ndarray, high: np.ndarray) -> float:
+    """Share of the compared angles of moved joints between two edges (T, joints)."""
+    measured = replayer.prepared.joint_pos
+    return float(((measured >= low) & (measured <= high))[replayer.compared][:, replayer.excited].mean())
+
+
+def _panel(name: str, robot: Robot, replayer: Replayer, central: np.ndarray, bands: Sequence[Band]) -> LogPanel:
+    """Of the one joint that is shown of a log; angles and edges are (T, joints)."""
+    log = replayer.prepared
+    joint = shown_joint(robot, log)
+    target, measured, center = (each[:, joint] for each in (log.position_target, log.joint_pos, central))
+    own = tuple(Band(each.label, each.low[:, joint], each.high[:, joint], each.is_filled) for each in bands)
+    return LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, target, measured, center, own)

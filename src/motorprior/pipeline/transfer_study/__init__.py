@@ -1,0 +1,1 @@
+"""What policies are worth on motors that they were not trained on."""

@@ -1,0 +1,146 @@
+"""What a prior is compared with on real logs: models that are fitted to the same logs with equal care."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.logs.motor_log import MotorLog, log_digest
+from motorprior.pipeline.identify import fit_recipe
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.stage import description, is_finished, working
+
+if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.log_fidelity import LogModel
+    from motorprior.identification.presets import Preset
+    from motorprior.identification.response_models import ResponseMotors
+
+PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
+"""Baselines that are recipes of identification: every motor's physics by itself, and one network for all motors."""
+LONG_RUNS = {"per_motor": "pace_long_runs", "coulomb_viscous": "coulomb_viscous", "stribeck": "stribeck"}
+"""Those beside a prior of the recipe long_runs: servos with much friction."""
+BASELINE_PERIOD = 0.002
+"""Theirs [s]; beside priors of another they are left out."""
+RESPONSES = "responses.safetensors"
+
+
+@dataclass(frozen=True)
+class BaselineFits:
+    """How the baselines are fitted.
+
+    Attributes:
+        folder: each that takes long is kept in a folder of its own in it.
+        adam_steps: of the pooled network; the preset's own number if not given.
+        seed: of searches and weights.
+    """
+
+    folder: Path
+    adam_steps: int | None = None
+    seed: int = 0
+
+
+def fitted_baselines(
+    log: MotorLog, preset: Preset, fits: BaselineFits, progress: Progress = SILENT
+) -> dict[str, LogModel]:
+    """All baselines, fitted to a log with known loads; they are of its motors, in its order.
+
+    Args:
+        log: what is known.
+        preset: recipe of the prior: sample period and warm-up.
+        fits: how.
+        progress: where to report to.
+
+    Raises:
+        LogError: it lacks a channel, has another sample period, or is too short.
+    """
+    from motorprior.identification.baselines import TUNING, tuned_pd
+
+    recipes = baseline_recipes(log, preset)
+    models: dict[str, LogModel] = dict(fitted_responses(log, preset, fits, progress))
+    for name, (named, recipe) in recipes.items():
+        if name == "pooled_network" and fits.adam_steps is not None:
+            recipe = replace(recipe, steps=fits.adam_steps)
+        known = fit_recipe(log, named, recipe, fits.seed, fits.folder / name, progress)
+        models[name] = LatentActuator(known.network, known.mean)
+    with progress.start("tune one PD", TUNING) as task:
+        models["tuned_pd"] = tuned_pd(log, task.advance)
+    return models
+
+
+def baseline_recipes(
+    log: MotorLog, preset: Preset, wanted: Collection[str] | None = None
+) -> dict[str, tuple[str, Preset]]:
+    """Preset and recipe of every baseline that is one, by name; its windows are no longer than the log allows.
+
+    Args:
+        log: what they are fitted to.
+        preset: recipe of the prior.
+        wanted: names of the baselines; all if not given.
+
+    Raises:
+        LogError: every segment is too short for one of them; it names the log's source.
+    """
+    from motorprior.identification.presets import PRESETS as NAMED
+    from motorprior.identification.windows import that_fits, window_starts
+
+    if preset.period != BASELINE_PERIOD:
+        return {}
+    names = PRESETS | (LONG_RUNS if preset.window == NAMED["long_runs"].window else {})
+    names = {name: preset for name, preset in names.items() if wanted is None or name in wanted}
+    recipes = {name: (preset, that_fits(NAMED[preset], log)) for name, preset in names.items()}
+    for _, recipe in recipes.values():
+        window_starts(log, recipe, log.source)
+    return recipes
+
+
+def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
+    """A recipe that reads the gains that a log states, for models that are told them beside ones that are not."""
+    return replace(preset, gain_unit=log.gain_unit if log.stated_kp is not None else "")
+
+
+def fitted_responses(
+    log: MotorLog, preset: Preset, fits: BaselineFits, progress: Progress = SILENT
+) -> dict[str, ResponseMotors]:
+    """pure_delay, second_order and servo_limits, or those that a finished fit to this very log left in the folder.
+
+    They need no load: in a log without, a function of the joint's angle stands for gravity.
+
+    Raises:
+        LogError: another sample period, or no segment that is long enough.
+    """
+    from motorprior.identification.response_models import CONSTANTS, ResponseMotors
+
+    out = fits.folder / "responses"
+    wanted = description("responses", __file__, {"seed": fits.seed}, [], asdict(preset)) | {"inputs": [log_digest(log)]}
+    if not is_finished(out, wanted):
+        with working(out, wanted):
+            constants = _fit(log, preset, fits.seed, progress)
+            header = {"constants": list(CONSTANTS), "joint_names": list(log.joint_names)}
+            write_tensors(out / RESPONSES, constants, header)
+    kept = read_tensors(out / RESPONSES)[0]
+    return {name: ResponseMotors(name, constants) for name, constants in kept.items()}
+
+
+def _fit(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, np.ndarray]:
+    from motorprior.identification.log_fidelity import whole_runs
+    from motorprior.identification.response_fit import fit_responses
+
+    gravity = "angle" if log.external_torque is None else "torque"
+    runs = whole_runs(with_some_load(log), preset, log.source)
+    with progress.start("fit responses that need no load", log.num_joints) as task:
+        found = fit_responses(runs, gravity, seed, task.advance, log.firmware)
+    return {name: model.constants for name, model in found.items()}
+
+
+def with_some_load(log: MotorLog) -> MotorLog:
+    """The log; if it has no load, with one that responses do not read."""
+    if log.external_torque is not None and log.load_inertia is not None:
+        return log
+    shape = log.joint_pos.shape
+    return replace(log, external_torque=np.zeros(shape), load_inertia=np.ones(shape))

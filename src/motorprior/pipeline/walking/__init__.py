@@ -1,0 +1,1 @@
+"""Policies learn to walk on motors drawn for every episode."""

@@ -1,0 +1,1 @@
+"""Trained policies to look at: films, a window, a page."""

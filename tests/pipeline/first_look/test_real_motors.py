@@ -1,0 +1,219 @@
+"""The first look at real logs, on small synthetic ones: what made them is told, whatever is known of their loads."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.artifacts import read_tensors
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS, record
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification import response_fit
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.parquet_io import read_parquet, write_log
+from motorprior.pipeline.demo import Demo, require_settings, that_walks
+from motorprior.pipeline.first_look.fleet_comparison import (
+    beside_each_other,
+    fleet_results,
+    not_shown_results,
+    shown_by_logs,
+)
+from motorprior.pipeline.first_look.look import Errors, constant_results
+from motorprior.pipeline.first_look.look_by_replay import beginning
+from motorprior.pipeline.first_look.look_with_loads import SHOWN
+from motorprior.pipeline.first_look.real_motors import TRACES, RealMotors, fleet_of, read_logs_of, run_real_motors
+from motorprior.report.page import Report, render
+from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_table, error_rows, from_tensors
+from motorprior.report.real_motors import real_motors
+from motorprior.results import Results
+from motorprior.robots.load import load_robot
+
+JOINTS = ("hip", "knee", "ankle")
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    """A folder with two logs of the same three motors of fleet ``mixed``, their loads known."""
+    fleet = load_fleet("mixed")
+    motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
+    for seed, name in enumerate(("first", "second")):
+        log = record(motors, PRESETS["rollout"], 6000, seed, fleet)
+        write_log(tmp_path / "logs" / f"{name}.parquet", replace(log, joint_names=JOINTS, joint_torque=None))
+    return tmp_path / "logs"
+
+
+def looked_at(logs: Path, out: Path, fleet: str | None = None) -> tuple[Results, list[str]]:
+    said: list[str] = []
+    found = run_real_motors(RealMotors(logs, out, fleet=fleet), show=lambda results, lines: said.extend(lines))
+    return found, said
+
+
+def test_the_prior_is_nearer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
+    out = tmp_path / "run" / "real_motors"
+    found, said = looked_at(logs, out, "mixed")
+    for quantity in (RMSE, FREE_RUN):
+        prior, pd = (
+            found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
+        )
+        assert prior < 0.4 * pd
+    assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", model=None)} == set(JOINTS)
+    assert [row[0] for row in error_rows(found)] == [*JOINTS, "second", "mean"]
+    assert any("armature" in row[0] for row in constant_table(found).rows)
+    assert constant_table(found).columns[-2:] == ("fleet 5 %", "fleet 95 %")
+    text = "\n".join(said)
+    for words in (
+        "the logs state them",
+        "known: first; judged: second",
+        "one tuned PD",
+        "unlike the prior",
+        "beside fleet 'mixed'",
+    ):
+        assert words in text
+    assert from_tensors(*read_tensors(out / TRACES))[0].log == "second"
+    page = render(Report("t", "s", tuple(real_motors(tmp_path / "run")), {}, "c"))
+    assert "Your motors" in page and page.count("<img") == 3
+    before = (out / TRACES).stat().st_mtime_ns
+    assert looked_at(logs, out, "mixed") == (found, said)
+    assert (out / TRACES).stat().st_mtime_ns == before, "once"
+
+
+def test_logs_without_loads_get_responses_and_a_line(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    for path in sorted(logs.iterdir()):
+        log = read_parquet(path)
+        write_log(path, replace(log, load_inertia=None, external_torque=None))
+    found, said = looked_at(logs, tmp_path / "out")
+    assert set(found.where(quantity=RMSE).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
+    assert any(line.startswith("loads: unknown, since no description") for line in said)
+    assert any("bandwidth" in line for line in said)
+    total = {row.model: row.value for row in found.where(quantity=RMSE, part=None, log=None)}
+    assert total["second_order"] < total["pure_delay"]
+
+
+def test_logs_of_different_joints_are_refused(logs: Path, tmp_path: Path):
+    path = logs / "second.parquet"
+    write_log(path, replace(read_parquet(path), joint_names=("hip", "knee", "toe")))
+    with pytest.raises(LogError, match="log second has joints hip, knee, toe; others hip, knee, ankle"):
+        read_logs_of(RealMotors(logs, tmp_path / "out"))
+
+
+def test_logs_in_which_nothing_moves_are_refused(logs: Path, tmp_path: Path):
+    for path in sorted(logs.iterdir()):
+        log = read_parquet(path)
+        write_log(path, replace(log, position_target=np.zeros(log.joint_pos.shape)))
+    with pytest.raises(LogError, match="first, second: no joint is excited"):
+        read_logs_of(RealMotors(logs, tmp_path / "out"))
+
+
+ARM = """
+name = "arm"
+motor = "servo"
+model = "arm.xml"
+base = "fixed"
+nominal_pose = 0.0
+kp = 10.0
+kd = 0.5
+torque_limit = 3.0
+"""
+MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<joint name="hip" axis="0 1 0" range="-1 1" limited="true"/>
+<body pos="0 0 -0.2"><inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>
+<joint name="knee" axis="0 1 0" range="-1 1" limited="true"/>
+</body></body></worldbody></mujoco>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    (tmp_path / "arm.toml").write_text(ARM, "utf-8")
+    (tmp_path / "arm.xml").write_text(MODEL, "utf-8")
+    return str(tmp_path / "arm.toml")
+
+
+def test_an_arm_does_not_hang(logs: Path, tmp_path: Path, arm: str):
+    with pytest.raises(ConfigError, match="the base of 'arm' is fixed"):
+        read_logs_of(RealMotors(logs, tmp_path / "out", hung=True, robot=arm))
+
+
+def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):
+    given = Demo(robot=arm, logs=logs)
+    assert that_walks(given) == replace(given, robot=Demo().robot)
+    assert that_walks(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
+    assert that_walks(Demo(logs=logs)) == Demo(logs=logs)
+
+
+@pytest.mark.parametrize("given", [Demo(hung=True), Demo(columns="so101_sage")])
+def test_what_is_said_of_logs_is_refused_without_logs(given: Demo):
+    with pytest.raises(ConfigError, match="but no logs"):
+        require_settings(given, False)
+
+
+def a_log(name: str, moving: list[bool]) -> MotorLog:
+    target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
+    return MotorLog(
+        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=JOINTS[:2], robot="r",
+        motor="m", source=name,
+    )  # fmt: skip
+
+
+def test_a_constant_in_which_motors_are_alike_is_not_shown_by_the_logs():
+    constants, units = (
+        {"delay": np.array([0.0100, 0.0104]), "armature": np.array([1.0, 2.0])},
+        dict.fromkeys(SHOWN, "u"),
+    )
+    shown = shown_by_logs(constants, ())
+    table = constant_table(not_shown_results(constants, shown, units) + constant_results(shown, units, "ab"))
+    assert table.columns == ("constant", "least", "median", "most"), "no fleet, no columns of a fleet"
+    assert table.rows == (("delay [u]", "–", "not shown by the logs", "–"), ("armature [u]", "1", "1.5", "2"))
+    said = beside_each_other(constants, shown, units)
+    assert "differ most in armature (1 to 2 u)" in said and said.endswith("not shown by the logs: delay")
+    assert shown_by_logs(constants, {"delay"}).keys() == constants.keys(), "alike, but felt"
+
+
+def test_of_one_motor_a_log_shows_the_constants_that_it_feels():
+    constants, units = {"delay": np.array([0.01]), "armature": np.array([1.0])}, dict.fromkeys(SHOWN, "u")
+    shown = shown_by_logs(constants, {"armature"})
+    table = constant_table(not_shown_results(constants, shown, units) + constant_results(shown, units, "a"))
+    assert table.columns == ("constant", "your motor")
+    assert table.rows == (("delay [u]", "not shown by the logs"), ("armature [u]", "1"))
+    said = beside_each_other(constants, shown, units)
+    assert said == "your motor has armature 1 u; not shown by the logs: delay"
+
+
+def test_draws_of_a_constant_are_the_same_whatever_else_is_drawn():
+    fleet, units = load_fleet("mixed"), dict.fromkeys(SHOWN, "u")
+    both, alone = (
+        fleet_results(fleet, {name: np.ones(2) for name in names}, units)
+        for names in (("coulomb", "delay"), ("delay",))
+    )
+    assert len(alone) == 3 and both.where(quantity=f"{CONSTANT}delay") == alone
+
+
+def test_only_a_robots_own_fleet_stands_beside_it(arm: str, tmp_path: Path):
+    config = RealMotors(tmp_path, tmp_path)
+    own = fleet_of(config, load_robot(config.robot), True)
+    assert own is not None and own.robot == config.robot
+    assert fleet_of(config, load_robot(config.robot), False) is None
+    assert fleet_of(config, load_robot(arm), True) is None
+    asked = fleet_of(replace(config, fleet="mixed"), load_robot(arm), True)
+    assert asked is not None and asked.name == "mixed"
+
+
+def test_a_replay_begins_before_something_moves():
+    log = a_log("a", [True, False])
+    target = np.concatenate([np.zeros((30, 2)), log.position_target[:20]])
+    still_first = replace(log, position_target=target)
+    assert beginning(still_first, 0.1).time[0] == pytest.approx(0.3)
+    assert beginning(still_first, 0.4).time[0] == 0.0 and beginning(log, 0.1).num_rows == 10
+
+
+def test_joints_that_did_not_move_are_not_counted():
+    logs = {"a": a_log("a", [True, False]), "b": a_log("b", [True, True])}
+    found = {"a": {"prior": np.array([0.002, 9.0])}, "b": {"prior": np.array([0.004, 0.009])}}
+    errors = Errors.of(logs, found)
+    rows = errors.rows("e")
+    assert rows.value(part=None, log=None) == pytest.approx(0.005)
+    assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
+    assert errors.worst("prior") == (1, 1) and errors.typical("prior") == (1, 0)
+    assert "knee in b, 9.0 mrad off" in errors.unlike("prior")

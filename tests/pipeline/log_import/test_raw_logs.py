@@ -1,0 +1,190 @@
+"""`logs import` takes every format by its look, and puts any of them on a grid."""
+
+import io
+import json
+import math
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
+from swinging_bars import INERTIA, swing, write_table
+
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.identification import load_fit
+from motorprior.identification.load_fit import FittedLoad
+from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.parquet_io import read_parquet, write_log
+from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.log_import import raw_logs
+from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.log_import.unknown_load import weight_of
+from motorprior.pipeline.progress import Lines
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+
+def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
+    paths = (write_bam(tmp_path), write_sage(tmp_path), write_lerobot(tmp_path))
+    import_logs(LogsImport(paths, tmp_path / "out"))
+    names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "motion", "dataset")]
+    assert names == [("pendulum",), JOINTS, JOINTS]
+    np.testing.assert_array_equal(read_parquet(tmp_path / "out" / "motion.parquet").joint_pos, ANGLE)
+
+
+@pytest.mark.parametrize("write", [write_pt, write_csv])
+def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
+    import_logs(LogsImport((write(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml")))
+    assert read_parquet(tmp_path / "out" / "log.parquet").joint_names == JOINTS
+
+
+def test_any_format_comes_on_a_grid(tmp_path: Path):
+    import_logs(LogsImport((write_bam(tmp_path),), tmp_path / "out", period=0.005))
+    log = read_parquet(tmp_path / "out" / "swing.parquet")
+    np.testing.assert_allclose(np.diff(log.time), 0.005)
+    np.testing.assert_allclose(log.joint_pos[:, 0], np.interp(log.time, TIME, ANGLE[:, 0]), atol=1e-12)
+
+
+def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
+    path = write_bam(tmp_path)
+    import_logs(LogsImport((path,), tmp_path / "out", profile_acceleration=39.0, dead_zone=0.002))
+    told = read_parquet(tmp_path / "out" / "swing.parquet").firmware
+    assert told == {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not 0 \(off\) or a number"):
+        import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
+
+
+def test_a_log_with_a_load_hangs_nowhere(tmp_path: Path):
+    with pytest.raises(ConfigError, match="says its load itself") as refusal:
+        import_logs(LogsImport((write_bam(tmp_path),), tmp_path / "out", hung=True))
+    assert refusal.value.argument == "hung"
+
+
+@pytest.mark.parametrize(("base", "held"), [("free", "hung"), ("fixed", "fixed")])
+@pytest.mark.parametrize("stated", POSTURES)
+@pytest.mark.parametrize("row", [0, 30, ROWS - 1])
+def test_a_base_that_was_not_held_in_some_row_has_no_loads_of_one_that_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, base: str, held: str, stated: str, row: int
+):
+    monkeypatch.setattr(raw_logs, "load_robot", lambda name: replace(PUPPER_V2, base=base))
+    taken_in: list[MotorLog] = []
+    monkeypatch.setattr(raw_logs, "_hung", lambda log, *_: taken_in.append(log) or log)
+    codes = np.full(ROWS, POSTURES.index(held))
+    codes[row] = POSTURES.index(stated)
+    angle = np.tile(ANGLE[:, :1], (1, PUPPER_V2.num_joints))
+    log = MotorLog(
+        time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER_V2.joint_names, robot=PUPPER_V2.name,
+        motor=PUPPER_V2.motor, source="a test", posture=codes,
+    )  # fmt: skip
+    write_log(tmp_path / "log.parquet", log)
+    config = LogsImport((tmp_path / "log.parquet",), tmp_path / "out", hung=True)
+    if stated == held:
+        import_logs(config)
+        assert len(taken_in) == 1
+        return
+    with pytest.raises(ConfigError, match=f"hung: row {row} states the posture {stated}, .* has to be {held}") as error:
+        import_logs(config)
+    assert error.value.argument == "hung" and error.value.where == tmp_path / "log.parquet" and not taken_in
+
+
+def test_a_map_that_states_a_held_base_adds_no_loads_by_itself(tmp_path: Path):
+    path, columns = write_csv(tmp_path), tmp_path / "columns.toml"
+    columns.write_text('posture = "hung"\n' + columns.read_text("utf-8"), "utf-8")
+    import_logs(LogsImport((path,), tmp_path / "out", columns=str(columns), period=0.005))
+    log = read_parquet(tmp_path / "out" / "log.parquet")
+    assert log.load_inertia is None and log.posture is not None
+    assert log.posture.tolist() == [POSTURES.index("hung")] * log.num_rows
+
+
+@pytest.mark.parametrize("period", [1e-9, 0.0, -0.002, 2.0, math.nan])
+def test_a_period_out_of_bounds_is_refused_before_a_log_is_read(tmp_path: Path, period: float):
+    with pytest.raises(ConfigError, match=r"period .* is not a finite number from 1e-06 to 1") as refusal:
+        import_logs(LogsImport((tmp_path / "none.csv",), tmp_path / "out", period=period))
+    assert refusal.value.argument == "period"
+
+
+def test_a_period_too_short_for_its_log_is_refused_with_the_shortest(tmp_path: Path, monkeypatch):
+    path = write_bam(tmp_path)
+    monkeypatch.setattr(raw_logs, "MOST_SAMPLES", 100)
+    with pytest.raises(ConfigError, match=r"makes .* rows of 1 joints, above 100 samples") as refusal:
+        import_logs(LogsImport((path,), tmp_path / "out", period=1e-4))
+    assert refusal.value.where == path and refusal.value.remedy is not None
+    shortest = float(refusal.value.remedy.split()[-2])
+    import_logs(LogsImport((path,), tmp_path / "out", period=shortest))
+    assert 90 <= read_parquet(tmp_path / "out" / "swing.parquet").num_rows <= 100
+
+
+def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):
+    """Of two logs of one name only one would be left."""
+    out, path = tmp_path / "out", write_bam(tmp_path)
+    with taken(out), ThreadPoolExecutor(1) as other, pytest.raises(ArtifactError, match="another command writes there"):
+        other.submit(import_logs, LogsImport((path,), out)).result()
+    assert not out.exists()
+    import_logs(LogsImport((path,), out))
+    assert [file.name for file in out.iterdir()] == [path.name.split(".")[0] + ".parquet"]
+
+
+def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: Path, monkeypatch):
+    """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
+    bars = swing(2.0)
+    table, columns = write_table(bars, tmp_path)
+    again = Path(shutil.copy(table, tmp_path / "again.csv"))
+    given = [
+        FittedLoad(inertia, 0.1, armature, gravity, 1e-4 * np.eye(2), 1e-3)
+        for inertia, armature, gravity in zip(INERTIA, (0.1, 0.7), bars.gravity, strict=True)
+    ]
+    rows = []
+    monkeypatch.setattr(load_fit, "fit_loads", lambda log, report: rows.append(log.num_rows) or given)
+    said, out = io.StringIO(), tmp_path / "out"
+    import_logs(LogsImport((table, again), out, columns=str(columns), fit_load=True), Lines(said))
+    total = 0
+    for name in ("swing", "again"):
+        log = read_parquet(out / f"{name}.parquet")
+        assert log.load_inertia is not None and log.joint_names == ("left", "right") and "loads fitted" in log.source
+        np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
+        np.testing.assert_allclose(np.diff(log.time), 0.002)
+        total += log.num_rows
+    assert rows == [total], "both tables together"
+    told = json.loads((out / "loads.json").read_text())
+    assert told["logs"] == ["swing.parquet", "again.parquet"] and told["joints"]["left"]["inertia_kg_m2"] == INERTIA[0]
+    lines = said.getvalue().splitlines()
+    assert any("joint left: inertia 0.005 kg·m², times or over 1.11; weight 0.4 ± 0.01" in line for line in lines)
+    assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]
+
+
+def test_a_weight_is_as_unsure_as_its_parts_along_and_across():
+    covariance = np.array([[1.0, -0.9], [-0.9, 1.0]]) * 1e-2
+    load = FittedLoad(0.01, 0.1, 0.1, np.array([1.0, 1.0]), covariance, 0.0)
+    weight, deviation, hangs, of_hangs = weight_of(load)
+    assert (weight, hangs) == (pytest.approx(np.sqrt(2.0)), pytest.approx(-0.25 * np.pi))
+    assert deviation == pytest.approx(np.sqrt(0.001)), "what was swung through"
+    assert of_hangs == pytest.approx(np.sqrt(0.019 / 2.0))
+    draws = np.random.default_rng(0).multivariate_normal(load.gravity, 1e-2 * covariance, 20_000)
+    assert np.hypot(*draws.T).std() == pytest.approx(0.1 * deviation, rel=0.03)
+    assert np.arctan2(-draws[:, 1], draws[:, 0]).std() == pytest.approx(0.1 * of_hangs, rel=0.03)
+
+
+def test_loads_are_not_fitted_where_they_are_known_or_cannot_be(tmp_path: Path):
+    bars = swing(1.0)
+    table, columns = write_table(bars, tmp_path)
+    known = tmp_path / "known.toml"
+    known.write_text('external_torque = "goal_{joint}"\n' + columns.read_text())
+    firmware = tmp_path / "firmware.toml"
+    firmware.write_text(columns.read_text().replace("[units]", '[units]\ngain = "firmware"'))
+    fit = LogsImport((table,), tmp_path / "out", columns=str(columns), fit_load=True)
+    refused = {
+        "two ways to have loads": replace(fit, hung=True),
+        "needs columns": replace(fit, columns=None),
+        "the model of 'arm.toml' says the loads": replace(fit, robot="arm.toml"),
+        "loads are fitted at 0.002 s": replace(fit, period=0.005),
+        r"says its load itself \(external_torque\)": replace(fit, columns=str(known)),
+    }
+    for words, config in refused.items():
+        with pytest.raises(ConfigError, match=words) as refusal:
+            import_logs(config)
+        assert refusal.value.argument in ("fit_load", "period")
+    with pytest.raises(LogError, match="its kp is in firmware units"):
+        import_logs(replace(fit, columns=str(firmware)))
+    assert not list((tmp_path / "out").glob("*")), "nothing is half written"

@@ -1,0 +1,74 @@
+"""Motors that a prior never saw: whatever their known log says, it is the same."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS, record
+from motorprior.identification.presets import PRESETS as RECIPES
+from motorprior.identification.presets import Preset
+from motorprior.logs.motor_log import MotorLog
+from motorprior.pipeline.validation import leave_motors_out as module
+from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+
+GROUP = [0, 2]
+SECONDS = 2.0
+
+
+@pytest.fixture
+def logs() -> list[MotorLog]:
+    """Two logs of four motors of fleet ``mixed``."""
+    fleet = load_fleet("mixed")
+    motors, names = fleet.sample(4, np.random.default_rng(5)), ROBOT.joint_names[:4]
+    found = [record(motors, PRESETS["rollout"], 2000, seed, fleet) for seed in range(2)]
+    return [replace(log, joint_names=names, joint_torque=None) for log in found]
+
+
+def test_what_was_left_out_is_judged_and_was_never_seen(logs: list[MotorLog], tmp_path: Path):
+    found = leave_motors_out(logs[0], logs[1], ROBOT, GROUP, "pace", SECONDS, tmp_path / "a")
+    names = tuple(ROBOT.joint_names[joint] for joint in GROUP)
+    assert found.joints == names
+    assert set(found.errors) == {"prior", "same_place", "adapted", "per_motor", "tuned_pd"}
+    assert all(values.shape == (2,) and np.isfinite(values).all() for values in found.errors.values())
+    assert len({float(values[0]) for values in found.errors.values()}) > 3
+    assert all(0.0 <= share <= 1.0 for share in found.coverage.values())
+    angles = logs[0].joint_pos.copy()
+    angles[:, GROUP] *= 0.5
+    again = leave_motors_out(replace(logs[0], joint_pos=angles), logs[1], ROBOT, GROUP, "pace", SECONDS, tmp_path / "b")
+    for name, values in found.errors.items():
+        np.testing.assert_array_equal(again.errors[name], values)
+
+
+def test_the_motors_by_themselves_are_fitted_over_windows_as_long_as_the_priors(
+    logs: list[MotorLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    class Begun(Exception):
+        """Of the last fit; nothing is fitted here."""
+
+    def begin(log: MotorLog, preset: str, recipe: Preset, *_: object) -> None:
+        windows[preset] = recipe.window
+        raise Begun
+
+    windows: dict[str, int] = {}
+    monkeypatch.setattr(module, "fit_prior", lambda log, preset, *_, **__: None)
+    monkeypatch.setattr(module, "fit_recipe", begin)
+    for prior, alone in (("first_look", "pace_long_runs"), ("long_runs", "pace_long_runs"), ("rollout", "pace")):
+        windows.clear()
+        with pytest.raises(Begun):
+            leave_motors_out(logs[0], logs[1], ROBOT, GROUP, prior, SECONDS, tmp_path)
+        assert windows == {alone: RECIPES[prior].window}
+
+
+def test_joints_of_no_leg_have_no_same_place(logs: list[MotorLog], tmp_path: Path):
+    found = leave_motors_out(logs[0], logs[1], replace(ROBOT, legs=()), GROUP, "pace", SECONDS, tmp_path)
+    assert set(found.errors) == {"prior", "adapted", "per_motor", "tuned_pd"}
+
+
+def test_the_motors_of_a_leg_are_left_out_together():
+    groups = motor_groups(ROBOT)
+    assert len(groups) == len(ROBOT.legs) and all(len(group) == 3 for group in groups)
+    assert sorted(joint for group in groups for joint in group) == list(range(ROBOT.num_joints))

@@ -1,0 +1,87 @@
+"""A training whose contests are walked on another fleet's motors."""
+
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.artifacts import read_json
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.locomotion.policy import Policy
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk, scene
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.search.ars import ArsConfig
+from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
+
+
+def walk(folder: Path, **changes) -> Walk:
+    search = ArsConfig(seed=2, num_directions=2, num_top_directions=2)
+    return Walk(folder, MotorChoice("pd"), iterations=3, episode_steps=30, search=search, **changes)
+
+
+def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fleet(tmp_path: Path):
+    config = walk(tmp_path, validation="mixed")
+    run_walk(config)
+    policy = Policy.load(tmp_path / POLICY)
+    robot, motors = policy.commanded(PUPPER_V2), MotorChoice("fleet", fleet="mixed")
+    there = scene(config, robot, motors.drawer(robot), motors.physics_dt(robot)).simulator()
+    seeds = [episode_seed(config.search.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
+    score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
+    assert policy.provenance["own_return"] == score
+    assert policy.provenance["validation"]["fleet"] == "mixed"
+
+
+def test_other_judges_change_no_training(tmp_path: Path):
+    for name, fleet in (("own", None), ("other", "mixed")):
+        run_walk(walk(tmp_path / name, validation=fleet))
+    assert (tmp_path / "own" / "metrics.jsonl").read_bytes() == (tmp_path / "other" / "metrics.jsonl").read_bytes()
+
+
+def test_settings_that_contradict_each_other_are_refused_of_a_finished_walk_too(tmp_path: Path):
+    config = walk(tmp_path)
+    run_walk(config)
+    with pytest.raises(ConfigError, match="actuator pd has no use for a prior"):
+        run_walk(replace(config, motors=MotorChoice("pd", prior=tmp_path)))
+
+
+def test_threads_and_interrupts_change_nothing(tmp_path: Path):
+    """Contests and candidates take turns at the tenth iteration; the champion of the first contest wins the second."""
+    long = {"validation": "mixed", "patience": 1}
+    run_walk(replace(walk(tmp_path / "whole", **long), iterations=40))
+    ended = len(read_json(tmp_path / "whole" / "curve.json"))
+    assert ended % 10 == 0
+
+    class Stops:
+        def __init__(self, after: int):
+            self.left = after
+
+        @contextmanager
+        def start(self, name: str, total: int):
+            yield self
+
+        def advance(self, count: int = 1, note: str = "") -> None:
+            self.left -= bool(note)
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+        def note(self, text: str) -> None:
+            assert f"ended after {ended} iterations" in text
+
+    parts = replace(walk(tmp_path / "parts", **long), iterations=40, workers=2)
+    for after in (ended - 1, 1):  # the second: all iterations are made, and nothing is written yet
+        with pytest.raises(KeyboardInterrupt):
+            run_walk(parts, Stops(after))
+    run_walk(parts, Stops(99))
+    for name in (POLICY, "curve.json", "metrics.jsonl"):
+        assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_fleet_that_is_not_there_and_no_patience_are_refused(tmp_path: Path):
+    with pytest.raises(ArtifactError, match="validation: no fleet 'nobody'"):
+        run_walk(walk(tmp_path / "a", validation="nobody"))
+    with pytest.raises(ConfigError, match="patience"):
+        run_walk(walk(tmp_path / "b", patience=0))
+    assert not (tmp_path / "a").exists() and not (tmp_path / "b").exists()

@@ -1,0 +1,142 @@
+"""metrics.jsonl: a line per iteration, the same bytes however often a training was interrupted."""
+
+import json
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ConfigError
+from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.walking import walk_metrics
+from motorprior.pipeline.walking.tensorboard import EVENTS
+from motorprior.pipeline.walking.walk import CURVE, POLICY, Walk, run_walk
+from motorprior.pipeline.walking.walk_metrics import METRICS, Extent, Metrics, read_metrics
+
+
+class Stops:
+    """Progress that keeps the notes of a training, and interrupts it after some iterations."""
+
+    def __init__(self, after: int):
+        self.notes: list[str] = []
+        self._after = after
+
+    @contextmanager
+    def start(self, name: str, total: int) -> Iterator["Stops"]:
+        yield self
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        self.notes += [note] if note else []
+        if len(self.notes) == self._after:
+            raise KeyboardInterrupt
+
+    def note(self, text: str) -> None:
+        pass
+
+
+def small(folder: Path) -> Walk:
+    return Walk(folder, MotorChoice("pd"), iterations=4, episode_steps=20, workers=1)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    folder, seen = tmp_path_factory.mktemp("whole"), Stops(99)
+    run_walk(small(folder), seen)
+    return folder, seen.notes
+
+
+def test_a_line_says_what_the_learning_curve_says(whole: tuple[Path, list[str]]):
+    lines = [json.loads(line) for line in (whole[0] / METRICS).read_text("utf-8").splitlines()]
+    curve = json.loads((whole[0] / CURVE).read_text("utf-8"))
+    assert [line["iteration"] for line in lines] == [0, 1, 2, 3]
+    episodes = 2 * Walk(Path()).search.num_directions
+    assert [line["episodes"] for line in lines] == [episodes * n for n in (1, 2, 3, 4)]
+    for line, point in zip(lines, curve, strict=True):
+        assert (line["return_mean"], line["return_best"]) == (point["mean_return"], point["best_return"])
+        assert line["upright"] == point["mean_steps"] / 20 and line["speed_error"] == point["mean_speed_error"]
+    assert not {"seconds", "time"} & lines[0].keys()
+
+
+def test_an_interrupted_training_ends_at_the_same_bytes(whole: tuple[Path, list[str]], tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt):
+        run_walk(small(tmp_path), Stops(2))
+    with (tmp_path / METRICS).open("a") as file:  # ahead of the checkpoint, and half a line of a killed process
+        file.write('{"iteration": 99}\n{"itera')
+    run_walk(small(tmp_path))
+    for name in (METRICS, CURVE, POLICY):
+        assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes(), name
+
+
+def test_a_training_with_other_settings_begins_a_new_file(tmp_path: Path):
+    (tmp_path / METRICS).write_text('{"iteration": 0}\n')
+    Metrics(tmp_path, [], Extent(3, 10, 4))
+    assert (tmp_path / METRICS).read_text() == ""
+
+
+def test_the_line_on_the_terminal_has_return_uprightness_speed_and_time_left(
+    whole: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    assert len(whole[1]) == 4 and all("episodes/s" in note and "upright" in note for note in whole[1])
+    now = iter([100.0, 110.0, 100.0, 110.0])
+    monkeypatch.setattr(walk_metrics.time, "monotonic", lambda: next(now))
+    done: list[dict[str, Any]] = [point(number) for number in range(2)]
+    metrics = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32))
+    assert metrics.add(point(2)) == (
+        "return 1.50 m, off the speed by 0.05 m/s, upright 80 %, 3 episodes/s, 1:06:30 left"
+    )
+    patient = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32, may_end_early=True))
+    assert patient.add(point(2)).endswith(", at most 1:06:30 left")
+
+
+def point(iteration: int) -> dict[str, Any]:
+    means = {"mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "mean_speed_error": 0.05}
+    return {"iteration": iteration, **means, "faults": {}}
+
+
+def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_path: Path):
+    pytest.importorskip("tensorboardX", reason="pip install 'motorprior[tensorboard]'")
+    walk = replace(small(tmp_path), tensorboard=True)
+    with pytest.raises(KeyboardInterrupt):
+        run_walk(walk, Stops(after=2))
+    run_walk(walk)
+    told = read_metrics(tmp_path)
+    (path,) = (tmp_path / EVENTS).iterdir()
+    for name in ("return_mean", "return_best", "upright", "speed_error"):
+        np.testing.assert_allclose(scalars(path, f"walk/{name}"), list(enumerate(told[name])), rtol=1e-6)
+
+
+def test_tensorboard_gets_the_lines_of_a_training_that_was_finished_without_it(tmp_path: Path):
+    pytest.importorskip("tensorboardX", reason="pip install 'motorprior[tensorboard]'")
+    run_walk(small(tmp_path))
+    before = (tmp_path / METRICS).read_bytes()
+    run_walk(replace(small(tmp_path), tensorboard=True))
+    (path,) = (tmp_path / EVENTS).iterdir()
+    wanted = list(enumerate(read_metrics(tmp_path)["return_mean"]))
+    np.testing.assert_allclose(scalars(path, "walk/return_mean"), wanted, rtol=1e-6)
+    assert (tmp_path / METRICS).read_bytes() == before
+
+
+def test_without_the_library_the_option_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    with pytest.raises(ConfigError, match=r"pip install 'motorprior\[tensorboard\]'"):
+        run_walk(replace(small(tmp_path / "walk"), tensorboard=True))
+    assert not (tmp_path / "walk").exists()
+
+
+def scalars(path: Path, tag: str) -> list[tuple[int, float]]:
+    """(step, value) of a scalar, in the file's order: length, check sum of 4 bytes, event, check sum of 4 bytes."""
+    from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
+
+    data, place, found = path.read_bytes(), 0, []
+    while place < len(data):
+        (length,) = struct.unpack_from("<Q", data, place)
+        event = Event.FromString(data[place + 12 : place + 12 + length])
+        found += [(event.step, value.simple_value) for value in event.summary.value if value.tag == tag]
+        place += 16 + length
+    return found
