@@ -66,8 +66,9 @@ TOLD = 10.0
 RECIPE = PRESETS["rollout"]
 MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "first_look"
 """A test, and its recipe: one that takes seconds, since it is fitted once per leg."""
-SERVOS = {"so101": "long_runs", "xl330": "long_runs"}
-"""Recipes of robots whose servos creep, instead of rollout."""
+IDENTIFIED = "long_runs"
+"""Recipe of the prior: what a model lacks shows less in windows of an eighth of a second, as rollout has, and comes out
+as wrong constants."""
 FACTOR = {"so101": 5.0, "xl330": 3.0}
 """On the seconds that models are fitted to."""
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
@@ -134,9 +135,9 @@ def _counted(settings: Settings) -> dict[str, object]:
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.judged)} left out")
     known = stretches([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
-    steps, seed, name = settings.adam_steps, settings.seed, SERVOS.get(robot, "rollout")
-    own = steps if PRESETS[name].trains else None
-    prior = fit_prior(known, name, seed, steps=own, out=folder / "prior", progress=PROGRESS)
+    steps, seed = settings.adam_steps, settings.seed
+    own = steps if PRESETS[IDENTIFIED].trains else None
+    prior = fit_prior(known, IDENTIFIED, seed, steps=own, out=folder / "prior", progress=PROGRESS)
     preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), known)
     models = fitted_baselines(known, preset, BaselineFits(folder, steps, seed), PROGRESS)
     models["prior"] = LatentActuator(prior.network, prior.expected(known.joint_names))
