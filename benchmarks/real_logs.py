@@ -136,8 +136,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.judged)} left out")
     known = stretches([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
-    own = steps if PRESETS[IDENTIFIED].trains else None
-    prior = fit_prior(known, IDENTIFIED, seed, steps=own, out=folder / "prior", progress=PROGRESS)
+    prior = fit_prior(known, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
     preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), known)
     models = fitted_baselines(known, preset, BaselineFits(folder, steps, seed), PROGRESS)
     models["prior"] = LatentActuator(prior.network, prior.expected(known.joint_names))

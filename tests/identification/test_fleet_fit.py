@@ -133,6 +133,22 @@ def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: Wind
     np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
 
 
+def test_a_fit_counts_what_logs_leave_open_from_its_second_turn_on(
+    runs: WindowRuns, found: FleetFit, monkeypatch: pytest.MonkeyPatch
+):
+    told: list[np.ndarray | float] = []
+
+    def noted(at: Fit, windows: int, left_open: np.ndarray | float) -> Belief:
+        told.append(left_open)
+        return _belief(at, windows, left_open)
+
+    monkeypatch.setattr(fleet_fit, "_belief", noted)
+    fit_fleet(bare(), runs, (), True, 0, start=found.raw, turns=((NARROW, 1),) * 2)
+    first, second = told
+    assert isinstance(first, float) and first == 0.0 and isinstance(second, np.ndarray)
+    assert second[PARAMETERS.index("stribeck_torque")] > second[PARAMETERS.index("kp")] > 0.0
+
+
 def spread_of(z: np.ndarray) -> np.ndarray:
     """(Z,) variance of one more motor around the median of M, from their distances to it."""
     return (len(z) + 1) / (len(z) - 1) * np.mean((z - np.median(z, axis=0)) ** 2, axis=0)

@@ -26,11 +26,12 @@ class LinearRuns:
 
     windows, channels, num_motors = 20, 2, NEW
 
-    def __init__(self, truth: np.ndarray):
+    def __init__(self, truth: np.ndarray, hidden: int = 0):
         rng = np.random.default_rng(7)
         self.truth, self.shape = truth, (self.windows, self.channels, 8)
         rows = int(np.prod(self.shape))
         self.slopes = rng.standard_normal((SIZE, rows))
+        self.slopes[:hidden] = 0.0
         self.noise = 0.1 * rng.standard_normal((NEW, rows))
 
     def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
@@ -71,3 +72,20 @@ def test_the_correction_counts_the_constants_in_which_motors_differ(
 
 def test_where_no_constant_differs_no_motor_is_odd(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
     assert judged(monkeypatch, grey_network, held=SIZE).p_value.tolist() == [1.0] * NEW
+
+
+@pytest.mark.parametrize("motors", [4, 5, 7])
+def test_a_constant_that_no_log_shows_calls_no_motor_odd(
+    monkeypatch: pytest.MonkeyPatch, grey_network: Any, motors: int
+):
+    """Few training motors agree in it, and new ones are believed to differ: what is found of it is far from theirs."""
+    hidden, rng, assumed = 3, np.random.default_rng(motors), np.full(SIZE, 0.3)
+    mean, truth = 0.3 * rng.standard_normal((motors, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
+    mean[:, :hidden] = 1e-7 * rng.standard_normal((motors, hidden))
+    network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
+    network, z = standardised(network, mean, assumed)
+    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth, hidden))
+    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
+    found[:, :hidden] += 0.3 * rng.standard_normal((NEW, hidden))  # as the flat valley of a real loss leaves it
+    judged = outliers(network, z, found, NOTHING, NOTHING, 0.05)
+    assert judged.p_value.min() > 0.01, (judged.p_value, judged.latent, judged.deviation)

@@ -1,11 +1,13 @@
 """How far the motors of one model differ, where too few of them were recorded to tell.
 
 An assumption that every recorded motor makes weaker: a scaled inverse-χ² prior on the variance of each of a decoder's
-outputs, worth WORTH motors around s², gives of M motors with outputs z_i and mean z̄ the variance of one more,
+outputs, worth WORTH motors around s², and nothing known of its mean. Of M motors with outputs z_i and mean z̄ one more
+has a t distribution around z̄, WORTH + M - 1 degrees of freedom wide by √v,
 
     v = (WORTH·s² + Σ_i (z_i - z̄)²) / (WORTH + M - 1) · (M + 1)/M
 
-(Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.3; the scale of its predictive t distribution).
+of which a normal distribution with that standard deviation is kept (Gelman et al., Bayesian Data Analysis, 3rd ed.,
+sections 3.2 and 3.3).
 """
 
 from __future__ import annotations
@@ -18,12 +20,12 @@ from motorprior.logs.motor_log import FIRMWARE
 WORTH = 3.0
 """Motors that the assumption is worth."""
 SPREADS = {
-    "kp": 0.1, "kd_over_kp": 0.05, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
+    "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
     "backlash": 0.4, "encoder_zero": 0.2, "integral_rate": 0.05, "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
-"""s of each constant: of its logarithm, but for encoder_zero, whose unit is 0.05 rad. Gains, armature and backlash have
-the spread between the motors of one robot in fleet `pupper_v2`, which was calibrated on logs; the others are ours.
-Registers of a firmware are the same in all motors."""
+"""s of each constant: of its logarithm, but for encoder_zero, whose unit is 0.05 rad. Gains and armature have the
+spread between motors of one robot that was found in logs of a real quadruped, the one that the library comes with; the
+others are ours. Registers of a firmware are the same in all motors."""
 OTHER = 0.25
 """s of every other constant: the spread of Coulomb friction there."""
 

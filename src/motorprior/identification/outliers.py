@@ -71,6 +71,7 @@ def outliers(
     differ = spread > _SAME
     wide = Copula(np.eye(len(mean)), mean + WIDER * spread * SCORES[:, None])
     start = np.where(differ, (network.decoder_latents(found) - mean) / (WIDER * spread), 0.0)
+    start = np.clip(start, -1.0, 1.0)  # where motors hardly differ `found` may be farther off than steps come back from
     freed = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
     variance = WIDER**2 * np.diagonal(freed.covariance, axis1=1, axis2=2)
     deviation = WIDER * freed.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)

@@ -26,7 +26,7 @@ from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet, hel
 from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
-from motorprior.identification.standardise import standard_posterior
+from motorprior.identification.standardise import MOTORS_AT_LEAST, standard_posterior
 from motorprior.identification.term_selection import MOTORS, ROWS, WINDOWS, Selection, held_out_windows, select_terms
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData, some_stretches
@@ -229,7 +229,10 @@ def _residual(
         "log_var": jnp.full(offsets.shape, -2.0, jnp.float32),
     }
     trained, _ = descend(trainable, replace(data, starts=seen), preset, seed, report, checkpoints)
-    made = export(trained["network"], preset, data.scales)
+    learned = trained["network"]
+    if len(offsets) < MOTORS_AT_LEAST:
+        learned |= {"v1": start["v1"]}  # draws go where no motor was: what it learned of z would be extrapolated
+    made = export(learned, preset, data.scales)
     return replace(made, motor=network.motor)  # float64, as it was fitted
 
 
