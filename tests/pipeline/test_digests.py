@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from motorprior.logs.column_map import shipped_maps
 from motorprior.pipeline import digests
 from motorprior.pipeline.module_imports import sources
 
@@ -41,7 +42,9 @@ def counted(stage: Path) -> set[str]:
         ("pipeline/stopwatch.py", set()),
         ("__init__.py", set()),
         ("actuator/physical.py", {stage.stem for stage in STAGES}),
-        ("logs/lerobot.py", {"real_motors", "replay", "calibrate"}),
+        *((f"logs/{name}", {"real_motors", "replay", "calibrate"}) for name in ("lerobot.py", "lerobot_robots.toml")),
+        *((f"logs/maps/{name}.toml", {"real_motors", "replay", "calibrate"}) for name in shipped_maps()),
+        ("robots/pupper_v2/fleets/mixed.toml", set()),
         ("pipeline/adapt.py", {"adapt", "real_motors", "validate", "validate_log"}),
         ("pipeline/validation/log_baselines.py", {"log_baselines", "real_motors", "validate_log"}),
         ("pipeline/walking/training.py", POLICIES),
@@ -56,10 +59,12 @@ def test_an_edit_runs_those_stages_again_that_import_it(edited: str, again: set[
 
 def test_the_digest_of_a_stage_is_of_what_it_imports_wherever_the_package_is(package: Path):
     bench, walk = Path("pipeline", "bench.py"), Path("pipeline", "walking", "walk.py")
-    before = {stage: digests.package_digest(SOURCE / stage, SOURCE) for stage in (bench, walk)}
+    look = Path("pipeline", "first_look", "real_motors.py")
+    before = {stage: digests.package_digest(SOURCE / stage, SOURCE) for stage in (bench, walk, look)}
     for edited, again in {
-        "hardware/virtual/firmware.py": [], "logs/lerobot.py": [], "pipeline/walking/training.py": [walk],
-        "actuator/physical.py": [bench, walk],
+        "hardware/virtual/firmware.py": [], "logs/lerobot.py": [look], "pipeline/walking/training.py": [walk],
+        "actuator/physical.py": [bench, walk, look], "logs/maps/so101_sage.toml": [look],
+        "robots/pupper_v2/fleets/mixed.toml": [],
     }.items():  # fmt: skip
         text = (package / edited).read_bytes()
         (package / edited).write_bytes(text + b"#")

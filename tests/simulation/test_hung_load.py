@@ -8,7 +8,7 @@ import pytest
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import EXTERNAL, POS, STIFFNESS, training_data
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.hung_load import with_loads
@@ -126,6 +126,19 @@ def test_a_log_of_other_joints_is_refused_with_their_names(names: tuple[str, ...
     )  # fmt: skip
     with pytest.raises(LogError, match=words):
         with_loads(log, PUPPER_V2)
+
+
+@pytest.mark.parametrize("stated", POSTURES)
+def test_a_log_that_states_another_posture_than_hung_gets_no_loads(stated: str):
+    log = swaying(spec.NOMINAL_POSE, rows=20)
+    codes = np.full(20, POSTURES.index("hung"))
+    codes[-1] = POSTURES.index(stated)
+    if stated == "hung":
+        posture = with_loads(replace(log, posture=codes), PUPPER_V2).posture
+        assert posture is not None and posture.tolist() == codes.tolist()
+        return
+    with pytest.raises(LogError, match=f"row 19 states the posture {stated}, .* has to be hung in every row"):
+        with_loads(replace(log, posture=codes), PUPPER_V2)
 
 
 def test_a_log_without_velocities_is_refused():

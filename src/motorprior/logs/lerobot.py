@@ -80,6 +80,15 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
 LEROBOT = LogReader("dataset of LeRobot", (FOLDER,), is_lerobot_folder, read_lerobot, GRANTED)
 
 
+def lerobot_files(path: Path) -> list[Path]:
+    """All that is read of a dataset: its description and its tables, no videos or images."""
+    return [path / INFO, *_tables(path)]
+
+
+def _tables(path: Path) -> list[Path]:
+    return sorted(path.glob("data/chunk-*/file-*.parquet"))
+
+
 def lerobot_columns(
     path: Path, names: list[str], joints: int | None = None, posture: str | None = None
 ) -> Iterator[dict[str, np.ndarray]]:
@@ -94,7 +103,7 @@ def lerobot_columns(
     Raises:
         LogError: no files, or as `table_columns`.
     """
-    found = sorted(path.glob("data/chunk-*/file-*.parquet"))
+    found = _tables(path)
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
     lengths: dict[str, int] | None = dict.fromkeys((ACTION, STATE), joints) if joints else None

@@ -1,4 +1,7 @@
-"""What a module imports, at its top or later, and what these import in turn; read from the source, nothing is run."""
+"""What a module imports, at its top or later, and what these import in turn; read from the source, nothing is run.
+
+A module that imports importlib.resources reads data files of its folder: these count with it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+
+RESOURCES, DATA = "importlib.resources", "*.toml"
 
 
 def imported(tree: ast.AST, package: Sequence[str]) -> Iterator[tuple[int, str]]:
@@ -37,6 +42,8 @@ def _last_name(function: ast.expr) -> str:
 def sources(file: Path, package: Path, left_out: Collection[str] = ()) -> dict[str, bytes]:
     """Name -> text of a file and of all modules that it needs: of the package, and of the folder of a file outside.
 
+    Among them are the .toml files in and below the folder of a module of the package that reads resources.
+
     Args:
         file: of a module of the package, or of a script that imports some.
         package: folder; the public names in its own __init__.py count where some of them are imported.
@@ -52,7 +59,11 @@ def sources(file: Path, package: Path, left_out: Collection[str] = ()) -> dict[s
         if inner.as_posix() in found:
             continue
         found[inner.as_posix()] = text = path.read_bytes()
-        for name in _names(text, inner.parent.parts) - looked_up:
+        names = _names(text, inner.parent.parts)
+        if inside and any(name.startswith(RESOURCES) for name in names):
+            data = path.parent.rglob(DATA)
+            found |= {each.relative_to(package.parent).as_posix(): each.read_bytes() for each in data}
+        for name in names - looked_up:
             ours = name.split(".")[0] == package.name
             if ours or not inside:
                 looked_up.add(name)

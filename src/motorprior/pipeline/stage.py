@@ -82,19 +82,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def flat(settings: Mapping[str, Any], within: str = "") -> dict[str, Any]:
-    """Dotted name -> value of nested settings.
-
-    Args:
-        settings: as JSON.
-        within: beginning of the names, the dot included.
-    """
-    found: dict[str, Any] = {}
-    for name, value in settings.items():
-        found |= flat(value, f"{within}{name}.") if isinstance(value, Mapping) else {within + name: value}
-    return found
-
-
 def _is_place(value: Any) -> bool:
     return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
 

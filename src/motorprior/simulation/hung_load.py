@@ -25,11 +25,12 @@ corresponding errors.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
@@ -46,9 +47,10 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     smooth: see `read_robot_run` with a period.
 
     Raises:
-        LogError: not the joints of this robot, without velocities, or of a robot that was not level.
+        LogError: not the joints of this robot, without velocities, or of a robot that was not level, or not held.
     """
     _require_joints(log, robot)
+    require_held(log, robot, log.source)
     if log.joint_vel is None:
         remedy = "import it with a period, and its angles say them"
         raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
@@ -65,9 +67,40 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
         external[part] -= (inertia[part] - mean) * acceleration
         external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log's are means until the next row
         inertia[part] = mean
-    held = np.full(log.num_rows, POSTURES.index("hung" if robot.base == "free" else "fixed"))
+    held = np.full(log.num_rows, POSTURES.index(held_posture(robot)))
     loads = {"load_inertia": inertia, "external_torque": external, "load_stiffness": stiffness}
     return checked(replace(log, **loads, joint_torque=None, posture=held), where=log.source)
+
+
+def held_posture(robot: Robot) -> str:
+    """What a log calls it that the base of this robot is held."""
+    return "hung" if robot.base == "free" else "fixed"
+
+
+def require_held(log: MotorLog, robot: Robot, where: str | Path, option: str = "") -> None:
+    """Refuse a log that says, in any row, that the robot's base was not held.
+
+    Args:
+        log: may have no posture.
+        robot: that it is of.
+        where: file of the log.
+        option: argument that says that it was.
+
+    Raises:
+        LogError: it was not.
+        ConfigError: it was not, and an argument says that it was; names the argument.
+    """
+    held = held_posture(robot)
+    if log.posture is None or not (odd := np.flatnonzero(log.posture != POSTURES.index(held))).size:
+        return
+    problem = (
+        f"row {odd[0]} states the posture {POSTURES[log.posture[odd[0]]]}, and {robot.name}, whose base is "
+        f"{robot.base}, has to be {held} in every row"
+    )
+    remedy = "correct the posture, or cut those rows from the file"
+    if option:
+        raise ConfigError(f"{option}: {problem}", where=where, remedy=f"leave {option} out, {remedy}", argument=option)
+    raise LogError(problem, where=where, remedy=remedy)
 
 
 def _require_joints(log: MotorLog, robot: Robot) -> None:

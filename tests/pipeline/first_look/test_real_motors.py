@@ -1,5 +1,6 @@
 """The first look at real logs, on small synthetic ones: what made them is told, whatever is known of their loads."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import response_fit
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.demo import Demo, require_settings, that_walks
 from motorprior.pipeline.first_look.fleet_comparison import (
@@ -23,7 +24,14 @@ from motorprior.pipeline.first_look.fleet_comparison import (
 from motorprior.pipeline.first_look.look import Errors, constant_results
 from motorprior.pipeline.first_look.look_by_replay import beginning
 from motorprior.pipeline.first_look.look_with_loads import SHOWN
-from motorprior.pipeline.first_look.real_motors import TRACES, RealMotors, fleet_of, read_logs_of, run_real_motors
+from motorprior.pipeline.first_look.real_motors import (
+    TRACES,
+    RealMotors,
+    _loads,
+    fleet_of,
+    read_logs_of,
+    run_real_motors,
+)
 from motorprior.report.page import Report, render
 from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_table, error_rows, from_tensors
 from motorprior.report.real_motors import real_motors
@@ -134,6 +142,55 @@ def arm(tmp_path: Path) -> str:
 def test_an_arm_does_not_hang(logs: Path, tmp_path: Path, arm: str):
     with pytest.raises(ConfigError, match="the base of 'arm' is fixed"):
         read_logs_of(RealMotors(logs, tmp_path / "out", hung=True, robot=arm))
+
+
+def stating(folder: Path, names: tuple[str, ...], *postures: str | None) -> Path:
+    """A folder with a log of these joints for each posture, stated in all rows but the first, which was hung."""
+    log = a_log("a", [True] * len(names))
+    for number, stated in enumerate(postures):
+        codes = None if stated is None else np.array([1] + 49 * [POSTURES.index(stated)])
+        write_log(folder / f"log_{number}.parquet", replace(log, joint_names=names, posture=codes))
+    return folder
+
+
+@pytest.mark.parametrize("stated", ["standing", "fixed", "fallen"])
+def test_a_log_that_states_another_posture_did_not_hang(tmp_path: Path, stated: str):
+    out = tmp_path / "out"
+    logs = stating(tmp_path / "logs", JOINTS, "hung", stated)
+    config = RealMotors(logs, out, hung=True)
+    with pytest.raises(ConfigError, match=f"hung: row 1 states the posture {stated}, .* has to be hung") as refusal:
+        run_real_motors(config)
+    assert refusal.value.argument == "hung" and refusal.value.where == logs / "log_1.parquet" and not out.exists()
+
+
+@pytest.mark.parametrize("stated", POSTURES)
+def test_the_base_of_an_arm_is_fixed(tmp_path: Path, arm: str, stated: str):
+    path = stating(tmp_path / "logs", JOINTS[:2], stated) / "log_0.parquet"
+    write_log(path, read_parquet(path).rows(slice(1, None)))
+    config = RealMotors(path, tmp_path / "out", robot=arm)
+    if stated == "fixed":
+        assert list(read_logs_of(config).logs) == ["log_0"]
+        return
+    with pytest.raises(LogError, match=f"row 0 states the posture {stated}, .* has to be fixed in every row"):
+        read_logs_of(config)
+
+
+@pytest.mark.parametrize(
+    ("postures", "told"),
+    [
+        (("hung", "hung"), "rigid body of pupper_v2, its base held"),
+        (("hung", None), r"unknown, since pupper_v2 may have stood on its feet \(say hung if it hung\)"),
+        (("hung", "fixed"), "unknown, since pupper_v2 was fixed, as logs state"),
+        (("standing", "fallen"), "unknown, since pupper_v2 was fallen and standing, as logs state"),
+    ],
+)
+def test_a_free_base_is_held_where_every_row_says_that_it_hung(
+    tmp_path: Path, postures: tuple[str | None, ...], told: str
+):
+    robot = load_robot("pupper_v2")
+    config = RealMotors(stating(tmp_path / "logs", robot.joint_names, *postures), tmp_path / "out")
+    loads, why = _loads(config, read_logs_of(config).logs, robot)
+    assert re.match(f"loads: {told}", why) and (loads is not None) == (set(postures) == {"hung"})
 
 
 def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from foreign_files import write_lerobot, write_sage
 
 from motorprior.exceptions import LogError
 from motorprior.pipeline.log_import.log_folder import read_log_folder
@@ -42,6 +43,22 @@ def test_tables_that_a_map_fits_are_read_and_others_named(folder: Path):
 def test_a_file_is_a_log(folder: Path):
     found = read_log_folder(folder / "a.csv", None, str(folder.parent / "map.toml"))
     assert list(found.logs) == ["a"] and found.logs["a"].joint_names == ("knee",)
+
+
+def test_of_a_dataset_count_only_files_that_are_read(tmp_path: Path):
+    path = write_lerobot(tmp_path)
+    unread = [path / "videos" / "camera" / "chunk-000" / "file-000.mp4", path / "images" / "camera" / "frame.png"]
+    for file in unread:
+        file.parent.mkdir(parents=True)
+        file.touch()
+    tables = [path / "data" / "chunk-000" / f"file-{number:03d}.parquet" for number in (0, 1)]
+    assert read_log_folder(path, None).files == [path / "meta" / "info.json", *tables]
+
+
+def test_of_another_format_all_files_of_its_folder_count(tmp_path: Path):
+    path = write_sage(tmp_path)
+    found = read_log_folder(path, None).files
+    assert found == [path / "control.csv", path / "joint_list.txt", path / "state_motor.csv"]
 
 
 def test_tables_without_a_map_ask_for_one(folder: Path):

@@ -36,7 +36,6 @@ MOTOR_SECONDS, RESPONSE_SECONDS, MOST_SECONDS = 144.0, 72.0, 48.0
 """Log to fit motors or responses to: of all joints together, and of each at most [s]; it takes most of the minute."""
 JUDGED_SECONDS = 120.0
 """Log to judge by [s]."""
-HELD = tuple(POSTURES.index(name) for name in ("hung", "fixed"))
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,8 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
     Raises:
         LogError, ArtifactError: they cannot be read, are of different joints, or nothing moves in them.
-        ConfigError: hung, of a robot that does not hang.
+            Or one of a fixed base states another posture.
+        ConfigError: hung, of a robot that does not hang, or of logs of which one states another posture.
     """
     robot = load_robot(config.robot)
     if config.hung and robot.base == "fixed":
@@ -106,10 +106,21 @@ def read_logs_of(config: RealMotors) -> LogFolder:
         if log.joint_names != first:
             problem = f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
+    _require_held(config, found, robot)
     if not moving_joints(found.logs):
         problem = f"{', '.join(found.logs)}: no joint is excited"
         raise LogError(problem, where=config.logs, remedy="record with a moving command")
     return found
+
+
+def _require_held(config: RealMotors, found: LogFolder, robot: Robot) -> None:
+    """Refuse, before anything is written, logs whose stated posture is not that of a base which is said to be held."""
+    if not config.hung and (robot.base == "free" or not _is_of(found, robot)):
+        return
+    from motorprior.simulation.hung_load import require_held  # here: it imports MuJoCo, which is slow
+
+    for path, log in zip(found.paths, found.logs.values(), strict=True):
+        require_held(log, robot, path, "hung" if config.hung else "")
 
 
 def is_replayed(config: RealMotors, robot: str) -> bool:
@@ -198,13 +209,17 @@ def _loads(
             "loads: unknown, since no description of these joints was given (robot): no PD or prior can be simulated, "
             "only responses that need no load"
         )
-    held = all(log.posture is not None and set(log.posture) <= set(HELD) for log in logs.values())
-    if robot.base == "fixed" or config.hung or held:
+    stated = {None if code is None else POSTURES[code] for log in logs.values() for code in _codes(log)}
+    if robot.base == "fixed" or config.hung or stated == {"hung"}:
         return lambda log: _with_loads(log, robot), f"loads: rigid body of {robot.name}, its base held"
-    return None, (
-        f"loads: unknown, since {robot.name} may have stood on its feet (say hung if it hung): no motor can be fitted, "
-        "only responses that need no load"
-    )
+    others = " and ".join(sorted(name for name in stated if name not in (None, "hung")))
+    why = f"was {others}, as logs state" if others else "may have stood on its feet (say hung if it hung)"
+    return None, f"loads: unknown, since {robot.name} {why}: no motor can be fitted, only responses that need no load"
+
+
+def _codes(log: MotorLog) -> list[int | None]:
+    """Of the postures that a log states; None where it states none."""
+    return [None] if log.posture is None else np.unique(log.posture).tolist()
 
 
 def _with_loads(log: MotorLog, robot: Robot) -> MotorLog:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
+from motorprior.logs.lerobot import is_lerobot_folder, lerobot_files
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.puppersim import read_puppersim_logs, short_name
 from motorprior.logs.registry import READERS, read_log
@@ -33,11 +34,8 @@ class LogFolder:
 
     @property
     def files(self) -> list[Path]:
-        """The paths, of those that are folders all that is in them."""
-        found: list[Path] = []
-        for path in self.paths:
-            found += sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
-        return found
+        """The paths, of those that are folders all that is in them; of a LeRobot dataset what is read of it."""
+        return [file for path in self.paths for file in _files(path)]
 
 
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
@@ -71,6 +69,12 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
     if robot is not None and robot.name == DEFAULT_ROBOT:
         read_puppersim_logs(path, robot)  # which says where logs are found
     raise LogError("no log in it", where=path, remedy="give a log, or a folder of logs (docs/logs.md)")
+
+
+def _files(path: Path) -> list[Path]:
+    if is_lerobot_folder(path):
+        return lerobot_files(path)
+    return sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
 
 
 def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: ColumnMap | None) -> LogFolder:

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.gap_segments import begin_at_gaps
-from motorprior.logs.motor_log import FIRMWARE, POSTURES, MotorLog, time_steps
+from motorprior.logs.motor_log import FIRMWARE, MotorLog, time_steps
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log, taken_for_granted
 from motorprior.logs.resampling import resample
@@ -157,7 +157,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     if wanted:
         _require_no_load(path, log, wanted)
     if config.hung:
-        _require_held(path, log, robot)
+        from motorprior.simulation.hung_load import require_held
+
+        require_held(log, robot, path, "hung")
     period = config.period or (robot.physics_dt if wanted else None)
     log, gaps = begin_at_gaps(log, period or 0.0)
     for told in filter(None, (gaps, taken_for_granted(path, config.columns))):
@@ -188,20 +190,6 @@ def _require_no_load(path: Path, log: MotorLog, wanted: str) -> None:
         if getattr(log, name) is not None:
             problem = f"{wanted}: it says its load itself ({name})"
             raise ConfigError(problem, where=path, remedy=f"leave {wanted} out", argument=wanted)
-
-
-def _require_held(path: Path, log: MotorLog, robot: Robot) -> None:
-    """Refuse the loads of a robot whose base is held for a log that says, in any row, that it was not."""
-    if log.posture is None:
-        return
-    held = "hung" if robot.base == "free" else "fixed"
-    odd = np.flatnonzero(log.posture != POSTURES.index(held))
-    if odd.size:
-        raise ConfigError(
-            f"hung: row {odd[0]} states the posture {POSTURES[log.posture[odd[0]]]}, and {robot.name}, whose base is "
-            f"{robot.base}, has to be {held} in every row",
-            where=path, remedy="leave hung out, correct the posture, or cut those rows from the file", argument="hung",
-        )  # fmt: skip
 
 
 def _require_size(path: Path, log: MotorLog, period: float) -> None:

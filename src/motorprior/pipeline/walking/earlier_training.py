@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from motorprior.artifacts import read_json, read_tensors
+from motorprior.artifacts import dotted, read_json, read_tensors
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.progress import Progress
-from motorprior.pipeline.stage import MARKER, flat
+from motorprior.pipeline.stage import MARKER
 from motorprior.pipeline.walking.training import CHECKPOINT
 
 _MOST = 4
@@ -59,7 +59,7 @@ def _checkpoint(folder: Path) -> tuple[int, dict[str, Any] | None]:
 
 def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """In words, settings first."""
-    old, new = flat(found.get("config", {})), flat(wanted["config"])
+    old, new = dotted(found.get("config", {})), dotted(wanted["config"])
     names = [name for name in dict.fromkeys((*new, *old)) if old.get(name) != new.get(name)]
     told = [f"{name} was {old.get(name)}, is {new.get(name)}" for name in names]
     if found.get("inputs") != wanted["inputs"]:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from motorprior.artifacts import dotted
 from motorprior.exceptions import ConfigError, cut
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.report import PAGE
-from motorprior.pipeline.stage import flat
 from motorprior.pipeline.transfer_study.robustness import robustness
 from motorprior.pipeline.transfer_study.transfer import walker_of
 from motorprior.pipeline.walking.walk import CURVE, POLICY
@@ -52,7 +52,7 @@ def kinds_of(policies: Sequence[tuple[str, Policy]]) -> list[str]:
 def _settings(policy: Policy) -> dict[str, Any]:
     """What was trained and how, by name; a file counts by its content."""
     began = "from the gait" if policy.provenance.get("start_sha256") is None else "from a policy"
-    trained = {"gait": policy.gait, "hidden_units": len(policy.hidden), "begun": began} | flat(policy.provenance)
+    trained = {"gait": policy.gait, "hidden_units": len(policy.hidden), "begun": began} | dotted(policy.provenance)
     return {key: value for key, value in trained.items() if not (key in _OF_A_SEED or key.endswith("_beside"))}
 
 
