@@ -129,13 +129,19 @@ def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> Identified:
     runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
-    found, saved = _physics(data, preset, runs, seed, report, checkpoints)
+    physics = _physics(data, preset, runs, seed, report, checkpoints)
+    found, saved = physics.fit, physics.saved
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     network = found.network(without_residual(data.scales, preset))
     metrics = {f"saved_{name}": value for name, value in saved.items()}
     chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in found.terms)
     chosen = chosen or ("none" if saved else "none was tried")
     notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
+    if physics.left_out:
+        notes.append(
+            f"left out again: {', '.join(physics.left_out)}, chosen by some motors and rows; of the loss of all they "
+            f"save less than {100 * LEAST_GAIN:g} %"
+        )
     for name, hidden in limits_not_felt(network, runs, found.offsets).items():
         metrics[f"{NOT_SHOWN}{name}"] = hidden.most
         notes.append(
@@ -149,7 +155,7 @@ def _physics_first(
         preset = replace(preset, num_neurons=0)
         notes.append("residual network: left out, the log is too short to judge it")
     if preset.num_neurons:
-        stored = None if checkpoints is None else _Beside(checkpoints, _as_arrays(found, saved))
+        stored = None if checkpoints is None else _Beside(checkpoints, physics.arrays())
         candidate = _residual(network, found.offsets, data, preset, judged, seed, report, stored)
         less, closer = gain(network, candidate, runs, found.offsets, judged)
         metrics["saved_residual"] = less
@@ -169,25 +175,32 @@ def _physics_first(
 
 def _physics(
     data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> tuple[FleetFit, dict[str, float]]:
-    """The fit of all motors, and what each term that was tried saved."""
+) -> _Physics:
+    """The fit of all motors, with the chosen terms if they save LEAST_GAIN of its loss, else with stated ones alone."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
         report(_STAGE * (len(TERMS) + STAGES), "constants were fitted")
-        return _from_arrays(kept)
+        return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
     chosen = _terms(bare, data, preset, seed, report)
-    found = fit_fleet(
-        bare, runs, chosen.terms, preset.physics_first == "together", seed, report=lambda: report(_STAGE, "constants")
-    )
+    together = preset.physics_first == "together"
+    found = fit_fleet(bare, runs, chosen.terms, together, seed, report=lambda: report(_STAGE, "constants"))
+    left_out = tuple(name for name in chosen.terms if name not in preset.stated_terms)
+    if left_out:  # chosen by some motors and some rows: what terms save there may be chance
+        plain = fit_fleet(bare, runs, preset.stated_terms, together, seed, report=lambda: report(0, "without terms"))
+        if found.loss.mean() <= (1.0 - LEAST_GAIN) * plain.loss.mean():
+            left_out = ()
+        else:
+            found = plain
     if not found.loss.max() < _UNSTABLE:
         raise MotorPriorError(
             f"no motor can be simulated that moves like joint {int(found.loss.argmax())} of the log",
             remedy="check the log with `motorprior logs check`",
         )
+    physics = _Physics(found, chosen.saved, left_out)
     if checkpoints is not None:
-        checkpoints.save(_as_arrays(found, chosen.saved))
-    return found, chosen.saved
+        checkpoints.save(physics.arrays())
+    return physics
 
 
 def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
@@ -268,13 +281,28 @@ class _Beside:
         self.checkpoints.save(state | self.arrays)
 
 
-def _as_arrays(found: FleetFit, saved: dict[str, float]) -> dict[str, np.ndarray]:
-    has = np.array([name in found.terms for name in TERMS], np.float64)
-    tried = np.array([saved.get(name, np.nan) for name in TERMS])
-    return {"has_term": has, "saved": tried, "center": found.center, "offsets": found.offsets, "fitted": found.loss}
+@dataclass(frozen=True)
+class _Physics:
+    """The fit of all motors, what each term that was tried saved, and terms that were chosen and then left out."""
 
+    fit: FleetFit
+    saved: dict[str, float]
+    left_out: tuple[str, ...]
 
-def _from_arrays(kept: dict[str, np.ndarray]) -> tuple[FleetFit, dict[str, float]]:
-    terms = tuple(name for name, has in zip(TERMS, kept["has_term"], strict=True) if has)
-    saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
-    return FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a checkpoint."""
+        has, left_out = (
+            np.array([name in names for name in TERMS], np.float64) for names in (self.fit.terms, self.left_out)
+        )
+        tried = np.array([self.saved.get(name, np.nan) for name in TERMS])
+        fitted = {"center": self.fit.center, "offsets": self.fit.offsets, "fitted": self.fit.loss}
+        return {"has_term": has, "left_out": left_out, "saved": tried} | fitted
+
+    @classmethod
+    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Physics:
+        """From a checkpoint."""
+        terms, left_out = (
+            tuple(name for name, has in zip(TERMS, kept[key], strict=True) if has) for key in ("has_term", "left_out")
+        )
+        saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
+        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved, left_out)
