@@ -234,9 +234,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
         network, mean, log_var = widened(network, mean, log_var, quality.widening)
         if network.copula is not None and quality.misses_physics:
-            progress.note(
-                f"draws are spread {quality.widening:.2f} times as far from the central motor as they would be else"
-            )
+            progress.note(f"draws are spread {quality.widening:.2f} times as far from the central motor as otherwise")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
