@@ -11,7 +11,7 @@ from rich.console import Console
 
 from motorprior.cli import console
 from motorprior.cli.console import Bar, Terminal
-from motorprior.identification import train
+from motorprior.identification import descent
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.side_by_side import side_by_side
 
@@ -21,7 +21,7 @@ def test_the_steps_of_an_identification_add_up(
     motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, bench: Path, steps: int
 ):
     done: list[int] = []
-    monkeypatch.setattr(train, "CHUNK", 4)
+    monkeypatch.setattr(descent, "CHUNK", 4)
     monkeypatch.setattr(Bar, "advance", lambda self, count=1, note="": done.append(count))
     assert (
         motorprior("identify", bench, "--preset", "paper_wide", "--steps", steps, "--out", tmp_path / "out").code == 0

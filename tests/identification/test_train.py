@@ -11,7 +11,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification import term_selection, train
+from motorprior.identification import physics_fit, term_selection
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import identify, work_of
 from motorprior.identification.windows import TrainingData, training_data
@@ -163,7 +163,7 @@ def test_chosen_terms_that_save_next_to_nothing_of_all_motors_loss_are_left_out_
     """These motors have none of them; the choice was chance."""
     plain, kept = identify(two_motors, PHYSICS, 0), Kept()
     chance = term_selection.Selection(("current", "output_damping"), {"current": 0.04, "output_damping": 0.05})
-    monkeypatch.setattr(train, "_terms", lambda *_: chance)
+    monkeypatch.setattr(physics_fit, "_terms", lambda *_: chance)
     found = identify(two_motors, PHYSICS, 0, checkpoints=kept)
     assert found.preset.terms == () and found.network.motor is not None and found.network.motor.terms == ()
     np.testing.assert_array_equal(found.mean, plain.mean)
@@ -174,7 +174,7 @@ def test_chosen_terms_that_save_next_to_nothing_of_all_motors_loss_are_left_out_
 def test_terms_that_a_log_states_stay_without_saving_anything(two_motors, monkeypatch: pytest.MonkeyPatch):
     stated = replace(PHYSICS, firmware=(("profile_acceleration", 1e4),))
     chance = term_selection.Selection(("profile", "current"), {"current": 0.04})
-    monkeypatch.setattr(train, "_terms", lambda *_: chance)
+    monkeypatch.setattr(physics_fit, "_terms", lambda *_: chance)
     assert identify(two_motors, stated, 0).preset.terms == ("profile",)
 
 
@@ -191,8 +191,8 @@ def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_no
     with pytest.raises(Interrupted):
         identify(two_motors, PHYSICS, 0, report, kept)
     assert (kept.state is None) == (within == "the fit")
-    fit = train.fit_fleet
-    monkeypatch.setattr(train, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
+    fit = physics_fit.fit_fleet
+    monkeypatch.setattr(physics_fit, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
     assert leaves(identify(two_motors, PHYSICS, 0, checkpoints=kept)) == leaves(whole)
     assert len(fits) == (within == "the fit")
 

@@ -45,6 +45,7 @@ def test_logs_that_were_left_out_judge_every_model(
     assert "xl330: skipped, no folder" in shown and "| servo_limits |" in shown
     found = read_json(out / "figures.json")
     models = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "prior", "adapted")
+    models += ("coulomb_viscous", "stribeck")  # beside a prior with windows of a second
     coverage = {f"go2/{name}" for name in SHARES}
     out_of = {f"go2/leave_one_motor_out/{name}" for name in ("prior", "adapted", "per_motor", *SHARES)}
     assert set(found) == {f"go2/leave_one_log_out/{model}" for model in models} | coverage | out_of

@@ -3,38 +3,31 @@
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
 the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors' constants
-by `fleet_fit`, with the terms that `term_selection` finds, and trains only the residual network this way (`residual`).
+by `physics_fit`, and trains only the residual network this way (`residual`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import chain, repeat
 
 import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.limits_not_shown import NOT_SHOWN, limit_in_words
-from motorprior.actuator.servo_terms import TERMS
-from motorprior.exceptions import MotorPriorError
 from motorprior.identification.assumed_spread import assumed_spread
-from motorprior.identification.descent import CHUNK, Checkpoints, Report, descend
+from motorprior.identification.descent import Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
 from motorprior.identification.felt import WORSE, limits_not_felt
-from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet, held_constants
+from motorprior.identification.fleet_fit import held_constants
 from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
+from motorprior.identification.physics_fit import WORK, fit_physics
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
 from motorprior.identification.standardise import MOTORS_AT_LEAST, standard_posterior
-from motorprior.identification.term_selection import MOTORS, ROWS, WINDOWS, Selection, held_out_windows, select_terms
+from motorprior.identification.term_selection import held_out_windows
 from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData, some_stretches
-
-_UNSTABLE = 1e6
-"""Loss of a motor whose simulation breaks down."""
-_STAGE = CHUNK
-"""Share of the work that one stage of a fit is, in Adam steps."""
+from motorprior.identification.windows import TrainingData
 
 
 @dataclass(frozen=True)
@@ -46,7 +39,7 @@ class Identified:
         mean: (M, Z).
         log_var: (M, Z).
         preset: the recipe, with the terms that were found and without a network that brought nothing.
-        losses: mean losses: of every CHUNK steps, or of the finished fits.
+        losses: mean losses: of every `descent.CHUNK` steps, or of the finished fits.
         aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
         metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
             ``saved_residual``, that of the residual network; ``not_shown_LIMIT``, see `felt.limits_not_felt`.
@@ -65,8 +58,7 @@ class Identified:
 
 def work_of(preset: Preset) -> int:
     """Sum of the numbers that `identify` reports, if nothing diverges."""
-    stages = len(TERMS) + STAGES if preset.physics_first else 0
-    return _STAGE * stages + (preset.steps if preset.trains else 0)
+    return (WORK if preset.physics_first else 0) + (preset.steps if preset.trains else 0)
 
 
 def identify(
@@ -129,7 +121,7 @@ def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> Identified:
     runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
-    physics = _physics(data, preset, runs, seed, report, checkpoints)
+    physics = fit_physics(data, preset, runs, seed, report, checkpoints)
     found, saved = physics.fit, physics.saved
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     network = found.network(without_residual(data.scales, preset))
@@ -171,52 +163,6 @@ def _physics_first(
     log_var = np.zeros_like(found.offsets)
     assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
     return _finished(network, found.offsets, log_var, data, preset, losses, metrics, tuple(notes), assumed)
-
-
-def _physics(
-    data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> _Physics:
-    """The fit of all motors, with the chosen terms if they save LEAST_GAIN of its loss, else with stated ones alone."""
-    kept = checkpoints.load() if checkpoints is not None else None
-    if kept is not None:
-        report(_STAGE * (len(TERMS) + STAGES), "constants were fitted")
-        return _Physics.from_arrays(kept)
-    bare = without_residual(data.scales, preset)
-    chosen = _terms(bare, data, preset, seed, report)
-    together = preset.physics_first == "together"
-    found = fit_fleet(bare, runs, chosen.terms, together, seed, report=lambda: report(_STAGE, "constants"))
-    left_out = tuple(name for name in chosen.terms if name not in preset.stated_terms)
-    if left_out:  # chosen by some motors and some rows: what terms save there may be chance
-        plain = fit_fleet(bare, runs, preset.stated_terms, together, seed, report=lambda: report(0, "without terms"))
-        if found.loss.mean() <= (1.0 - LEAST_GAIN) * plain.loss.mean():
-            left_out = ()
-        else:
-            found = plain
-    if not found.loss.max() < _UNSTABLE:
-        raise MotorPriorError(
-            f"no motor can be simulated that moves like joint {int(found.loss.argmax())} of the log",
-            remedy="check the log with `motorprior logs check`",
-        )
-    physics = _Physics(found, chosen.saved, left_out)
-    if checkpoints is not None:
-        checkpoints.save(physics.arrays())
-    return physics
-
-
-def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
-    """Chosen by some motors, and by some of their rows where there are many."""
-    if not preset.tries_terms:
-        report(_STAGE * len(TERMS), "no terms are tried")
-        return Selection(preset.stated_terms, {})
-    motors = len(data.series)
-    some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
-    part = some_stretches(data, preset, max(ROWS, WINDOWS * preset.window))
-    few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
-    work = chain(repeat(_STAGE, len(TERMS)), repeat(0))  # nobody knows how many turns there will be after the first
-    chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
-    if not chosen.saved:
-        report(_STAGE * len(TERMS), "the log is too short to choose terms by")
-    return chosen
 
 
 def _residual(
@@ -279,30 +225,3 @@ class _Beside:
 
     def save(self, state: dict[str, np.ndarray]) -> None:
         self.checkpoints.save(state | self.arrays)
-
-
-@dataclass(frozen=True)
-class _Physics:
-    """The fit of all motors, what each term that was tried saved, and terms that were chosen and then left out."""
-
-    fit: FleetFit
-    saved: dict[str, float]
-    left_out: tuple[str, ...]
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """For a checkpoint."""
-        has, left_out = (
-            np.array([name in names for name in TERMS], np.float64) for names in (self.fit.terms, self.left_out)
-        )
-        tried = np.array([self.saved.get(name, np.nan) for name in TERMS])
-        fitted = {"center": self.fit.center, "offsets": self.fit.offsets, "fitted": self.fit.loss}
-        return {"has_term": has, "left_out": left_out, "saved": tried} | fitted
-
-    @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Physics:
-        """From a checkpoint."""
-        terms, left_out = (
-            tuple(name for name, has in zip(TERMS, kept[key], strict=True) if has) for key in ("has_term", "left_out")
-        )
-        saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
-        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved, left_out)

@@ -70,7 +70,7 @@ def test_a_base_that_was_not_held_in_some_row_has_no_loads_of_one_that_was(
 ):
     monkeypatch.setattr(raw_logs, "load_robot", lambda name: replace(PUPPER_V2, base=base))
     taken_in: list[MotorLog] = []
-    monkeypatch.setattr(raw_logs, "_hung", lambda log, *_: taken_in.append(log) or log)
+    monkeypatch.setattr(raw_logs, "with_loads_on_grid", lambda log, *_: taken_in.append(log) or log)
     codes = np.full(ROWS, POSTURES.index(held))
     codes[row] = POSTURES.index(stated)
     angle = np.tile(ANGLE[:, :1], (1, PUPPER_V2.num_joints))

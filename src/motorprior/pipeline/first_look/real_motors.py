@@ -19,7 +19,7 @@ from motorprior.logs.registry import taken_for_granted
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.first_look.look import Look
 from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder
-from motorprior.pipeline.log_import.raw_logs import smooth_on_grid
+from motorprior.pipeline.log_import.raw_logs import with_loads_on_grid
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
 from motorprior.pipeline.validation.log_stretches import Split, long_segments, moving_joints, split, with_joints
@@ -211,7 +211,7 @@ def _loads(
         )
     stated = {None if code is None else POSTURES[code] for log in logs.values() for code in _codes(log)}
     if robot.base == "fixed" or config.hung or stated == {"hung"}:
-        return lambda log: _with_loads(log, robot), f"loads: rigid body of {robot.name}, its base held"
+        return lambda log: with_loads_on_grid(log, robot, PERIOD), f"loads: rigid body of {robot.name}, its base held"
     others = " and ".join(sorted(name for name in stated if name not in (None, "hung")))
     why = f"was {others}, as logs state" if others else "may have stood on its feet (say hung if it hung)"
     return None, f"loads: unknown, since {robot.name} {why}: no motor can be fitted, only responses that need no load"
@@ -220,12 +220,6 @@ def _loads(
 def _codes(log: MotorLog) -> list[int | None]:
     """Of the postures that a log states; None where it states none."""
     return [None] if log.posture is None else np.unique(log.posture).tolist()
-
-
-def _with_loads(log: MotorLog, robot: Robot) -> MotorLog:
-    from motorprior.simulation.hung_load import with_loads
-
-    return with_loads(smooth_on_grid(log, PERIOD), robot)
 
 
 def _on_grid(log: MotorLog) -> MotorLog:

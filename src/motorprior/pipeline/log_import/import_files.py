@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog
 
 _MOST_NAMED = 8
 """Joints in a line."""
@@ -48,7 +48,7 @@ def _is_of(target: Path, path: Path) -> bool:
 
 def summary(log: MotorLog) -> str:
     """Rows, seconds, rate, joints, and the range of commands and angles in degrees, in which wrong units are seen."""
-    rate = 1.0 / float(np.median(time_steps(log)[1]))
+    rate = 1.0 / log.period
     segments = len(log.segment_slices())
     names = ", ".join(log.joint_names[:_MOST_NAMED]) + (", …" if log.num_joints > _MOST_NAMED else "")
     parts = [f"{log.num_rows} rows", f"{log.duration:.4g} s", f"{rate:.4g} Hz"]

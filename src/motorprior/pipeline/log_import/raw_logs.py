@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.gap_segments import begin_at_gaps
-from motorprior.logs.motor_log import FIRMWARE, MotorLog, time_steps
+from motorprior.logs.motor_log import FIRMWARE, MotorLog
 from motorprior.logs.parquet_io import write_log
 from motorprior.logs.registry import read_log, taken_for_granted
 from motorprior.logs.resampling import resample
@@ -169,10 +169,11 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     _require_size(path, log, period)
     if not wanted:
         return resample(log, period)
-    return _hung(log, robot, period) if config.hung else _bare(log, period)
+    return with_loads_on_grid(log, robot, period) if config.hung else _bare(log, period)
 
 
-def _hung(log: MotorLog, robot: Robot, period: float) -> MotorLog:
+def with_loads_on_grid(log: MotorLog, robot: Robot, period: float) -> MotorLog:
+    """The log on a grid, as `smooth_on_grid`, with the loads of a robot whose base is held, as `with_loads`."""
     from motorprior.simulation.hung_load import with_loads
 
     return with_loads(smooth_on_grid(log, period), robot)
@@ -236,7 +237,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
 
     from motorprior.identification.smoothing import smoothed
 
-    found = smoothed(log.joint_pos, tuple(log.segment_slices()), float(np.median(time_steps(log)[1])))
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
     angles, grid = log.joint_pos if found is None else found[0], resample(log, period)
     pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
     for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):

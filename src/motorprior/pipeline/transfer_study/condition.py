@@ -10,7 +10,8 @@ from motorprior.pipeline.transfer_study.study_settings import Study
 from motorprior.simulation.randomization import Randomization
 from motorprior.transfer.places import ABROAD, HOME, TWINS
 
-_NOTHING = Randomization()
+NOTHING = Randomization()
+"""Nothing but the motors differs between episodes."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Condition:
 
     name: str
     motors: MotorChoice
-    randomization: Randomization = _NOTHING
+    randomization: Randomization = NOTHING
     twins: tuple[str, ...] = tuple(TWINS)
     robot: int | None = None
     population: str = HOME
@@ -41,7 +42,7 @@ class Condition:
     def one_draw_is_all(self) -> bool:
         """Whether its own simulation has no chance in it."""
         motors = self.motors
-        if self.randomization != _NOTHING or motors.actuator == "fleet" or motors.posterior is not None:
+        if self.randomization != NOTHING or motors.actuator == "fleet" or motors.posterior is not None:
             return False
         if motors.actuator == "pd":
             return motors.spread == 0.0

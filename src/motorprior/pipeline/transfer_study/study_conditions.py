@@ -16,7 +16,7 @@ from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Progress, Task
 from motorprior.pipeline.side_by_side import side_by_side
-from motorprior.pipeline.transfer_study.condition import Condition, fleet_of
+from motorprior.pipeline.transfer_study.condition import NOTHING, Condition, fleet_of
 from motorprior.pipeline.transfer_study.study_pds import FITTED, fit_pds
 from motorprior.pipeline.transfer_study.study_settings import FITS, Study
 from motorprior.robots.load import load_robot
@@ -38,7 +38,6 @@ from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
-_NOTHING = Randomization()
 _OTHER_PRESETS = (PAPER, PAPER_WIDE, ONE_NETWORK)
 """Conditions that have the name of the preset of their prior; those of the prior are identified by rollout."""
 
@@ -99,7 +98,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
 
-def _sampled_prior(config: Study, spread: float, name: str, randomization: Randomization = _NOTHING) -> Condition:
+def _sampled_prior(config: Study, spread: float, name: str, randomization: Randomization = NOTHING) -> Condition:
     """Motors of the rollout prior, z drawn ``spread`` times as wide as its motors differ, under a name."""
     motors = MotorChoice("prior", _prior(config, "rollout"), fleet=config.fleet, latent_spread=spread, name=name)
     return Condition(name, motors, randomization)

@@ -11,7 +11,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.joining import joined
 from motorprior.logs.joint_checks import EXCITED_STD, excited_joints
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, time_steps
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels
 
 MOST_LOGS = 16
 """Of more, so many are taken, from all over the list."""
@@ -53,7 +53,7 @@ def stretches(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
 
 def _stretch(log: MotorLog, seconds: float, index: int, count: int) -> MotorLog:
     """Of ``count`` logs that share ``seconds``, the stretch of the one with this ``index``."""
-    rows = min(log.num_rows, round(seconds / count / float(np.median(time_steps(log)[1]))))
+    rows = min(log.num_rows, round(seconds / count / log.period))
     first = round((log.num_rows - rows) * index / max(1, count - 1))
     return log.rows(slice(first, first + rows))
 

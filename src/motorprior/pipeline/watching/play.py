@@ -26,10 +26,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.viewer import require_screen, show
-from motorprior.transfer.gait_quality import WARM_UP, gait_quality, lasted, steps_along
+from motorprior.transfer.gait_quality import WARM_UP, gait_quality, headings, lasted, steps_along
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
 from motorprior.transfer.twin import HARD, NOISY, together, twin_of
@@ -193,8 +192,7 @@ def _held(trace: np.ndarray, steps: int) -> np.ndarray:
 def _notes(robot: Robot, episode: Episode, walk: np.ndarray, told: np.ndarray) -> list[str]:
     """Per frame: time, way along its own heading and command; where it fell, since when."""
     notes, dt = [], robot.control_dt
-    headings = np.array([roll_pitch_yaw(quat)[2] for quat in walk[:, 3:7]])
-    ways = np.append(0.0, np.cumsum(steps_along(walk[:, :2], headings)))
+    ways = np.append(0.0, np.cumsum(steps_along(walk[:, :2], headings(walk))))
     for step, (way, (forward, turn)) in enumerate(zip(ways, told, strict=True)):
         state = f"told {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
         notes.append(f"{step * dt:.2f} s    {way:z.2f} m    {state}")
