@@ -134,8 +134,7 @@ def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
         )
     require_parquet(path)
     try:
-        with open(path, "rb") as file:
-            parquet = pq.ParquetFile(file)
+        with pq.ParquetFile(path) as parquet:  # not a file of Python's: a thread of Arrow's may outlive Python
             header = _read_header(parquet.schema_arrow.metadata, path)
             wanted = _column_names(header["channels"], tuple(header["joint_names"]))
             _require_columns(parquet.schema_arrow, [name for names in wanted.values() for name in names], path)
