@@ -116,12 +116,9 @@ def test_a_fault_reaches_the_caller(request, workers, kind):
 # Ray: starting it takes seconds, so the tests below share one cluster of two nodes.
 
 
-def mark_and_break(simulator, shared, task):
-    """The first task breaks down; the others are slow, and leave a mark when they end."""
+def break_down_at_zero(simulator, shared, task):
     if task == 0:
         raise SimulationFault("broken down")
-    time.sleep(1.0)
-    (Path(shared) / str(task)).touch()
 
 
 def lose(simulator, shared, task):
@@ -216,13 +213,12 @@ def kill_when_busy(node, folder, node_id):
     node.kill_raylet(check_alive=False)
 
 
-def test_a_fault_cancels_what_is_left_and_a_failure_of_ray_is_a_fault(ray, tmp_path):
+def test_the_worker_goes_on_after_a_fault_and_a_failure_of_ray_is_a_fault(ray):
     executor = make_executor(Sleeper, 1, "ray")
     try:
         with pytest.raises(SimulationFault, match="broken down"):
-            executor.map(mark_and_break, str(tmp_path), range(40))
-        assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]  # and the worker goes on
-        assert len(list(tmp_path.iterdir())) < 30  # in four chunks of ten; the tasks of the first end with the fault
+            executor.map(break_down_at_zero, None, range(40))
+        assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]
         with pytest.raises(SimulationFault, match=r"Ray failed \(GetTimeoutError\).*read Ray's logs"):
             executor.map(lose, None, [0])
     finally:

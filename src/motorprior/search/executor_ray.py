@@ -90,21 +90,15 @@ class RayExecutor:
 
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
-            Exception: what the function raised in a worker. The tasks that are left are cancelled.
+            Exception: what the function raised in a worker. Chunks that are left run on until `close`: to cancel one
+                that is ending lets Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
         size = chunk_size(len(tasks), self._workers)
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
         common = self._ray.put((function, shared))
         running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
-        results: list[Result] = []
-        try:
-            for chunk, reference in zip(chunks, running, strict=True):
-                results += self._collect(chunk, reference)
-        except BaseException:  # an interrupt too
-            for reference in running:
-                self._ray.cancel(reference)  # nothing where it is done
-            raise
-        return results
+        collected = [self._collect(chunk, reference) for chunk, reference in zip(chunks, running, strict=True)]
+        return list(itertools.chain.from_iterable(collected))
 
     def _collect(self, chunk: list[Any], reference: Any) -> list[Any]:
         """Results of a chunk; what went wrong in the words of this process."""
