@@ -90,8 +90,8 @@ def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data)
     runs = logs(decoder_data, ("profile",))
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 0.0),))
     trial = term_selection._Trial(bare(initial_center(()), ()), runs, 0)
-    without, state = trial.fitted((), None), trial.fitted(("profile",), None)
-    for each in (state, trial._from(without, ("profile",))):
+    without, state = trial.fitted(()), trial.fitted(("profile",))
+    for each in (state, trial.polished(without, ("profile",))):
         row = parameters_of(each.terms).index("profile_acceleration")
         np.testing.assert_allclose(np.exp(each.raw[:, row]), UNLIMITED["profile_acceleration"], rtol=1e-12)
 
@@ -100,8 +100,8 @@ def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):
     runs, stated = logs(decoder_data, ("profile",)), 60.0  # the motors' own is 25
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", stated),))
     trial = term_selection._Trial(bare(initial_center(()), ()), runs, 0)
-    both = trial.fitted(("profile", "dead_zone"), None)
-    for state in (both, trial.fitted(("profile",), both)):
+    both = trial.fitted(("profile", "dead_zone"))
+    for state in (both, trial.polished(both, ("profile",))):
         row = parameters_of(state.terms).index("profile_acceleration")
         np.testing.assert_allclose(np.exp(state.raw[:, row]), stated, rtol=1e-12)
 
@@ -113,13 +113,13 @@ def test_a_term_that_made_up_for_one_that_is_gone_leaves_in_the_next_turn(monkey
         def __init__(self, *given: object):
             """Fits are made up."""
 
-        def fitted(self, terms: tuple[str, ...], before: term_selection._State | None) -> term_selection._State:
+        def fitted(self, terms: tuple[str, ...]) -> term_selection._State:
             misled = "integral" in terms and "dead_zone" not in terms
             losses = (1.0 if "profile" in terms else 3.0) * (1.3 if misled else 1.0) * np.exp(1e-6 * np.arange(8))
             return term_selection._State(in_order(terms), np.zeros((8, 1)), losses, losses, np.zeros((8, 4)))
 
-        def fitted_on(self, other: term_selection._State, state: term_selection._State) -> term_selection._State:
-            return state
+        def polished(self, before: term_selection._State, terms: tuple[str, ...]) -> term_selection._State:
+            return self.fitted(terms)
 
     monkeypatch.setattr(term_selection, "_Trial", Trial)
     monkeypatch.setattr(term_selection, "held_out_windows", lambda runs: np.array([False, True]))

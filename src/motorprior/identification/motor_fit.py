@@ -24,6 +24,8 @@ LARGEST_STEP = 0.5
 """Of a latent, in one Gauss-Newton step."""
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
 """Factors on the damping that are tried in every step."""
+_LEAST_GAIN = 1e-4
+"""Share of U below which a step that lowers it is a motor's last."""
 _LANES = 768
 """Motors simulated at a time; bounds the memory."""
 _NEVER, _BROKEN = 1e9, 1e6
@@ -131,10 +133,10 @@ class MotorFit:
         """(M, ..., Z) z, or the bound where it is below."""
         return z if self._least is None else np.maximum(z, _beside(self._least, z))
 
-    def losses(self, z: np.ndarray) -> np.ndarray:
-        """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z)."""
-        shape = z.shape[:-1]
-        motor = np.broadcast_to(self._everyone.reshape(-1, *[1] * (z.ndim - 2)), shape).ravel()
+    def losses(self, z: np.ndarray, motors: np.ndarray | None = None) -> np.ndarray:
+        """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z), of these ``motors`` (M,) or of all."""
+        shape, motors = z.shape[:-1], self._everyone if motors is None else motors
+        motor = np.broadcast_to(motors.reshape(-1, *[1] * (z.ndim - 2)), shape).ravel()
         rows, found = z.reshape(-1, z.shape[-1]), np.empty(len(motor))
         for first in range(0, len(motor), _LANES):
             some = slice(first, first + _LANES)
@@ -174,7 +176,7 @@ class MotorFit:
         return best
 
     def polish(self, start: np.ndarray, belief: Belief, steps: int, reach: float = NARROW) -> Fit:
-        """Damped Gauss-Newton steps from ``start`` (M, Z).
+        """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _LEAST_GAIN.
 
         Args:
             start: initial latents.
@@ -186,19 +188,24 @@ class MotorFit:
         loss = self.losses(z)
         energy = loss + belief.energy(z)
         slope, curvature = self._derivatives(z, reach)
+        left = self._everyone
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
             candidates = self.within(z[:, None] - self._moves(z, slope, curvature, belief, tried))
-            losses = self.losses(candidates)
+            losses = np.full(candidates.shape[:2], np.inf)
+            losses[left] = self.losses(candidates[left], left)
             energies = losses + belief.energy(candidates)
             best = energies.argmin(axis=1)
             found = energies[self._everyone, best]
             lower = found < energy
             damping = np.clip(np.where(lower, tried[self._everyone, best], 30.0 * damping), 1e-6, 1e4)
+            done = lower & (energy - found < _LEAST_GAIN * energy)
             z = np.where(lower[:, None], candidates[self._everyone, best], z)
             loss, energy = np.where(lower, losses[self._everyone, best], loss), np.where(lower, found, energy)
-            if step + 1 < steps and lower.any():
-                moved = np.flatnonzero(lower)
+            left = left[~done[left]]
+            if not len(left):
+                break
+            if step + 1 < steps and len(moved := left[lower[left]]):
                 slope[moved], curvature[moved] = self._derivatives(z, reach, moved)
         return Fit(z, energy, loss)
 

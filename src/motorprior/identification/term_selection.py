@@ -2,8 +2,9 @@
 
 Some motors are fitted on every second segment of their logs and judged on the others. All terms are fitted at once
 first, since some are worth nothing without another: an encoder on the output needs the joint's own damping, or the
-joint rattles in its play. Then each is left out in turn, the rarest first, with a fit of its own from the beginning, as
-a term changes where the other constants belong. It stays if it is worth its price,
+joint rattles in its play. Then each is left out in turn, the rarest first. The fit is polished without it and, if it
+then seems to be missed, made anew from the beginning, as a term changes where the other constants belong. It stays if
+it is worth its price,
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
 
@@ -96,8 +97,8 @@ def select_terms(
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
         return Selection(told, {})
     trial = _Trial(network, runs, seed)
-    best, saved = trial.fitted(tried, None), {}
-    servo = trial.fitted((*(name for name in SERVO if name not in off), *told), None)
+    best, saved = trial.fitted(tried), {}
+    servo = trial.fitted((*(name for name in SERVO if name not in off), *told))
     best = servo if _saved(best, servo) > 0.0 else best
     for name in ORDER:
         if name in (*told, *off):
@@ -109,7 +110,7 @@ def select_terms(
         before = best.terms
         best = trial.left_out_in_turn(best, told, saved, report)
     if best.terms != told:
-        bare = trial.fitted(told, best)
+        bare = trial.both_fitted(trial.polished(best, told), best)[0]
         best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
     return Selection(best.terms, saved)
 
@@ -148,31 +149,32 @@ class _Trial:
         held_out = held_out_windows(runs)
         self._seen, self._unseen = ~held_out, held_out
 
-    def fitted(self, terms: tuple[str, ...], before: _State | None) -> _State:
-        """Of every motor the better of a fit from the beginning and, if there is one, of that ``before``, fitted on."""
+    def fitted(self, terms: tuple[str, ...]) -> _State:
+        """From the beginning."""
         terms = in_order(terms)
         found = fit_fleet(self._network, self._runs, terms, True, self._seed, chosen=self._seen, turns=_TURNS)
-        state = self._state(terms, found.center, found.offsets)
-        return state if before is None else self.fitted_on(before, state)
-
-    def fitted_on(self, other: _State, state: _State) -> _State:
-        """Of every motor the better of ``state`` and of what another fit, of other terms, gives when fitted on."""
-        return _better(state, self._from(other, state.terms))
+        return self._state(terms, found.center, found.offsets)
 
     def left_out_in_turn(
         self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
         """Each of the terms but ``told`` once, the rarest first; what each saves goes to ``saved``."""
         for name in [name for name in ORDER if name in best.terms and name not in told]:
-            less = self.fitted(tuple(other for other in best.terms if other != name), best)
-            best = self.fitted_on(less, best)  # as many attempts with the term as without it
+            less = self.polished(best, tuple(other for other in best.terms if other != name))
+            if _worth(less, best, _LEVEL):  # or a better fit without it would but confirm that it may leave
+                less, best = self.both_fitted(less, best)
             saved[name] = _saved(less, best)
             report(f"{name}: saves {100 * saved[name]:.0f} %")
             best = best if _worth(less, best, _LEVEL) else less
         return best
 
-    def _from(self, before: _State, terms: tuple[str, ...]) -> _State:
-        """The fits ``before`` with these terms, new ones faint at first, fitted on."""
+    def both_fitted(self, less: _State, best: _State) -> tuple[_State, _State]:
+        """A fit of fewer terms, made anew from the beginning, and one of more, with as many attempts."""
+        less = _better(less, self.fitted(less.terms))
+        return less, _better(best, self.polished(less, best.terms))
+
+    def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
+        """The fits ``before`` with these terms, new ones faint at first, and some Gauss-Newton steps."""
         faint = encoded(FAINT | self._runs.preset.stated_constants, terms)
         rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
         columns = [
