@@ -113,7 +113,7 @@ def test_a_term_that_made_up_for_one_that_is_gone_leaves_in_the_next_turn(monkey
         def __init__(self, *given: object):
             """Fits are made up."""
 
-        def fitted(self, terms: tuple[str, ...]) -> term_selection._State:
+        def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> term_selection._State:
             misled = "integral" in terms and "dead_zone" not in terms
             losses = (1.0 if "profile" in terms else 3.0) * (1.3 if misled else 1.0) * np.exp(1e-6 * np.arange(8))
             return term_selection._State(in_order(terms), np.zeros((8, 1)), losses, losses, np.zeros((8, 4)))

@@ -33,6 +33,8 @@ _TORQUES = (
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
 """Constants that scale with the size of a motor."""
+_OVER_HELD = 1.1
+"""Initial limit of speed over the speed that motors held [-]."""
 _NOTHING = 1e-9
 """A constant that motors of a recipe lack."""
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
@@ -50,7 +52,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     if runs is not None:
         motor = motor | dict.fromkeys(runs.preset.lacks, _NOTHING)
     if runs is not None and runs.fastest:
-        motor = motor | {"profile_speed": runs.fastest, "no_load_speed": 1.3 * runs.fastest}
+        motor = motor | {"profile_speed": _profile_speed(runs), "no_load_speed": 1.3 * runs.fastest}
     if runs is not None:
         motor = motor | runs.preset.stated_constants
     if runs is None or not runs.gain_unit:
@@ -65,6 +67,14 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     else:
         motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
     return encoded(motor, terms)
+
+
+def _profile_speed(runs: WindowRuns) -> float:
+    """Where the search for a firmware's limit of speed begins [rad/s]: a little above what motors held.
+
+    A limit that is too low shows in every fast motion and rises; one that is too high shows nowhere and stays.
+    """
+    return _OVER_HELD * float(np.median(runs.held_speed)) or runs.fastest
 
 
 def sized_center(
