@@ -110,7 +110,7 @@ def select_terms(
         before = best.terms
         best = trial.left_out_in_turn(best, told, saved, report)
     if best.terms != told:
-        bare = trial.both_fitted(trial.polished(best, told), best)[0]
+        bare = _better(trial.polished(best, told), trial.fitted(told))
         best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
     return Selection(best.terms, saved)
 
@@ -171,16 +171,12 @@ class _Trial:
                 continue
             less = self.polished(best, tuple(other for other in best.terms if other != name))
             if _worth(less, best, _LEVEL):  # or a better fit without it would but confirm that it may leave
-                less, best = self.both_fitted(less, best)
+                less = _better(less, self.fitted(less.terms))
+                best = _better(best, self.polished(less, best.terms))  # as many attempts with the term as without it
             saved[name] = _saved(less, best)
             report(f"{name}: saves {100 * saved[name]:.0f} %")
             best = best if _worth(less, best, _LEVEL) else less
         return best
-
-    def both_fitted(self, less: _State, best: _State) -> tuple[_State, _State]:
-        """A fit of fewer terms, made anew from the beginning, and one of more, with as many attempts."""
-        less = _better(less, self.fitted(less.terms))
-        return less, _better(best, self.polished(less, best.terms))
 
     def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones faint at first, and some Gauss-Newton steps."""
