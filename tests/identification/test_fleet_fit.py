@@ -11,7 +11,7 @@ import pytest
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification import fleet_fit
-from motorprior.identification.fleet_fit import _LEAST_SPREAD, STAGES, FleetFit, _belief, _left_open, fit_fleet
+from motorprior.identification.fleet_fit import _LEAST_SPREAD, STAGES, FleetFit, fit_fleet, fleet_belief, left_open
 from motorprior.identification.initial_motor import initial_center, with_motor
 from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, _sums
 from motorprior.identification.presets import PRESETS
@@ -131,14 +131,14 @@ def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: Wind
     at = Fit(found.offsets, found.loss, found.loss)
     one = found.loss.mean() / fit.windows  # precision of a belief with variance 1
     sure, unsure = (
-        _left_open(fit, at, Belief(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
+        left_open(fit, at, Belief(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
         for variance in (1e-13, 1.0)
     )
     np.testing.assert_allclose(sure, 1e-13, rtol=0.01)  # then the log adds nothing
     assert np.all((sure < unsure) & (unsure <= 1.0))
     shown, hidden = (unsure[PARAMETERS.index(name)] for name in ("kp", "stribeck_torque"))
     assert hidden > 100.0 * shown, (shown, hidden)
-    narrow, wide = (_belief(at, fit.windows, left) for left in (0.0, unsure))
+    narrow, wide = (fleet_belief(at, fit.windows, left) for left in (0.0, unsure))
     assert np.all(wide.precision <= narrow.precision)
     np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
 
@@ -150,9 +150,9 @@ def test_a_fit_counts_what_logs_leave_open_from_its_second_turn_on(
 
     def noted(at: Fit, windows: int, left_open: np.ndarray | float) -> Belief:
         told.append(left_open)
-        return _belief(at, windows, left_open)
+        return fleet_belief(at, windows, left_open)
 
-    monkeypatch.setattr(fleet_fit, "_belief", noted)
+    monkeypatch.setattr(fleet_fit, "fleet_belief", noted)
     fit_fleet(bare(), runs, (), True, 0, start=found.raw, turns=((NARROW, 1),) * 2)
     first, second = told
     assert isinstance(first, float) and first == 0.0 and isinstance(second, np.ndarray)

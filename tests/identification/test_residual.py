@@ -8,9 +8,8 @@ import pytest
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import gain, without_residual
+from motorprior.identification.residual import Fleet, gain, starts_of_seen, without_residual
 from motorprior.identification.term_selection import held_out_windows
-from motorprior.identification.train import starts_of_seen
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
 
@@ -34,25 +33,25 @@ SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 def test_the_network_that_made_the_log_saves_nearly_everything(machines):
     bare, whole, runs = machines
     every = np.ones(runs.windows, bool)
-    loss, position = gain(bare, whole, runs, Z, every)
+    loss, position = gain(Fleet(bare, Z), Fleet(whole, Z), runs, every)
     assert loss > 0.9 and position > 0.8
-    back = gain(whole, bare, runs, Z, every)
+    back = gain(Fleet(whole, Z), Fleet(bare, Z), runs, every)
     np.testing.assert_allclose([1 - back[0], 1 - back[1]], [1 / (1 - loss), 1 / (1 - position)], rtol=1e-3)
-    np.testing.assert_allclose(gain(bare, bare, runs, Z, every), 0.0, atol=1e-12)
+    np.testing.assert_allclose(gain(Fleet(bare, Z), Fleet(bare, Z), runs, every), 0.0, atol=1e-12)
 
 
 def test_a_network_that_says_nothing_saves_nothing(machines):
     bare, whole, runs = machines
     mute = replace(whole, w3=np.zeros(8), b3=np.zeros(()))
-    np.testing.assert_allclose(gain(bare, mute, runs, Z, np.ones(runs.windows, bool)), 0.0, atol=1e-6)
+    np.testing.assert_allclose(gain(Fleet(bare, Z), Fleet(mute, Z), runs, np.ones(runs.windows, bool)), 0.0, atol=1e-6)
 
 
 def test_a_wrong_network_costs_and_only_the_judged_windows_are_asked(machines):
     bare, whole, runs = machines
     wrong = replace(whole, w3=-whole.w3, b3=-whole.b3)
-    assert gain(bare, wrong, runs, Z, np.ones(runs.windows, bool))[0] < -0.1
+    assert gain(Fleet(bare, Z), Fleet(wrong, Z), runs, np.ones(runs.windows, bool))[0] < -0.1
     groups = runs.groups()
-    shares = [gain(bare, whole, runs, Z, groups == group)[0] for group in range(3)]
+    shares = [gain(Fleet(bare, Z), Fleet(whole, Z), runs, groups == group)[0] for group in range(3)]
     assert len(set(shares)) == 3
 
 
@@ -65,19 +64,19 @@ def test_a_network_of_no_neurons_is_the_physics_alone(machines):
     np.testing.assert_array_equal(bare.torque(np.ones((2, 6)), Z), 0.0)
 
 
+@pytest.mark.parametrize("window", [32, 100])
 @pytest.mark.parametrize("lengths", [[500, 500], [700], [1000], [1000] * 3, [400] * 10, [300, 900, 50, 600]])
-def test_no_judged_row_is_trained_on(grey_network: Networks, decoder_data: Data, lengths: list[int]):
-    ends = np.cumsum(lengths)
+def test_no_judged_row_is_trained_on(grey_network: Networks, decoder_data: Data, lengths: list[int], window: int):
+    ends, longer = np.cumsum(lengths), replace(PRESET, window=window)
     parts = tuple(slice(end - length, end) for end, length in zip(ends, lengths, strict=True))
-    data = decoder_data(grey_network(), Z, segments=1, rows=int(ends[-1]))
-    runs = WindowRuns(replace(data, parts=parts), PRESET)
-    judged, grid = held_out_windows(runs), []
+    data = replace(decoder_data(grey_network(), Z, segments=1, rows=int(ends[-1])), parts=parts)
+    judged, grid = held_out_windows(WindowRuns(data, longer)), []
     for part in parts:
-        count = max(0, (part.stop - part.start - 1 - PRESET.history) // PRESET.window)
-        grid += [part.start + PRESET.history + window * PRESET.window for window in range(count)]
-    starts = starts_of_seen(parts, PRESET, judged)
+        count = max(0, (part.stop - part.start - 1 - PRESET.history) // window)
+        grid += [part.start + PRESET.history + index * window for index in range(count)]
+    starts = starts_of_seen(data, PRESET, longer, judged)
     trained = (starts[:, None] + PRESET.history + np.arange(PRESET.window)).ravel()
-    rows = np.array(grid)[:, None] + np.arange(PRESET.window)
+    rows = np.array(grid)[:, None] + np.arange(window)
     assert not np.isin(rows[judged], trained).any() and np.isin(rows[~judged], trained).all()
     assert all(
         any(part.start <= start and start + PRESET.history + PRESET.window < part.stop for part in parts)

@@ -104,7 +104,7 @@ def fit_fleet(
     for turn, (reach, steps) in enumerate(turns):
         fit, found = _recentred(fit, found, held)
         if together:
-            belief = _belief(found, fit.windows, _left_open(fit, found, belief) if turn else 0.0)
+            belief = fleet_belief(found, fit.windows, left_open(fit, found, belief) if turn else 0.0)
         else:
             belief = replace(belief, mean=began - _center(fit))
         belief = belief.holding(held)
@@ -148,9 +148,14 @@ def bounded_fit(
     chosen: np.ndarray | None = None,
 ) -> MotorFit:
     """A fit around this central motor in which no motor has a limit below the speed that it held (`speed_limits`)."""
+    return MotorFit(with_motor(network, center, terms), runs, chosen, least_latents(center, terms, runs))
+
+
+def least_latents(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(M, P) bounds of latents around a central motor (P,), by `speed_limits`; -inf of what is held or not bounded."""
     least = least_outputs(center, terms, runs.held_speed)
     least[:, held_constants(terms, runs)] = -np.inf
-    return MotorFit(with_motor(network, center, terms), runs, chosen, least)
+    return least
 
 
 def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
@@ -190,18 +195,18 @@ def weak_belief(size: int) -> Belief:
     return Belief(np.zeros(size), np.full(size, _WEAK))
 
 
-def _left_open(fit: MotorFit, found: Fit, belief: Belief) -> np.ndarray:
+def left_open(fit: MotorFit, found: Fit, belief: Belief) -> np.ndarray:
     """(Z,) variance of a motor's z that its own log leaves open, mean over the motors."""
     precision = (fit.curvatures(found.z) + np.diag(belief.precision)) * fit.windows / found.loss.mean()
     return np.einsum("mzz->mz", np.linalg.inv(precision)).mean(axis=0)
 
 
-def _belief(found: Fit, windows: int, left_open: np.ndarray | float) -> Belief:
-    """What the motors say about one more."""
+def fleet_belief(found: Fit, windows: int, open_variance: np.ndarray | float) -> Belief:
+    """What the motors say about one more; ``open_variance`` (Z,) is what `left_open` tells."""
     mean = np.median(found.z, axis=0)
     motors = len(found.z)
     spread = (motors + 1) / (motors - 1) * np.mean((found.z - mean) ** 2, axis=0)
-    variance = np.maximum(spread + left_open, _LEAST_SPREAD**2)
+    variance = np.maximum(spread + open_variance, _LEAST_SPREAD**2)
     return Belief(mean, found.loss.mean() / windows / variance)
 
 

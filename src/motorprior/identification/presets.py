@@ -36,8 +36,8 @@ class Preset:
         learning_rate: peak of a cosine schedule with warm-up.
         own_latents: each latent scales one of the constants; otherwise every latent acts on every constant.
         physics_first: fit the constants by compiled free runs before anything else: ``together``, where motors help
-            each other, or ``alone``; the network then learns what they leave, if that is worth it. "" if everything
-            is trained at once.
+            each other, or ``alone``; the network then learns what they leave, if that is worth it, and constants
+            that were fitted to short windows settle on longer ones (`settling`). "" if everything is trained at once.
         terms: of `servo_terms` that the motors have; a fit that puts physics first chooses them.
         tries_terms: whether it does.
         lacks: constants that the motors of a recipe that puts physics first do not have: frictions, for instance.

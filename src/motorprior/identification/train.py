@@ -3,7 +3,7 @@
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
 the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors' constants
-by `physics_fit`, and trains only the residual network this way (`residual`).
+by `physics_fit`, trains only the residual network this way (`residual`), and lets the constants settle (`settling`).
 """
 
 from __future__ import annotations
@@ -20,11 +20,20 @@ from motorprior.identification.descent import Checkpoints, Report, descend
 from motorprior.identification.distribution import aggregate_posterior_summary
 from motorprior.identification.felt import WORSE, limits_not_felt
 from motorprior.identification.fleet_fit import held_constants
-from motorprior.identification.network import Parameters, export, import_parameters, initial_parameters
-from motorprior.identification.physics_fit import WORK, fit_physics
+from motorprior.identification.motor_fit import MotorFit
+from motorprior.identification.network import Parameters, export, initial_parameters
+from motorprior.identification.physics_fit import WORK, Physics, fit_physics
 from motorprior.identification.presets import Preset
-from motorprior.identification.residual import LEAST_GAIN, gain, without_residual
-from motorprior.identification.standardise import MOTORS_AT_LEAST, standard_posterior
+from motorprior.identification.residual import (
+    LEAST_GAIN,
+    Fleet,
+    gain,
+    starts_of_seen,
+    trained_residual,
+    without_residual,
+)
+from motorprior.identification.settling import longer_runs, settled
+from motorprior.identification.standardise import standard_posterior
 from motorprior.identification.term_selection import held_out_windows
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
@@ -39,7 +48,7 @@ class Identified:
         mean: (M, Z).
         log_var: (M, Z).
         preset: the recipe, with the terms that were found and without a network that brought nothing.
-        losses: mean losses: of every `descent.CHUNK` steps, or of the finished fits.
+        losses: mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows.
         aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
         metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
             ``saved_residual``, that of the residual network; ``not_shown_LIMIT``, see `felt.limits_not_felt`.
@@ -124,35 +133,25 @@ def _physics_first(
     physics = fit_physics(data, preset, runs, seed, report, checkpoints)
     found, saved = physics.fit, physics.saved
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
-    network = found.network(without_residual(data.scales, preset))
     metrics = {f"saved_{name}": value for name, value in saved.items()}
-    chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in found.terms)
-    chosen = chosen or ("none" if saved else "none was tried")
-    notes, losses = [f"terms beyond the geared motor: {chosen}"], np.array([found.loss.mean()])
-    if physics.left_out:
-        notes.append(
-            f"left out again: {', '.join(physics.left_out)}, chosen by some motors and rows; of the loss of all they "
-            f"save less than {100 * LEAST_GAIN:g} %"
-        )
-    for name, hidden in limits_not_felt(network, runs, found.offsets).items():
-        metrics[f"{NOT_SHOWN}{name}"] = hidden.most
-        notes.append(
-            f"warning: the logs of {hidden.motors} of {len(found.offsets)} motors do not show a "
-            f"{limit_in_words(name, hidden.most)}, the largest that the fit gave them: with half of it, or with "
-            f"double, the loss of such a log is at most {WORSE:g} times what it is. A policy that is trained on this "
-            "prior may count on it"
-        )
-    judged = held_out_windows(runs)
+    notes = _notes_on_terms(physics, preset)
+    fitted = Fleet(found.network(without_residual(data.scales, preset)), found.offsets)
+    longer = longer_runs(data, preset, runs)
+    report(0, "constants settle")
+    fleet = _settled(fitted, longer, preset)
+    judged = held_out_windows(longer)
     if preset.num_neurons and (judged.all() or not judged.any()):
         preset = replace(preset, num_neurons=0)
         notes.append("residual network: left out, the log is too short to judge it")
     if preset.num_neurons:
         stored = None if checkpoints is None else _Beside(checkpoints, physics.arrays())
-        candidate = _residual(network, found.offsets, data, preset, judged, seed, report, stored)
-        less, closer = gain(network, candidate, runs, found.offsets, judged)
+        seen = replace(data, starts=starts_of_seen(data, preset, longer.preset, judged))
+        network = trained_residual(fitted, seen, preset, seed, report, stored)
+        candidate = _settled(Fleet(network, fitted.z), longer, preset)
+        less, closer = gain(fleet, candidate, longer, judged)
         metrics["saved_residual"] = less
         if less > LEAST_GAIN and closer >= 0.0:
-            network = candidate
+            fleet = candidate
             notes.append(f"residual network: saves {100 * less:.0f} % of the held-out loss")
         else:
             preset = replace(preset, num_neurons=0)
@@ -160,56 +159,43 @@ def _physics_first(
                 f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
                 f"error of position by {-100 * closer:+.1f} %"
             )
-    log_var = np.zeros_like(found.offsets)
+    notes += _limits_not_shown(fleet, longer, metrics)
+    log_var, losses = np.zeros_like(fleet.z), MotorFit(fleet.network, runs).losses(fleet.z).mean(keepdims=True)
     assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
-    return _finished(network, found.offsets, log_var, data, preset, losses, metrics, tuple(notes), assumed)
+    return _finished(fleet.network, fleet.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
 
 
-def _residual(
-    network: LatentNetwork,
-    offsets: np.ndarray,
-    data: TrainingData,
-    preset: Preset,
-    judged: np.ndarray,
-    seed: int,
-    report: Report,
-    checkpoints: Checkpoints | None,
-) -> LatentNetwork:
-    """The network with a residual that was trained on the windows that are not ``judged`` (N,)."""
-    seen = starts_of_seen(data.parts, preset, judged)
-    rng = np.random.default_rng([seed, 0])
-    start = initial_parameters(rng, preset) | {"w3": jnp.zeros(preset.num_neurons)}
-    start |= {"v1": jnp.zeros((preset.num_latents, preset.num_neurons))}
-    physics = import_parameters(network)
-    start |= {"motor_center": physics["motor_center"], "motor_slope": jnp.diagonal(physics["motor_slope"])}
-    trainable = {
-        "network": start,
-        "mean": jnp.asarray(offsets, jnp.float32),
-        "log_var": jnp.full(offsets.shape, -2.0, jnp.float32),
-    }
-    trained, _ = descend(trainable, replace(data, starts=seen), preset, seed, report, checkpoints)
-    learned = trained["network"]
-    if len(offsets) < MOTORS_AT_LEAST:
-        learned |= {"v1": start["v1"]}  # draws go where no motor was: what it learned of z would be extrapolated
-    made = export(learned, preset, data.scales)
-    return replace(made, motor=network.motor)  # float64, as it was fitted
+def _settled(fleet: Fleet, longer: WindowRuns, preset: Preset) -> Fleet:
+    """On runs that are longer than the recipe's; as it is if there are none."""
+    if longer.preset.window <= preset.window:
+        return fleet
+    return replace(fleet, z=settled(fleet.network, fleet.z, longer, preset.physics_first == "together"))
 
 
-def starts_of_seen(parts: tuple[slice, ...], preset: Preset, judged: np.ndarray) -> np.ndarray:
-    """First rows of windows whose free parts touch no window that is ``judged`` (N,).
+def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
+    terms = physics.fit.terms
+    chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in terms)
+    notes = [f"terms beyond the geared motor: {chosen or ('none' if physics.saved else 'none was tried')}"]
+    if physics.left_out:
+        notes.append(
+            f"left out again: {', '.join(physics.left_out)}, chosen by some motors and rows; of the loss of all they "
+            f"save less than {100 * LEAST_GAIN:g} %"
+        )
+    return notes
 
-    A window that begins between two others' first rows ends inside the second, so both must be unjudged.
-    """
-    starts, index = [], 0
-    for part in parts:
-        count = max(0, (part.stop - part.start - 1 - preset.history) // preset.window)
-        seen = ~judged[index : index + count]
-        for window in np.flatnonzero(seen):
-            first = part.start + window * preset.window
-            shifted = window + 1 < count and seen[window + 1]
-            starts.append(np.arange(first, first + preset.window if shifted else first + 1))
-        index += count
-    return np.concatenate(starts)
+
+def _limits_not_shown(fleet: Fleet, runs: WindowRuns, metrics: dict[str, float]) -> list[str]:
+    """Notes on limits that the logs do not feel; they go to ``metrics``, too."""
+    notes = []
+    for name, hidden in limits_not_felt(fleet.network, runs, fleet.z).items():
+        metrics[f"{NOT_SHOWN}{name}"] = hidden.most
+        notes.append(
+            f"warning: the logs of {hidden.motors} of {len(fleet.z)} motors do not show a "
+            f"{limit_in_words(name, hidden.most)}, the largest that the fit gave them: with half of it, or with "
+            f"double, the loss of such a log is at most {WORSE:g} times what it is. A policy that is trained on this "
+            "prior may count on it"
+        )
+    return notes
 
 
 @dataclass(frozen=True)

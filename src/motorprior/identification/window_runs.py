@@ -154,6 +154,7 @@ class WindowRuns:
         beat: called several times a second during `residuals`; what it raises ends them.
 
     Attributes:
+        beat: what was given.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
         held_speed: (M,) speed [rad/s] that each motor held somewhere in the whole log (`speed_limits`).
     """
@@ -176,7 +177,7 @@ class WindowRuns:
         self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
         error = series[..., TARGET] - series[..., POS]
         self.held_speed = held_speed(series[..., VEL], error, preset.period)
-        self._threads, self._beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
+        self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
 
     @property
     def windows(self) -> int:
@@ -219,9 +220,9 @@ class WindowRuns:
                 some = slice(first, min(first + LANES_PER_TASK, lanes))
                 tasks.append((network, z[some], motor[some], segment, out[some, inside]))
             done += segment.windows
-        self._beat()
+        self.beat()
         for _ in self._threads.map(lambda task: self._run(*task), tasks):
-            self._beat()
+            self.beat()
         return out
 
     def recorded(self, channel: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,10 +100,11 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
     if preset.objective == "rollout":
         series = _centred(series, log)
+    parts = tuple(log.segment_slices())
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
-        starts=window_starts(log, preset, where),
-        parts=tuple(log.segment_slices()),
+        starts=window_starts(parts, preset, where),
+        parts=parts,
         scales=_scales(log, where),
         gain_unit=preset.gain_unit,
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
@@ -196,17 +198,16 @@ def _require_firmware(log: MotorLog, preset: Preset, where: str) -> None:
         raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
 
 
-def window_starts(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
-    """(S,) first rows of the windows that lie inside one segment.
+def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndarray:
+    """(S,) first rows of the windows that lie inside one of the ``parts``.
 
     Raises:
-        LogError: every segment is shorter than a window.
+        LogError: every part is shorter than a window.
     """
     length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
-    starts = [np.arange(part.start, part.stop - length + 1) for part in log.segment_slices()]
-    every = np.concatenate(starts)
+    every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
     if len(every) == 0:
-        longest = max(part.stop - part.start for part in log.segment_slices())
+        longest = max(part.stop - part.start for part in parts)
         raise LogError(
             f"its longest segment has {longest} rows, a window {length} ({length * preset.period:g} s)", where=where,
             remedy="use more of the log, or record longer segments",

@@ -95,7 +95,7 @@ def baseline_recipes(
     names = {name: preset for name, preset in names.items() if wanted is None or name in wanted}
     recipes = {name: (preset, that_fits(NAMED[preset], log)) for name, preset in names.items()}
     for _, recipe in recipes.values():
-        window_starts(log, recipe, log.source)
+        window_starts(tuple(log.segment_slices()), recipe, log.source)
     return recipes
 
 
