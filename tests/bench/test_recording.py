@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from motorprior.bench import excitation
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import PRESETS, bench_preset, record
+from motorprior.bench.recording import FLUNG, PRESETS, bench_preset, record
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import channels
 from motorprior.logs.validity import checked
@@ -61,6 +62,19 @@ def test_loads_and_blows_are_those_of_the_preset():
     assert len(np.unique(log.load_inertia)) == 3 * 10  # per motor and segment
     for index, part in enumerate(log.segment_slices()):
         assert np.any(log.external_torque[part]) == (ROLLOUT.kinds[index % 5] in ("impacts", "creep"))
+
+
+def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
+    preset = replace(PRESETS["rollout"], kinds=("creep",))
+    weak = replace(geared(MOTORS), torque_limit=geared(MOTORS).torque_limit * [1.0, 0.3, 1.0])
+    both = [record(motors, preset, 3000, 0, FLEET) for motors in (MOTORS, weak)]
+    usual, held_back = (log.external_torque for log in both)
+    assert usual is not None and held_back is not None
+    np.testing.assert_array_equal(usual[:, [0, 2]], held_back[:, [0, 2]])
+    pushed = usual[:, 1] != 0.0
+    shares = set(held_back[pushed, 1] / usual[pushed, 1])
+    assert shares <= {1.0, 0.5, 0.25, 0.125} and min(shares) < 1.0
+    assert np.abs(both[1].joint_pos - both[1].position_target).max() < FLUNG
 
 
 def test_every_excitation_is_held_at_100_hz_every_second_time():

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.excitation import excitation_named, held
@@ -60,6 +61,10 @@ REFERENCE_LOAD = (1e-4, 3e-2)
 """Smallest and largest load inertia of the robot for which the presets are written [kg·m²]."""
 EXCITATION_STREAM, INSTRUMENTS_STREAM = 13, 47
 """Tags of the random streams of a bench's excitation, and of the noise of its instruments."""
+FLUNG = 1.5
+"""Distance [rad] from its command beyond which a joint counts as flung by a push."""
+HALVINGS = 4
+"""How often a push that flings a joint is made smaller."""
 FASTEST = 1e3
 """Speed [rad/s] beyond which a simulation counts as diverged, far above any motor's."""
 PRESETS = {
@@ -116,7 +121,7 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
     """Record ``steps`` samples of every motor.
 
     The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest, with motors
-    that have worked since the log's start.
+    that have worked since the log's start. A push that flings a joint is made smaller.
 
     Raises:
         ConfigError: fewer than 2 steps, or a motor whose gear is too stiff for its load.
@@ -131,11 +136,29 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
         round_, slot = divmod(segment, len(preset.kinds))
         hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
         part = trial(rng, kind, last - first, count, preset, hold)
-        response = run(motors.after(first * preset.period).actuator(), part)
-        _require_bounded(response, part, motors)
+        part, response = _held_back(motors, motors.after(first * preset.period).actuator(), part)
         instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
         parts.append((part, _logged(motors, instruments, preset.period, response)))
     return _as_log(parts, preset, fleet, seed)
+
+
+def _held_back(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Trial, Response]:
+    """The trial and its response, with half of the push on every joint that it flings, HALVINGS times at most.
+
+    A joint that is flung tells little of its motor, and a bench has stops.
+
+    Raises:
+        ConfigError: the simulation of a motor diverged.
+    """
+    response = _bounded(motors, part, run(actuator, part))
+    for _ in range(HALVINGS):
+        away = np.abs(response.joint_pos - part.position_target).max(axis=0)
+        flung = (away > FLUNG) & part.external_torque.any(axis=0)
+        if not flung.any():
+            break
+        part = replace(part, external_torque=np.where(flung, 0.5, 1.0) * part.external_torque)
+        response = _bounded(motors, part, run(actuator, part))
+    return part, response
 
 
 def _logged(motors: TrueMotors, rng: np.random.Generator, period: float, true: Response) -> Response:
@@ -143,8 +166,8 @@ def _logged(motors: TrueMotors, rng: np.random.Generator, period: float, true: R
     return replace(true, joint_pos=pos, joint_vel=vel, joint_torque=torque)
 
 
-def _require_bounded(response: Response, part: Trial, motors: TrueMotors) -> None:
-    """Refuse a recording in which the simulation of a motor diverged.
+def _bounded(motors: TrueMotors, part: Trial, response: Response) -> Response:
+    """The response, unless the simulation of a motor diverged.
 
     Raises:
         ConfigError: names the motor, its gear and its load.
@@ -158,6 +181,7 @@ def _require_bounded(response: Response, part: Trial, motors: TrueMotors) -> Non
             remedy="give the fleet a softer gear, or the robot's file a larger load_inertia = [least, most]",
             argument="fleet",
         )
+    return response
 
 
 def bench_names(count: int) -> tuple[str, ...]:
