@@ -18,7 +18,7 @@ from motorprior.logs import (
     stuck_checks,
     unit_checks,
 )
-from motorprior.logs.excited_stretch import excited_stretch
+from motorprior.logs.excited_stretch import excited_stretches
 from motorprior.logs.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
@@ -48,8 +48,10 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
         *clock_checks.jitter(log),
         *clock_checks.gaps(log),
         *clock_checks.repeats(log),
+        *clock_checks.stale_joint(log),
         *unit_checks.units(log, limits),
         *unit_checks.angles(log),
+        *unit_checks.torques(log),
     ]
     if limits is not None:
         findings += joint_checks.limits(log, limits)
@@ -69,17 +71,16 @@ def _statistics(log: MotorLog) -> list[Finding]:
         *sensor_checks.quantisation(log),
         *sensor_checks.torque_without_sign(log),
         *response_checks.velocity(log),
+        *coverage_checks.turns(log),
         *load_checks.torque_and_load(log),
         *load_checks.load_given(log),
     ]
-    stretch = excited_stretch(log)
-    if stretch is not None:
-        found += [
-            *response_checks.tracking(stretch),
-            *sensor_checks.torque_sign(stretch),
-            *coverage_checks.coverage(stretch),
-        ]
-    return found
+    stretches = excited_stretches(log)
+    for parts in stretches.values():
+        found += response_checks.tracking(parts)
+        found += sensor_checks.torque_sign(parts[0]) if log.load_inertia is None else []
+        found += coverage_checks.coverage(parts)
+    return found + joint_checks.not_judged(log, tuple(stretches))
 
 
 def require_plausible_angles(log: MotorLog, where: str | Path) -> None:

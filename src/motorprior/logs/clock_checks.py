@@ -14,6 +14,10 @@ RATES = (5.0, 2e4)
 GAP_FACTOR = 5.0
 MAX_JITTER = 0.5
 MAX_REPEATED = 0.05
+MAX_STALE = 0.4
+"""Of one joint; one that is read in turn with another repeats every second angle."""
+LEAST_FAST = 0.05
+"""Share of rows in which a joint must move fast to be judged."""
 REACH = 5
 FAST_STEPS = 2.0
 """A motion of fewer encoder steps per row repeats angles by itself."""
@@ -104,6 +108,32 @@ def repeats(log: MotorLog) -> list[Finding]:
         Finding("warning", "repeats", share, MAX_REPEATED, message, remedy, row=first),
         *_true_rate(log, repeated, 1.0 / float(np.median(steps)), first),
     ]
+
+
+def stale_joint(log: MotorLog) -> list[Finding]:
+    """That joint whose own angle repeats most, where it moves fast and in all rows, though rows are new.
+
+    Hosts poll joints one after another. A joint that sticks and slips repeats less where it is slow.
+    """
+    if log.num_joints == 1:
+        return []
+    found, rows, all_repeat = [], time_steps(log)[0], repeated_rows(log)
+    for column, joint in enumerate(log.joint_names):
+        alone = log.joint(column)
+        repeated, fast = repeated_rows(alone) & ~all_repeat, fastest_rows(alone)
+        enough = fast.mean() >= LEAST_FAST
+        share = min(float(repeated[fast].mean()), float(repeated[rows].mean())) if enough else 0.0
+        found.append((share, joint, repeated))
+    share, joint, repeated = max(found, key=lambda each: each[0])
+    if share <= MAX_STALE:
+        return []
+    row, times = int(np.argmax(repeated)), log.time[~repeated]
+    message = (
+        f"{100 * share:.0f} % of the rows repeat {joint}'s last angle, more than {100 * MAX_STALE:g} %: its new ones "
+        f"come at {1.0 / float(np.median(np.diff(times))):.4g} Hz"
+    )
+    remedy = "joints seem to be read in turn: import with a period of one round, or read all in every row"
+    return [Finding("warning", "stale", share, MAX_STALE, message, remedy, joint, row)]
 
 
 def fastest_rows(log: MotorLog) -> np.ndarray:

@@ -1,10 +1,13 @@
 """How late an angle follows its command, and whether it follows or opposes it: both read off their correlation.
 
-r(k) = corr(joint_pos(t), position_target(t - k·period)), k = -1 … longest, over the same t for every k.
+r(k) = corr(joint_pos(t), position_target(t - k·period)), k = -earliest … longest, over the same t for every k.
 
 The lag is that of the first peak of r: a sine repeats, so that later peaks are as high and mean nothing. An earlier
 peak counts where it is nearly as high as the highest and r falls clearly between the two; ripple on one broad hill is
 no peak.
+
+An angle leads its command where r rises from k = 0 to negative k without a break, up to a peak that is clearly higher.
+No servo does, so that the two have different clocks.
 
 An angle opposes its command where, among lags that a servo can have, r goes further below zero than above it. One pure
 sine cannot tell a reversed joint from one that is late by more than half a period: that is reported as undecided.
@@ -19,6 +22,12 @@ import numpy as np
 MAX_LAG = 0.25
 """Longest lag of a command that a servo plausibly has [s]."""
 SEARCHED_LAG = 0.5
+SEARCHED_LEAD = 0.25
+"""[s]"""
+LEAST_LEAD = 0.015
+"""A shorter one may be that of a grid [s]."""
+CLEARLY = 0.2
+"""Of what is missing to a correlation of 1 at lag 0, this share is left at the lead."""
 NEARLY = 0.95
 """An earlier peak is at least this share of the highest."""
 VALLEY = 0.1
@@ -33,12 +42,14 @@ class Following:
     """How one angle follows its command.
 
     Attributes:
+        lead: by which the angle moves before its command [s], 0 if it does not.
         lag: of the first positive peak [s].
         correlation: there.
         opposed_lag: of the first negative peak [s].
         opposed_correlation: there.
     """
 
+    lead: float
     lag: float
     correlation: float
     opposed_lag: float
@@ -63,11 +74,22 @@ class Following:
 def following(command: np.ndarray, angle: np.ndarray, period: float) -> Following:
     """Compare two series (T,) [rad] on one grid of ``period`` [s]."""
     longest = min(int(SEARCHED_LAG / period), len(command) // 2)
-    later, rows = angle[longest:-1], len(angle) - longest - 1  # the same rows for every shift
-    begins = range(longest + 1, -1, -1)
+    earliest = min(max(1, int(SEARCHED_LEAD / period)), len(command) // 4)
+    rows = len(angle) - longest - earliest  # the same for every shift
+    later = angle[longest : longest + rows]
+    begins = range(longest + earliest, -1, -1)
     r = np.array([_correlation(command[begin : begin + rows], later) for begin in begins])
+    lead, r = _lead(r[: earliest + 1][::-1], period), r[earliest - 1 :]
     lag, opposed = _first_peak(r), _first_peak(-r)
-    return Following(lag * period, float(r[lag + 1]), opposed * period, float(r[opposed + 1]))
+    return Following(lead, lag * period, float(r[lag + 1]), opposed * period, float(r[opposed + 1]))
+
+
+def _lead(r: np.ndarray, period: float) -> float:
+    """[s] up to which r, at shifts 0, -1, …, rises without a break; 0 where that is next to nothing."""
+    rising = np.diff(r) > 0.0
+    best = len(r) - 1 if rising.all() else int(np.argmin(rising))
+    clear = r[best] >= MIN_CORRELATION and 1.0 - r[best] <= CLEARLY * (1.0 - r[0])
+    return best * period if clear and best * period >= LEAST_LEAD else 0.0
 
 
 def _first_peak(r: np.ndarray) -> int:

@@ -12,6 +12,13 @@ EXCITED_STD = 1e-3
 STUCK_RATIO = 0.1
 WILD_RATIO = 3.0
 """No servo moves so many times its command: other units."""
+_DEGREE = np.pi / 180.0
+"""About the ratio of an angle in rad to its command in degrees."""
+_ALIKE = 0.2
+_UNITS = (
+    f"if command and angle have different units, convert one of them in the file, or say so {IN_MAP}: "
+    'angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
+)
 _CHANGING = ("joint_pos", "joint_vel", "joint_torque")
 
 
@@ -67,6 +74,14 @@ def excited_joints(log: MotorLog) -> np.ndarray:
     return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
 
 
+def not_judged(log: MotorLog, judged: tuple[str, ...]) -> list[Finding]:
+    """Excited joints that are not among those ``judged``: all parts in which their commands move are too short."""
+    left = [log.joint_names[column] for column in excited_joints(log) if log.joint_names[column] not in judged]
+    message = "too short to judge by how it follows its command, its torque's sign and what it covers"
+    remedy = "record at least 20 rows of motion without a gap"
+    return [Finding("warning", "tracking", 0.0, None, f"{joint}: {message}", remedy, joint, row=0) for joint in left]
+
+
 def joints_at_rest(log: MotorLog) -> tuple[str, ...]:
     """Names of the joints whose angle has a standard deviation of no more than 1 mrad."""
     at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
@@ -87,16 +102,14 @@ def excitation(log: MotorLog) -> list[Finding]:
         elif motion[column] < STUCK_RATIO * command[column]:
             ratio = float(motion[column] / command[column])
             message = f"{joint} moves {100 * ratio:.1f} % of its command, less than {100 * STUCK_RATIO:g} %"
-            remedy = "check power, homing and the order of the joints"
+            remedy = (
+                "check power, homing and the order of the joints" if abs(ratio - _DEGREE) > 0.2 * _DEGREE else _UNITS
+            )
             found.append(Finding("warning", "excitation", ratio, STUCK_RATIO, message, remedy, joint, row=0))
         elif motion[column] > WILD_RATIO * command[column]:
             ratio = float(motion[column] / command[column])
             message = f"{joint} moves {ratio:.3g} times its command, more than {WILD_RATIO:g}"
-            remedy = (
-                f"if command and angle have different units, convert one of them in the file, or say so {IN_MAP}: "
-                'angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
-            )
-            found.append(Finding("warning", "excitation", ratio, WILD_RATIO, message, remedy, joint, row=0))
+            found.append(Finding("warning", "excitation", ratio, WILD_RATIO, message, _UNITS, joint, row=0))
     if not excited.size:
         remedy = "record commands that move the joints"
         found.append(Finding("error", "excitation", 0.0, 1.0, "no joint is excited", remedy, row=0))

@@ -42,6 +42,8 @@ REACH = 5
 COMMANDED = 0.5
 """A command that stepped by this share of the jump explains it."""
 TURN = 2.0 * np.pi
+NEAR_TURN = 0.3
+"""A command's step is by a turn if it is so close to one [rad]."""
 MOST_JUMPS = 10_000
 """Of a joint, that are looked at."""
 
@@ -79,14 +81,30 @@ class _Readings:
 
 
 def jumps(log: MotorLog) -> list[Finding]:
-    """Errors: measured angles that leave for a few rows, that step by a turn, or that leap and stay."""
-    found = []
+    """Errors: commands that wrap; angles that leave for a few rows, that step by a turn, or that leap and stay."""
+    found = [finding for column in range(log.num_joints) for finding in _wrapped_command(log, column)]
     starts = [part.start for part in log.segment_slices()]
     for column in range(log.num_joints):
         readings = _readings(log, column, starts)
         if readings is not None:
             found += _findings(log, column, readings)
     return found
+
+
+def _wrapped_command(log: MotorLog, column: int) -> list[Finding]:
+    """A command that steps by a turn, of a joint whose angle never goes so far."""
+    command, angle = log.position_target[:, column], log.joint_pos[:, column]
+    steps = np.diff(command, prepend=command[0])
+    steps[[part.start for part in log.segment_slices()]] = 0.0
+    turns = np.flatnonzero(np.abs(np.abs(steps) - TURN) < NEAR_TURN)
+    if not turns.size or np.ptp(angle) > 0.5 * TURN:
+        return []
+    row, joint = int(turns[0]), log.joint_names[column]
+    message = (
+        f"position_target/{joint} jumps from {command[row - 1]:.4g} to {command[row]:.4g} rad in row {row}, by a turn "
+        f"that the angle does not make; {len(turns)} such steps"
+    )
+    return [Finding("error", "jumps", float(steps[row]), NEAR_TURN, message, _UNWRAP, joint, row)]
 
 
 def _readings(log: MotorLog, column: int, starts: list[int]) -> _Readings | None:

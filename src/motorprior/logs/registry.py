@@ -23,6 +23,10 @@ READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LERO
 """In the order in which they are asked."""
 
 
+TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
+"""Endings of files that a column map can be for."""
+
+
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
     """Read a log in any known format (docs/logs.md), or any table by a map of its columns.
 
@@ -54,6 +58,14 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
     remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
     raise LogError("not a log that can be read", where=path, remedy=remedy)
+
+
+def recording_name(path: Path) -> str:
+    """The name of a recording: that of its file without the format's ending, run.1.csv.gz -> run.1."""
+    name = path.absolute().name
+    known = {*TABLES, *(ending for reader in READERS for ending in reader.endings)}
+    ending = max((ending for ending in known if name.endswith(ending)), key=len, default="")
+    return name.removesuffix(ending) or name
 
 
 def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None) -> str:

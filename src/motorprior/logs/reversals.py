@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 
-def reversals(angle: np.ndarray) -> list[int]:
-    """Rows at which an angle (T,), in time order, turns round to go back by more than 5 % of its range."""
-    least = 0.05 * float(np.ptp(angle))
+def reversals(angle: np.ndarray, least: float | None = None) -> list[int]:
+    """Rows at which an angle (T,), in time order, turns to go back by ``least`` [rad], by default 5 % of its range."""
+    least = 0.05 * float(np.ptp(angle)) if least is None else least
     if least <= 0.0:
         return []
     low = high = float(angle[0])

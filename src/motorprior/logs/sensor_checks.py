@@ -18,6 +18,8 @@ MIN_REVERSALS = 4
 NEAR_ZERO = 0.1
 """A rectified torque comes down to this share of its 95th percentile; one that holds a weight does not."""
 OTHER_SIGN = -0.5
+TAKEN = -0.3
+"""Share of the work that a motor takes out of a joint."""
 
 
 def encoder_step(angle: np.ndarray) -> float:
@@ -67,22 +69,21 @@ def torque_without_sign(log: MotorLog) -> list[Finding]:
 
 
 def torque_sign(stretch: Stretch) -> list[Finding]:
-    """Torques that go against the position error: correlation below -0.5 in the excited stretch.
+    """Torques that push away from the command, or take work out of a joint that nothing else drives.
 
-    A motor that holds a position pushes towards it; friction and damping make the correlation small, never negative.
-    Where the load is known, `load_checks.torque_and_load` says it better.
+    A motor that holds a position pushes towards it, and one that moves a joint pays for its friction, so that neither
+    the correlation of torque and position error nor the share of the work, ∫τ·dq / ∫|τ·dq|, is clearly negative. Where
+    the load is known, `load_checks.torque_and_load` says it better.
     """
-    log, found = stretch.log, []
-    if log.joint_torque is None or log.load_inertia is not None:
+    torque, error, joint = stretch.torque, stretch.command - stretch.angle, stretch.joint
+    if torque is None or np.std(torque) == 0.0 or np.std(error) == 0.0:
         return []
-    for column in excited_joints(log):
-        torque, error = log.joint_torque[:, column], log.position_target[:, column] - log.joint_pos[:, column]
-        if np.std(torque) == 0.0 or np.std(error) == 0.0:
-            continue
-        correlation, joint = float(np.corrcoef(torque, error)[0, 1]), log.joint_names[column]
-        if correlation < OTHER_SIGN:
-            message = f"joint_torque/{joint} pushes away from the command: correlation {correlation:.2f} with the error"
-            remedy = f"turn it in the file, or {IN_MAP}: sign = -1 in the table [joints.….joint_torque]"
-            row = stretch.row
-            found.append(Finding("warning", "torque_sign", correlation, OTHER_SIGN, message, remedy, joint, row))
-    return found
+    work = 0.5 * (torque[1:] + torque[:-1]) * np.diff(stretch.angle)
+    paid = float(work.sum() / max(np.abs(work).sum(), np.finfo(float).tiny))
+    correlation = float(np.corrcoef(torque, error)[0, 1])
+    described = f"correlation {correlation:.2f} with the error, {paid:+.2f} of the work goes into the joint"
+    if correlation >= OTHER_SIGN and (paid >= TAKEN or correlation > 0.0):
+        return []
+    message = f"joint_torque/{joint} pushes away from the command: {described}"
+    remedy = f"turn it in the file, or {IN_MAP}: sign = -1 in the table [joints.….joint_torque]"
+    return [Finding("warning", "torque_sign", correlation, OTHER_SIGN, message, remedy, joint, stretch.row)]

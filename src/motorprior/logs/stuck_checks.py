@@ -56,9 +56,10 @@ def _at_extremes(log: MotorLog, column: int, sign: float) -> list[tuple[str, Run
     """Per channel: runs at the highest of sign·values while the command goes on, and that highest value."""
     command, angle = sign * log.position_target[:, column], sign * log.joint_pos[:, column]
     travel, top = TRAVEL * float(np.ptp(command)), float(angle.max())
-    stuck = runs_of(log, angle >= top - encoder_step(log.joint_pos[:, column]))
+    step = encoder_step(log.joint_pos[:, column])
+    stuck, free = runs_of(log, angle >= top - step), (angle < top - step) & (angle > angle.min() + step)
     beyond = stuck.highest(command) - np.maximum(stuck.lowest(command), top)
-    far = stuck.highest(command) - top > FAR_BEHIND * _error_elsewhere(command - angle, stuck)
+    far = stuck.highest(command) - top > FAR_BEHIND * (float(rms((command - angle)[free])) if free.any() else 0.0)
     arrived = ~np.isin(stuck.starts, [part.start for part in log.segment_slices()])
     found = [("joint_pos", stuck.where((beyond > travel) & far & arrived), top)]
     if log.joint_vel is not None and (top_speed := float((speed := sign * log.joint_vel[:, column]).max())) > 0.0:
@@ -71,15 +72,6 @@ def _at_extremes(log: MotorLog, column: int, sign: float) -> list[tuple[str, Run
         goes_on = many & (held.highest(command) - held.lowest(command) > travel)
         found.append(("joint_torque", held.where(goes_on), limit))
     return found
-
-
-def _error_elsewhere(error: np.ndarray, runs: Runs) -> float:
-    """Root mean square of an error (T,) outside runs."""
-    inside = np.zeros(len(error) + 1, dtype=np.int64)
-    inside[runs.starts] += 1
-    inside[runs.stops] -= 1
-    outside = np.cumsum(inside[:-1]) == 0
-    return float(rms(error[outside])) if outside.any() else 0.0
 
 
 def _saturated(log: MotorLog, channel: str, column: int, extreme: float, runs: Runs) -> Finding:

@@ -153,3 +153,14 @@ def angles(log: MotorLog) -> list[Finding]:
     message = f"measured angles in degrees: {', '.join(told)}"
     remedy = "where these are not the joints' angles, " + _DEGREES
     return [Finding("info", "angles", widest, None, message, remedy, row=0)]
+
+
+def torques(log: MotorLog) -> list[Finding]:
+    """The largest torque of every joint [N·m], which people know of their motors."""
+    if log.joint_torque is None:
+        return []
+    most = np.abs(log.joint_torque).max(axis=0)
+    told = ", ".join(f"{joint} {size:.3g}" for joint, size in zip(log.joint_names, most.tolist(), strict=True))
+    unit = 'torque = "mN·m" or "kg·cm"'
+    remedy = f"if such motors have others, convert them in the file, or say what their unit is {IN_MAP}: {unit}"
+    return [Finding("info", "torques", float(most.max()), None, f"largest torques in N·m: {told}", remedy, row=0)]

@@ -92,6 +92,19 @@ def test_an_import_may_be_repeated(tmp_path: Path):
     assert imported(config) == imported(config)
 
 
+def test_a_dot_in_a_name_is_no_ending(tmp_path: Path):
+    names = ("run.1.csv", "run.2.csv.gz", "2026-05-01T12.30.15.parquet", "run", "a.b")
+    found = [target.name for target in targets_of([tmp_path / name for name in names], tmp_path / "out")]
+    assert found == [f"{name}.parquet" for name in ("run.1", "run.2", "2026-05-01T12.30.15", "run", "a.b")]
+
+
+def test_loads_of_a_held_base_need_its_robot(tmp_path: Path):
+    path, columns = write_swing(tmp_path)
+    with pytest.raises(ConfigError, match="the model of their robot, and none was given -> give robot") as refusal:
+        import_logs(LogsImport((path,), tmp_path / "out", columns=columns, hung=True))
+    assert refusal.value.argument == "robot" and not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("period", [None, 0.002])
 def test_a_gap_begins_a_segment_and_is_told(tmp_path: Path, period: float | None):
     path, columns = write_swing(tmp_path)

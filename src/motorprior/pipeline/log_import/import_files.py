@@ -10,6 +10,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.registry import recording_name
 
 _MOST_NAMED = 8
 """Joints in a line."""
@@ -23,7 +24,7 @@ def targets_of(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
     """
     targets: dict[Path, Path] = {}
     for path in paths:
-        target = out / (path.absolute().name.split(".")[0] + ".parquet")
+        target = out / (f"{recording_name(path)}.parquet")
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path

@@ -10,12 +10,9 @@ from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
 from motorprior.logs.lerobot import is_lerobot_folder, lerobot_files
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.puppersim import read_puppersim_logs, short_name
-from motorprior.logs.registry import READERS, read_log
+from motorprior.logs.registry import READERS, TABLES, read_log, recording_name
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-
-TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
-"""Endings of files that a column map can be for."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +53,12 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
     """
     known = None if columns is None else load_column_map(columns)
     if path.is_file() or (path.is_dir() and any(reader.takes(path) for reader in READERS)):
-        return LogFolder({_name(path): read_log(path, robot, known)}, (path,))
+        return LogFolder({recording_name(path): read_log(path, robot, known)}, (path,))
     entries = sorted(path.iterdir()) if path.is_dir() else []
     if known is not None and entries:
         return _readable(path, [entry for entry in entries if entry.name.endswith(TABLES)], robot, known)
     if found := [entry for entry in entries if entry.suffix == ".parquet"]:
-        return LogFolder({_name(entry): read_log(entry, robot) for entry in found}, tuple(found))
+        return LogFolder({recording_name(entry): read_log(entry, robot) for entry in found}, tuple(found))
     if robot is not None and (found := [entry for entry in entries if short_name(entry)]):
         return LogFolder(read_puppersim_logs(path, robot), tuple(found))
     if found := [entry for entry in entries if any(reader.takes(entry) for reader in READERS)]:
@@ -87,10 +84,10 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
         except (LogError, ConfigError, ArtifactError) as error:
             left_out.append(f"{path.name}: {error.problem}")
             continue
-        if _name(path) in logs:
-            left_out.append(f"{path.name}: there is another log {_name(path)!r}")
+        if recording_name(path) in logs:
+            left_out.append(f"{path.name}: there is another log {recording_name(path)!r}")
             continue
-        logs[_name(path)] = log
+        logs[recording_name(path)] = log
         taken.append(path)
     if logs:
         return LogFolder(logs, tuple(taken), tuple(left_out))
@@ -98,7 +95,3 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
     remedy = f"say what the columns of its tables mean (columns): one of {maps}, or your .toml file; or give the robot"
     first = f"; {left_out[0]}" if left_out else ""
     raise LogError(f"no log in it can be read{first}", where=folder, remedy=remedy)
-
-
-def _name(path: Path) -> str:
-    return path.absolute().name.split(".")[0]

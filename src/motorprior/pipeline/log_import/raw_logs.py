@@ -9,6 +9,7 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
+from motorprior.logs.column_map import load_column_map
 from motorprior.logs.gap_segments import begin_at_gaps
 from motorprior.logs.motor_log import FIRMWARE, MotorLog
 from motorprior.logs.parquet_io import write_log
@@ -99,6 +100,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     if config.fit_load:
         config = _to_fit(config)
     robot = load_robot(config.robot or DEFAULT_ROBOT)
+    _require_robot_of_held_base(config)
     targets = targets_of(config.paths, config.out)
     with taken(config.out):
         if config.fit_load:
@@ -111,6 +113,20 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
             log = _imported(path, robot, config, progress)
             write_log(target, log)
             progress.note(f"{target}: {summary(log)}")
+
+
+def _require_robot_of_held_base(config: LogsImport) -> None:
+    """Refuse a table of joints of nobody's, whose loads no model tells.
+
+    Raises:
+        ConfigError: hung, without a robot, and the column map names none that is shipped.
+    """
+    if config.hung and config.columns is not None and config.robot is None:
+        columns = load_column_map(config.columns)
+        if columns.robot != DEFAULT_ROBOT:
+            problem = "hung: the loads of these joints come from the model of their robot, and none was given"
+            remedy = "give robot, its .toml file (docs/your-robot.md); or fit_load, where no model is known"
+            raise ConfigError(problem, where=columns.source, remedy=remedy, argument="robot")
 
 
 def _gains(config: LogsImport) -> dict[str, tuple[float, ...]]:
