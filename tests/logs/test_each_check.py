@@ -42,6 +42,12 @@ def late_every_other_row(log: MotorLog) -> MotorLog:
     return replace(log, time=log.time + 0.004 * (np.arange(log.num_rows) % 2))
 
 
+@case("jitter", row=None)
+def in_bursts(log: MotorLog) -> MotorLog:
+    rows = np.arange(log.num_rows)
+    return replace(log, time=log.time[rows // 10 * 10] + 1e-4 * (rows % 10))
+
+
 @case("gaps", row=700)
 def a_pause(log: MotorLog) -> MotorLog:
     return replace(log, time=log.time + 0.2 * (np.arange(log.num_rows) >= 700))

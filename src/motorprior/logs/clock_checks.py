@@ -13,6 +13,8 @@ RATES = (5.0, 2e4)
 """Of logs of motors [Hz]; beyond them the time is in another unit."""
 GAP_FACTOR = 5.0
 MAX_JITTER = 0.5
+IN_BURSTS = 0.02
+"""Share of time steps that are gaps; so many are no lost rows."""
 MAX_REPEATED = 0.05
 MAX_STALE = 0.4
 """Of one joint; one that is read in turn with another repeats every second angle."""
@@ -40,7 +42,7 @@ def rate(log: MotorLog) -> list[Finding]:
 
 
 def jitter(log: MotorLog) -> list[Finding]:
-    """(95th - 5th percentile of the time steps) / median, where it is more than a half."""
+    """(95th - 5th percentile of the time steps) / median, where it is more than a half; rows that come in bursts."""
     rows, steps = time_steps(log)
     median, spread = float(np.median(steps)), _jitter(steps)
     if spread <= MAX_JITTER:
@@ -48,6 +50,12 @@ def jitter(log: MotorLog) -> list[Finding]:
     row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
     message = f"time steps spread by {spread:.2f} of their median {1e3 * median:.3g} ms, more than {MAX_JITTER}"
     remedy = "import it with a period: `motorprior logs import` then puts it on a uniform grid"
+    if np.mean(steps > GAP_FACTOR * median) > IN_BURSTS:
+        message += f"; rows come in bursts, {1.0 / float(steps.mean()):.4g} of them per second"
+        remedy = (
+            "these seem to be times of arrival: record the robot's own, or leave the column out of the file's map and "
+            f"say rate = … in its place {IN_MAP}"
+        )
     return [Finding("warning", "jitter", spread, MAX_JITTER, message, remedy, row=row)]
 
 
