@@ -31,7 +31,7 @@ from motorprior.hardware.run_facts import FACTS
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.load import load_robot
 
 MOST_FAULTS = 5

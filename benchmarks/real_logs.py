@@ -32,11 +32,11 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs, within_a_turn
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.logs.joint_checks import excited_joints
+from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.formats.parquet_io import read_parquet
+from motorprior.logs.formats.puppersim import short_name
+from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_parquet
-from motorprior.logs.puppersim import short_name
-from motorprior.logs.registry import read_log
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_seconds
 from motorprior.pipeline.identify import PRIOR, fit_prior

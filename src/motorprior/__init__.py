@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
     from motorprior.locomotion.policy import Policy as Policy
-    from motorprior.logs.checks import check_log as check_log
+    from motorprior.logs.doctor.checks import check_log as check_log
+    from motorprior.logs.formats.parquet_io import write_log as write_log
+    from motorprior.logs.formats.registry import read_log as read_log
     from motorprior.logs.motor_log import MotorLog as MotorLog
-    from motorprior.logs.parquet_io import write_log as write_log
-    from motorprior.logs.registry import read_log as read_log
     from motorprior.pipeline.adapt import adapt as adapt
     from motorprior.pipeline.bench import record_bench as record_bench
     from motorprior.pipeline.identify import fit_prior as fit_prior
@@ -62,18 +62,18 @@ _MODULES = {
     "Robot": "robots.robot",
     "SimulationFault": "exceptions",
     "adapt": "pipeline.adapt",
-    "check_log": "logs.checks",
+    "check_log": "logs.doctor.checks",
     "compare": "pipeline.transfer_study.comparison",
     "fit_prior": "pipeline.identify",
     "load_fleet": "bench.fleet",
     "load_robot": "robots.load",
     "make_env": "environments",
     "make_vector_env": "environments",
-    "read_log": "logs.registry",
+    "read_log": "logs.formats.registry",
     "record_bench": "pipeline.bench",
     "simulate": "pipeline.simulate",
     "train_policy": "pipeline.walking.train_policy",
-    "write_log": "logs.parquet_io",
+    "write_log": "logs.formats.parquet_io",
 }
 """Where each public name lives; the imports above say the same to type checkers."""
 

@@ -14,7 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.facts import read_bench
 from motorprior.cli.console import Bar
 from motorprior.cli.main import main
-from motorprior.logs.puppersim import csv_columns
+from motorprior.logs.formats.puppersim import csv_columns
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import Walk, run_walk

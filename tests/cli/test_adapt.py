@@ -14,7 +14,7 @@ from motorprior.artifacts import read_json
 from motorprior.identification import response_fit, term_selection
 from motorprior.identification.presets import identification_preset
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.parquet_io import read_parquet, write_log
+from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.pipeline import adapt
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify

@@ -11,8 +11,8 @@ import pytest
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.main import RUN, parse
+from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World

@@ -17,8 +17,8 @@ from motorprior.identification import term_selection
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.locomotion.policy import zero_policy
-from motorprior.logs.parquet_io import read_parquet
-from motorprior.logs.robot_run import read_robot_run
+from motorprior.logs.formats.parquet_io import read_parquet
+from motorprior.logs.formats.robot_run import read_robot_run
 from motorprior.robots import load
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -15,8 +15,8 @@ from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
 from motorprior.identification import load_fit, response_fit, term_selection
-from motorprior.logs.column_map import load_column_map
-from motorprior.logs.column_units import Conversion
+from motorprior.logs.formats.column_map import load_column_map
+from motorprior.logs.formats.column_units import Conversion
 from motorprior.pipeline import demo
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,13 +8,13 @@ import pytest
 from foreign_files import write_bam, write_lerobot, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs import registry
-from motorprior.logs.log_reader import LogReader
+from motorprior.logs.formats import registry
+from motorprior.logs.formats.log_reader import LogReader
+from motorprior.logs.formats.parquet_io import write_log
+from motorprior.logs.formats.puppersim import csv_columns
+from motorprior.logs.formats.registry import READERS, read_log
+from motorprior.logs.formats.robot_run import Mode, run_columns
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import write_log
-from motorprior.logs.puppersim import csv_columns
-from motorprior.logs.registry import READERS, read_log
-from motorprior.logs.robot_run import Mode, run_columns
 from motorprior.robots.load import load_robot
 
 ROBOT = load_robot("pupper_v2")
@@ -43,7 +43,7 @@ FOREIGN = {
     "dataset of LeRobot": write_lerobot,
 }
 IN_THIS_INSTALLATION = [reader for reader in READERS if reader.name != "ROS 2 bag"]
-"""ROS 2 bags need an extra; tests/logs/test_ros_bag.py has them."""
+"""ROS 2 bags need an extra; tests/logs/formats/test_ros_bag.py has them."""
 NAMELESS = ("recording of a robot", "log of jietan/puppersim")
 """Formats that do not say which joints they are of."""
 

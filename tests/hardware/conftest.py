@@ -22,7 +22,7 @@ from motorprior.hardware.session import Gains
 from motorprior.hardware.virtual.firmware import IDLE, Drive, Sensors
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
 from motorprior.locomotion.policy import zero_policy
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.pipeline.virtual.virtual_robot import Virtual, make
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

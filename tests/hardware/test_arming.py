@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.hardware.virtual.firmware import IDLE, POSITION
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 
 
 class Terminal:

@@ -16,7 +16,7 @@ from motorprior.hardware.protocol import Telemetry
 from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, new_gait
-from motorprior.logs.robot_run import read_robot_run
+from motorprior.logs.formats.robot_run import read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -11,7 +11,7 @@ from motorprior.hardware.control_loop import ControlLoop, Timing, clock_results
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.real_time import no_garbage_collection
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 WIRE = PUPPER_V2.require_wire()

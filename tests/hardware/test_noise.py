@@ -10,7 +10,7 @@ import pytest
 import noise
 from motorprior.artifacts import read_json
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from noise import figures, main, noisy_walk

@@ -24,7 +24,7 @@ from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import ERROR, IDLE, POSITION
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.robot_run import Mode, read_robot_run
+from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

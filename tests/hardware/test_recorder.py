@@ -10,8 +10,8 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.checks import check_log
-from motorprior.logs.robot_run import Mode, is_robot_run, read_robot_run, run_columns
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.formats.robot_run import Mode, is_robot_run, read_robot_run, run_columns
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

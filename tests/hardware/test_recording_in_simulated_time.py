@@ -8,7 +8,7 @@ import pytest
 from motorprior.artifacts import read_json
 from motorprior.hardware.commands import run_record
 from motorprior.hardware.settings import RecordSettings
-from motorprior.logs.robot_run import read_robot_run
+from motorprior.logs.formats.robot_run import read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from simulated_port import SimulatedPort, on_its_clock
 

@@ -39,7 +39,7 @@ from motorprior.hardware.terminal import careful
 from motorprior.hardware.virtual.firmware import IDLE, FirmwareConfig
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.pipeline.virtual.twin_body import TwinBody, draw_motors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

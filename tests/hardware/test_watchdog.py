@@ -18,7 +18,7 @@ from motorprior.hardware.guardian import Guardian
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.firmware import IDLE
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
-from motorprior.logs.robot_run import Mode, read_robot_run
+from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 ATTEMPTS, ENOUGH, WALKED = 6, 3, 30

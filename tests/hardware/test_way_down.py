@@ -13,7 +13,7 @@ from motorprior.hardware.motions import Motion, played
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.session import Gains, StopRequest, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -14,7 +14,7 @@ from motorprior.identification.latent_fit import Posterior, adapt
 from motorprior.identification.network import export, initial_parameters
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
-from motorprior.logs.parquet_io import read_parquet
+from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.pipeline.virtual.twin_body import draw_motors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -21,10 +21,10 @@ from motorprior.identification.residual import without_residual
 from motorprior.identification.smoothing import quantum
 from motorprior.identification.window_runs import WindowRuns
 from motorprior.identification.windows import training_data
+from motorprior.logs.formats.parquet_io import read_parquet
+from motorprior.logs.formats.registry import read_log
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_parquet
-from motorprior.logs.registry import read_log
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

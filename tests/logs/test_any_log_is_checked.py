@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.logs.checks import check_log
+from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
 
 SHAPES = ("still", "ramp", "sine", "step", "noise", "huge", "tiny", "coarse")

@@ -24,9 +24,9 @@ lift = {}
 READ = """
 import sys
 import pyarrow, pyarrow.csv, pyarrow.compute, pyarrow.parquet
-from motorprior.logs.checks import check_log
+from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import channels
-from motorprior.logs.registry import read_log
+from motorprior.logs.formats.registry import read_log
 
 def peak():  # of this program alone; ru_maxrss would begin at that of the parent
     return 1024 * int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0])

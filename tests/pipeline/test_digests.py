@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.logs.column_map import shipped_maps
+from motorprior.logs.formats.column_map import shipped_maps
 from motorprior.pipeline import digests
 from motorprior.pipeline.module_imports import sources
 
@@ -42,8 +42,11 @@ def counted(stage: Path) -> set[str]:
         ("pipeline/stopwatch.py", set()),
         ("__init__.py", set()),
         ("actuator/physical.py", {stage.stem for stage in STAGES}),
-        *((f"logs/{name}", {"real_motors", "replay", "calibrate"}) for name in ("lerobot.py", "lerobot_robots.toml")),
-        *((f"logs/maps/{name}.toml", {"real_motors", "replay", "calibrate"}) for name in shipped_maps()),
+        *(
+            (f"logs/formats/{name}", {"real_motors", "replay", "calibrate"})
+            for name in ("lerobot.py", "lerobot_robots.toml")
+        ),
+        *((f"logs/formats/maps/{name}.toml", {"real_motors", "replay", "calibrate"}) for name in shipped_maps()),
         ("robots/pupper_v2/fleets/mixed.toml", set()),
         ("pipeline/adapt.py", {"adapt", "real_motors", "validate", "validate_log"}),
         ("pipeline/validation/log_baselines.py", {"log_baselines", "real_motors", "validate_log"}),
@@ -62,8 +65,8 @@ def test_the_digest_of_a_stage_is_of_what_it_imports_wherever_the_package_is(pac
     look = Path("pipeline", "first_look", "real_motors.py")
     before = {stage: digests.package_digest(SOURCE / stage, SOURCE) for stage in (bench, walk, look)}
     for edited, again in {
-        "hardware/virtual/firmware.py": [], "logs/lerobot.py": [look], "pipeline/walking/training.py": [walk],
-        "actuator/physical.py": [bench, walk, look], "logs/maps/so101_sage.toml": [look],
+        "hardware/virtual/firmware.py": [], "logs/formats/lerobot.py": [look], "pipeline/walking/training.py": [walk],
+        "actuator/physical.py": [bench, walk, look], "logs/formats/maps/so101_sage.toml": [look],
         "robots/pupper_v2/fleets/mixed.toml": [],
     }.items():  # fmt: skip
         text = (package / edited).read_bytes()

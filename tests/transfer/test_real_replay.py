@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.logs.puppersim import read_puppersim_logs
+from motorprior.logs.formats.puppersim import read_puppersim_logs
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.transfer.posture import find_posture, with_posture

@@ -14,8 +14,8 @@ from motorprior.bench.families import FAMILIES, GEARED
 from motorprior.bench.fleet import Fleet, fleet_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_parquet
 from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
 
 MOST_MOTORS = 4096

@@ -9,8 +9,8 @@ import tyro
 
 from motorprior.cli.console import table
 from motorprior.exceptions import LogError
-from motorprior.logs.checks import check_log
-from motorprior.logs.registry import read_log
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.formats.registry import read_log
 from motorprior.pipeline.log_import.raw_logs import LogsImport, require_paths
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

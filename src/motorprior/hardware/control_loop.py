@@ -15,7 +15,7 @@ from motorprior.hardware.health import Pace
 from motorprior.hardware.motions import Motion
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.results import Result, Results
 from motorprior.robots.wire import SafetyLimits
 

@@ -17,7 +17,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, StopRequest, first_look, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 
 GAIN_TOLERANCE = 0.15

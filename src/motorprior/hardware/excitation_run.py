@@ -11,7 +11,7 @@ from motorprior.hardware.motions import played
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, StopRequest, look_and_confirm, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 
 _STATUS_EVERY = 500
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode, run_columns
+from motorprior.logs.formats.robot_run import Mode, run_columns
 from motorprior.robots.robot import Robot
 
 _KEPT_TARGETS = 32

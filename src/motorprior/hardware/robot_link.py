@@ -19,7 +19,7 @@ from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.safety import SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 

@@ -15,7 +15,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.servo_law import servo_current
 from motorprior.hardware.session import Gains, first_look
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 
 FAULT = 1
 """Fault number of a state after which the robot is idle; `SerialBackend.fault` is the reason."""

@@ -24,7 +24,7 @@ from motorprior.hardware.motions import Motion, ramp
 from motorprior.hardware.real_time import locked_memory, no_garbage_collection, real_time_priority
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.robot_run import Mode
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.wire import Wire
 
 _FIRST_LOOK = 0.5

@@ -44,7 +44,7 @@ from motorprior.identification.windows import (
     that_fits,
     training_data,
 )
-from motorprior.logs.joint_checks import joints_at_rest
+from motorprior.logs.doctor.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 

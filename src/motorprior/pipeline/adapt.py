@@ -15,8 +15,8 @@ from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
+from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
-from motorprior.logs.parquet_io import read_parquet
 from motorprior.logs.validity import checked
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.prior_file import prior_and_robot, trained_on

@@ -10,8 +10,8 @@ from motorprior.bench.facts import FACTS, LOG, BenchFacts, require_bench_size, t
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
+from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import write_log
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, fleet_files, is_finished, working

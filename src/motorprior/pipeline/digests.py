@@ -44,8 +44,9 @@ def code_digest(file: str) -> str:
     """SHA-256 of the code of a stage, shortened.
 
     It covers the module of the stage and whatever this imports, at once or later and at any remove, less `_LEFT_OUT`.
-    Other code can be edited and the stage is still finished. Column maps and tables of formats (``logs/*.toml``) count
-    with the modules that read them; robots, fleets and files of users are inputs of the stages that read them.
+    Other code can be edited and the stage is still finished. Column maps and tables of formats
+    (``logs/formats/**/*.toml``) count with the modules that read them; robots, fleets and files of users are inputs of
+    the stages that read them.
 
     Args:
         file: of the module; a script's sources beside it count too.

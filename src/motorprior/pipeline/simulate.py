@@ -10,8 +10,8 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.excitation import excitation_named
 from motorprior.bounds import generator_of, require_finite, require_number, require_seed
+from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import write_log
 from motorprior.logs.validity import checked
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
 from motorprior.pipeline.progress import SILENT, Progress

@@ -10,9 +10,9 @@ from typing import Any
 from motorprior.bench.facts import FACTS, LOG, read_bench
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, motion_digest
-from motorprior.logs.parquet_io import read_parquet
 
 MOTIONS = "motions"
 """Entry of a prior's provenance: `motion_digest` of every log that it was trained on; priors of before lack it."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.exceptions import LogError
-from motorprior.logs.joint_checks import excited_joints
+from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.robots.robot import Robot

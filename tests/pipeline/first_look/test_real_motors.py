@@ -12,8 +12,8 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import response_fit
+from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.demo import Demo, require_settings, that_walks
 from motorprior.pipeline.first_look.fleet_comparison import (
     beside_each_other,

@@ -10,10 +10,10 @@ import pytest
 from foreign_files import JOINTS, write_bam, write_csv, write_lerobot, write_parquet
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.checks import check_log
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.formats.parquet_io import read_parquet, write_log
+from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import read_parquet, write_log
-from motorprior.logs.registry import read_log
 from motorprior.pipeline.first_look import real_motors
 from motorprior.pipeline.first_look.real_motors import RealMotors
 from motorprior.pipeline.log_import import raw_logs

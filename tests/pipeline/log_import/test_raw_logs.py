@@ -16,8 +16,8 @@ from swinging_bars import INERTIA, swing, write_table
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
+from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.parquet_io import read_parquet, write_log
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import import raw_logs
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import write_log
 from motorprior.pipeline import adapt, identify
 from motorprior.pipeline.identify import Identify, fit_prior, run_identify
 from motorprior.pipeline.prior_file import trained_on

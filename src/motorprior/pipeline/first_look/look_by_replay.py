@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from motorprior.bench.fleet import Fleet
-from motorprior.logs.joint_checks import excited_joints
+from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.first_look.look import Errors, Look
 from motorprior.pipeline.motor_choice import nominal_pd

@@ -13,9 +13,9 @@ import numpy as np
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.gap_segments import begin_at_gaps
+from motorprior.logs.doctor.gap_segments import begin_at_gaps
+from motorprior.logs.formats.registry import taken_for_granted
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.registry import taken_for_granted
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.first_look.look import Look
 from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder

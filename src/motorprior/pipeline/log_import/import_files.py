@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.logs.formats.registry import recording_name
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.registry import recording_name
 
 _MOST_NAMED = 8
 """Joints in a line."""

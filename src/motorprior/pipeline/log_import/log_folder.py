@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
-from motorprior.logs.lerobot import is_lerobot_folder, lerobot_files
+from motorprior.logs.formats.column_map import ColumnMap, load_column_map, shipped_maps
+from motorprior.logs.formats.lerobot import is_lerobot_folder, lerobot_files
+from motorprior.logs.formats.puppersim import read_puppersim_logs, short_name
+from motorprior.logs.formats.registry import READERS, TABLES, read_log, recording_name
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.puppersim import read_puppersim_logs, short_name
-from motorprior.logs.registry import READERS, TABLES, read_log, recording_name
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

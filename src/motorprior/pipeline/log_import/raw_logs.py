@@ -9,13 +9,13 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.column_map import load_column_map
-from motorprior.logs.gap_segments import begin_at_gaps
+from motorprior.logs.doctor.gap_segments import begin_at_gaps
+from motorprior.logs.formats.column_map import load_column_map
+from motorprior.logs.formats.parquet_io import write_log
+from motorprior.logs.formats.registry import read_log, taken_for_granted
+from motorprior.logs.formats.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.logs.motor_log import FIRMWARE, MotorLog
-from motorprior.logs.parquet_io import write_log
-from motorprior.logs.registry import read_log, taken_for_granted
 from motorprior.logs.resampling import resample
-from motorprior.logs.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import.import_files import summary, targets_of
 from motorprior.pipeline.log_import.stated_settings import require_gains, with_stated

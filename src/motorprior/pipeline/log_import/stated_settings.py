@@ -10,7 +10,7 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.column_map import KD, KP
+from motorprior.logs.formats.column_map import KD, KP
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motorprior.artifacts import write_json
+from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.parquet_io import write_log
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it compiles

@@ -9,7 +9,7 @@ from pathlib import Path
 from motorprior.artifacts import read_json
 from motorprior.bench.recording import bench_preset, record
 from motorprior.exceptions import ConfigError
-from motorprior.logs.parquet_io import write_log
+from motorprior.logs.formats.parquet_io import write_log
 from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.logs.doctor.joint_checks import EXCITED_STD, excited_joints
 from motorprior.logs.joining import joined
-from motorprior.logs.joint_checks import EXCITED_STD, excited_joints
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels
 
 MOST_LOGS = 16

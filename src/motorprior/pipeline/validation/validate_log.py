@@ -14,10 +14,10 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
+from motorprior.logs.doctor.joint_checks import joints_at_rest
+from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
-from motorprior.logs.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import MotorLog, other_firmware
-from motorprior.logs.parquet_io import read_parquet
 from motorprior.pipeline.adapt import adapt_to
 from motorprior.pipeline.prior_file import prior_and_robot, trained_on
 from motorprior.pipeline.progress import SILENT, Progress

@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.locomotion.timetable import Timetable
-from motorprior.logs.number_table import read_number_table
+from motorprior.logs.formats.number_table import read_number_table
 from motorprior.robots.robot import Robot
 
 COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")

@@ -1,0 +1,126 @@
+"""Checks for what stops where it should go on: saturation at a limit, and channels that die on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.logs.doctor.command_lag import MAX_LAG
+from motorprior.logs.doctor.findings import Finding
+from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.sensor_checks import encoder_step
+from motorprior.logs.held_runs import Runs, runs_of, unchanged_runs
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
+from motorprior.signals import rms
+
+SATURATED_TIME = 0.1
+"""A shorter stay at an extreme is the turn of a motion [s]."""
+SATURATED_ROWS = 5
+TRAVEL = 0.1
+"""The command goes on if it moves by this share of its range."""
+SAME = 0.02
+"""Velocities this close to their extreme, relative, are at it."""
+MANY_LEVELS = 20
+"""A channel of fewer different values stays at its extreme by chance."""
+FAR_BEHIND = 2.5
+"""An angle at a limit is behind its command by this many times the error of other rows; in a dead band it is not."""
+DEAD_TIME = 0.5
+DEAD_TRAVEL = 0.5
+"""The command moves by this share of its range while a dead channel stays the same."""
+DEAD_LEAST = 0.1
+"""Less of a command may be lost in the dead zone of a servo [rad]."""
+ALIVE = 0.05
+"""An angle that moves by this share of its range has a velocity."""
+
+
+def saturation(log: MotorLog) -> list[Finding]:
+    """Angle, velocity or torque at its extreme for 0.1 s while the command goes on.
+
+    An angle: it has moved there, and the command beyond it moves by 10 % of its range, 2.5 times as far away as in
+    other rows (root mean square), which no dead band or friction at a turn explains. A velocity: the angle is behind
+    its command by more than 0.25 s of that velocity. A torque: the command moves by 10 % of its range, and the torque
+    takes many values.
+    """
+    found = []
+    for column in excited_joints(log):
+        for sign in (1.0, -1.0):
+            for channel, runs, extreme in _at_extremes(log, column, sign):
+                long = runs.where(
+                    (runs.durations(log) >= SATURATED_TIME) & (runs.stops - runs.starts >= SATURATED_ROWS)
+                )
+                if long.starts.size:
+                    found.append(_saturated(log, channel, column, sign * extreme, long))
+    return found
+
+
+def _at_extremes(log: MotorLog, column: int, sign: float) -> list[tuple[str, Runs, float]]:
+    """Per channel: runs at the highest of sign·values while the command goes on, and that highest value."""
+    command, angle = sign * log.position_target[:, column], sign * log.joint_pos[:, column]
+    travel, top = TRAVEL * float(np.ptp(command)), float(angle.max())
+    step = encoder_step(log.joint_pos[:, column])
+    stuck, free = runs_of(log, angle >= top - step), (angle < top - step) & (angle > angle.min() + step)
+    beyond = stuck.highest(command) - np.maximum(stuck.lowest(command), top)
+    far = stuck.highest(command) - top > FAR_BEHIND * (float(rms((command - angle)[free])) if free.any() else 0.0)
+    arrived = ~np.isin(stuck.starts, [part.start for part in log.segment_slices()])
+    found = [("joint_pos", stuck.where((beyond > travel) & far & arrived), top)]
+    if log.joint_vel is not None and (top_speed := float((speed := sign * log.joint_vel[:, column]).max())) > 0.0:
+        behind = command - angle > MAX_LAG * top_speed
+        found.append(("joint_vel", runs_of(log, (speed >= (1.0 - SAME) * top_speed) & behind), top_speed))
+    if log.joint_torque is not None and np.ptp(torque := sign * log.joint_torque[:, column]) > 0.0:
+        limit = float(torque.max())
+        held = runs_of(log, torque >= limit - 1e-9 * abs(limit))
+        many = len(np.unique(torque)) >= MANY_LEVELS
+        goes_on = many & (held.highest(command) - held.lowest(command) > travel)
+        found.append(("joint_torque", held.where(goes_on), limit))
+    return found
+
+
+def _saturated(log: MotorLog, channel: str, column: int, extreme: float, runs: Runs) -> Finding:
+    joint, time, row = log.joint_names[column], float(runs.durations(log).sum()), int(runs.starts[0])
+    message = (
+        f"{channel}/{joint} stays at its extreme {extreme:.4g} {JOINT_SERIES[channel]} for {time:.2f} s in all while "
+        f"its command goes on, first in row {row}"
+    )
+    remedy = "if the limit itself is to be learned, keep them; else command less, or delete these rows from the file"
+    return Finding("warning", "saturation", time, SATURATED_TIME, message, remedy, joint, row)
+
+
+def dead(log: MotorLog) -> list[Finding]:
+    """Channels that change, but at one time not for 0.5 s in which the command moves by half of its range and 0.1 rad.
+
+    What the command does in the last 0.25 s of such a time does not count: a servo answers late. A velocity is dead
+    only while its angle moves; an angle at its extreme is saturated.
+    """
+    found = []
+    for column in excited_joints(log):
+        for channel in ("joint_pos", "joint_vel", "joint_torque"):
+            values = getattr(log, channel)
+            if values is not None and np.ptp(values[:, column]) > 0.0:
+                found += _dead_channel(log, channel, column, values[:, column])
+    return found
+
+
+def _dead_channel(log: MotorLog, channel: str, column: int, values: np.ndarray) -> list[Finding]:
+    command, angle, joint = log.position_target[:, column], log.joint_pos[:, column], log.joint_names[column]
+    runs = unchanged_runs(log, values)
+    runs = runs.where(runs.durations(log) >= DEAD_TIME)
+    early = Runs(runs.starts, np.maximum(runs.starts + 1, runs.stops - _rows_of(log, MAX_LAG)))
+    dead_now = early.highest(command) - early.lowest(command) > max(DEAD_LEAST, DEAD_TRAVEL * float(np.ptp(command)))
+    if channel == "joint_vel":
+        dead_now &= runs.highest(angle) - runs.lowest(angle) > ALIVE * np.ptp(angle)
+    else:
+        held = values[runs.starts]
+        dead_now &= (held > values.min()) & (held < values.max())
+    runs = runs.where(dead_now)
+    if not runs.starts.size:
+        return []
+    time, row = float(runs.durations(log).max()), int(runs.starts[0])
+    message = (
+        f"{channel}/{joint} does not change for up to {time:.2f} s in which its command moves by more than "
+        f"{100 * DEAD_TRAVEL:g} % of its range, first in row {row}"
+    )
+    remedy = "check the sensor, the power and the bus; record again, or delete these rows from the file"
+    return [Finding("warning", "dead", time, DEAD_TIME, message, remedy, joint, row)]
+
+
+def _rows_of(log: MotorLog, duration: float) -> int:
+    return round(duration / log.period)

@@ -1,0 +1,191 @@
+"""Logs of a legged robot in the format of jietan/puppersim (Apache-2.0) become `MotorLog`s.
+
+Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``, ``IMU``,
+``MotorAngle``, ``action``) and CSV, plain or gzip (``.csv``, ``.csv.gz``). Angles are in rad, time in s.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.bounds import is_number
+from motorprior.exceptions import LogError, shown
+from motorprior.logs.doctor.checks import require_plausible_angles
+from motorprior.logs.formats.csv_stream import csv_head
+from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader, require_given
+from motorprior.logs.formats.number_table import read_number_table
+from motorprior.logs.formats.restricted_unpickler import load_plain
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.validity import checked
+from motorprior.robots.robot import Robot
+
+GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
+CSV_SUFFIXES = (".csv.gz", ".csv")
+PICKLE_SUFFIXES = (".txt",)
+
+_IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
+_COLUMN = re.compile(rf"t_s|q(_des)?_\d+|{'|'.join(_IMU)}", re.ASCII)
+_NUMBER = re.compile(r"[-+.,\d]*(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+_NAMED = 8
+"""Columns of an unknown table that are named."""
+
+
+def csv_columns(num_joints: int) -> tuple[str, ...]:
+    """Names of the columns: time, targets, angles, IMU."""
+    targets, angles = (tuple(f"{name}_{joint}" for joint in range(num_joints)) for name in ("q_des", "q"))
+    return ("t_s", *targets, *angles, *_IMU)
+
+
+def _pickle_widths(num_joints: int) -> dict[str, int]:
+    """Lists in an original pickle, in the order of the columns, and the numbers in each of their rows."""
+    return {"t": 1, "action": num_joints, "MotorAngle": num_joints, "IMU": len(_IMU)}
+
+
+def read_puppersim_log(path: str | Path, robot: Robot) -> MotorLog:
+    """Read one recording of ``robot``, ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
+
+    The first two IMU columns are taken as roll and pitch; their order is an assumption about the source.
+    The rates of the IMU are dropped. There is no velocity and no torque in these logs.
+
+    Raises:
+        LogError: wrong name or columns, truncated, not numbers, not finite, or time that does not increase;
+            names file, row, column and value.
+    """
+    path, joints = Path(path), robot.num_joints
+    if path.name.endswith(CSV_SUFFIXES):
+        table = read_number_table(path, csv_columns(joints))
+    elif path.name.endswith(PICKLE_SUFFIXES):
+        table = _pickle_table(path, _pickle_widths(joints))
+    else:
+        raise LogError(
+            f"unknown kind of file, expected one of {(*CSV_SUFFIXES, *PICKLE_SUFFIXES)}",
+            where=path,
+            remedy=GET_LOGS,
+        )
+    time, position_target, joint_pos, imu = np.split(table, [1, 1 + joints, 1 + 2 * joints], axis=1)
+    log = MotorLog(
+        time=time[:, 0],
+        position_target=position_target,
+        joint_pos=joint_pos,
+        base_orientation=imu[:, :2],
+        joint_names=robot.joint_names,
+        robot=robot.name,
+        motor=robot.motor,
+        source=str(path),
+        encoder=robot.encoder,
+    )
+    return checked(log, where=path)
+
+
+def read_puppersim_logs(directory: str | Path, robot: Robot) -> dict[str, MotorLog]:
+    """Read every recording of ``robot`` in a folder, by short name: ``0116``, ``bf``, ``lr``, ``1_joint``.
+
+    Replays in simulation (``*_sim_*``) and other files are left out.
+
+    Raises:
+        LogError: no such folder, no log in it, two files of one name, or a log that cannot be read or whose
+            angles no joint can have.
+    """
+    directory = Path(directory)
+    if not directory.is_dir():
+        raise LogError("no such folder", where=directory, remedy=GET_LOGS)
+    paths: dict[str, Path] = {}
+    for path in sorted(directory.iterdir()):
+        name = short_name(path)
+        if name is None:
+            continue
+        if name in paths:
+            raise LogError(
+                f"{paths[name].name} and {path.name} are both log {name!r}",
+                where=directory,
+                remedy="keep one",
+            )
+        paths[name] = path
+    if not paths:
+        raise LogError("no log of a real robot (env_*real_*) in this folder", where=directory, remedy=GET_LOGS)
+    logs = {name: read_puppersim_log(path, robot) for name, path in paths.items()}
+    for name, log in logs.items():
+        require_plausible_angles(log, paths[name])
+    return logs
+
+
+def short_name(path: Path) -> str | None:
+    """``env_log_real_0116.csv.gz`` -> ``0116``; None where the file is no log of the real robot."""
+    suffixes = [end for end in (*CSV_SUFFIXES, *PICKLE_SUFFIXES) if path.name.endswith(end)]
+    if not suffixes or not path.is_file():
+        return None
+    words = path.name.removesuffix(suffixes[0]).split("_")
+    if words[0] != "env" or "real" not in words:
+        return None
+    return "_".join(word for word in words[1:] if word not in ("log", "real")) or None
+
+
+def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
+    """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
+    content = load_plain(path, keys=widths)
+    columns = {key: _column_block(content[key], key, width, path) for key, width in widths.items()}
+    lengths = {key: len(block) for key, block in columns.items()}
+    if len(set(lengths.values())) != 1:
+        raise LogError(f"lists of unequal length {lengths}", where=path, remedy=GET_LOGS)
+    return np.concatenate(list(columns.values()), axis=1)
+
+
+def _column_block(rows: object, key: str, width: int, path: Path) -> np.ndarray:
+    """A list of T rows, or an array, as (T, width)."""
+    if not isinstance(rows, list | tuple | np.ndarray):
+        raise LogError(f"{key} is {type(rows).__name__}, not a list", where=path, remedy=GET_LOGS)
+    if isinstance(rows, np.ndarray):
+        if rows.ndim == 0:
+            raise LogError(f"{key} is one number, not a list", where=path, remedy=GET_LOGS)
+        rows = rows[:, None] if rows.ndim == 1 else rows
+    block = np.empty((len(rows), width))
+    for index, row in enumerate(rows):
+        block[index] = _row(row, index, key, width, path)
+    return block
+
+
+def _row(row: object, index: int, key: str, width: int, path: Path) -> list[Any]:
+    cells: Any = row.ravel() if isinstance(row, np.ndarray) else row if isinstance(row, list | tuple) else [row]
+    if len(cells) != width:
+        raise LogError(f"row {index}, {key} has {len(cells)} values, expected {width}", where=path, remedy=GET_LOGS)
+    values = cells.tolist() if isinstance(cells, np.ndarray) else [_unwrapped(cell) for cell in cells]
+    for column, value in enumerate(values):
+        if type(value) is not float and not (type(value) is int and is_number(value)):
+            problem = f"row {index}, {key}[{column}] is {shown(value)}, not a number"
+            raise LogError(problem, where=path, remedy=GET_LOGS)
+    return values
+
+
+def _unwrapped(cell: object) -> object:
+    return cell.item() if isinstance(cell, np.ndarray) and cell.size == 1 else cell
+
+
+def _require_known_columns(path: Path) -> None:
+    """Refuse a table of somebody's own, before it is taken for a damaged log of this format.
+
+    Raises:
+        LogError: fewer than half of its columns have names of this format, or it cannot be read.
+    """
+    names = csv_head(path).names
+    if 2 * sum(_COLUMN.fullmatch(name) is not None for name in names) >= len(names):
+        return
+    found = ", ".join(map(ascii, names[:_NAMED])) + (", …" if len(names) > _NAMED else "")
+    if all(_NUMBER.fullmatch(name) for name in names):
+        raise LogError(f"no header: its first line is {found[:200]}", where=path, remedy="begin it with names")
+    raise LogError(
+        f"a table of no known format; its first line is {found[:200]}", where=path, remedy=f"read it {SAY_COLUMNS}",
+        argument="columns",
+    )  # fmt: skip
+
+
+def _read(path: Path, robot: Robot | None) -> MotorLog:
+    if path.name.endswith(CSV_SUFFIXES):
+        _require_known_columns(path)
+    return read_puppersim_log(path, require_given(robot, path))
+
+
+PUPPERSIM = LogReader("log of jietan/puppersim", (*CSV_SUFFIXES, *PICKLE_SUFFIXES), lambda path: True, _read)

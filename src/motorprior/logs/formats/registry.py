@@ -1,0 +1,86 @@
+"""Every log format that can be read: a new one is a file with its `LogReader`, and a line here."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.formats.bam import BAM
+from motorprior.logs.formats.column_map import ColumnMap, load_column_map
+from motorprior.logs.formats.lerobot import LEROBOT, is_lerobot_folder, lerobot_columns
+from motorprior.logs.formats.log_reader import LogReader
+from motorprior.logs.formats.mapped_table import read_mapped_log
+from motorprior.logs.formats.parquet_io import PARQUET
+from motorprior.logs.formats.puppersim import PUPPERSIM
+from motorprior.logs.formats.robot_run import ROBOT_RUN
+from motorprior.logs.formats.ros_bag import ROS_BAG
+from motorprior.logs.formats.sage import SAGE
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import Robot
+
+READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LEROBOT, ROS_BAG)
+"""In the order in which they are asked."""
+
+
+TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
+"""Endings of files that a column map can be for."""
+
+
+def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
+    """Read a log in any known format (docs/logs.md), or any table by a map of its columns.
+
+    Args:
+        path: the file, or the folder of a format that is one.
+        robot: that was recorded; formats that name their joints need none.
+        columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet), of a LeRobot dataset's folder,
+            or the tensors of a .pt mean: a map, the name of a shipped one, or its file (docs/your-motors.md).
+
+    Returns:
+        The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
+
+    Raises:
+        LogError: no such file, an unknown format, or a damaged file; names row and column.
+        ConfigError: the format needs a robot and none was given, or the map is of another one.
+        ArtifactError: a column map that cannot be used.
+    """
+    path = Path(path)
+    if columns is not None:
+        known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
+        _require_same_robot(known, robot, path)
+        of_folder = partial(lerobot_columns, posture=known.posture_column)
+        return read_mapped_log(path, known, robot, of_folder if is_lerobot_folder(path) else None)
+    for reader in READERS:
+        if reader.takes(path):
+            return reader.read(path, robot)
+    if not path.exists():
+        raise LogError("no such file", where=path, remedy="check the path")
+    known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
+    remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
+    raise LogError("not a log that can be read", where=path, remedy=remedy)
+
+
+def recording_name(path: Path) -> str:
+    """The name of a recording: that of its file without the format's ending, run.1.csv.gz -> run.1."""
+    name = path.absolute().name
+    known = {*TABLES, *(ending for reader in READERS for ending in reader.endings)}
+    ending = max((ending for ending in known if name.endswith(ending)), key=len, default="")
+    return name.removesuffix(ending) or name
+
+
+def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None) -> str:
+    """A sentence for the user: what `read_log` takes for granted of a log that does not say it; empty if nothing.
+
+    Raises:
+        LogError: the log cannot be read.
+    """
+    reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
+    return reader.taken_for_granted if reader else ""
+
+
+def _require_same_robot(columns: ColumnMap, robot: Robot | None, path: Path) -> None:
+    if robot is not None and columns.robot not in ("", robot.name):
+        raise ConfigError(
+            f"robot {robot.name!r}, and the column map {columns.source} is of {columns.robot!r}", where=path,
+            remedy=f"give {columns.robot!r} as robot, or correct robot in the map", argument="robot",
+        )  # fmt: skip

@@ -1,0 +1,203 @@
+"""Angles that jump are found and told apart; fast motion, noise, coarse encoders and steps of the command are none."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import Finding
+from motorprior.logs.formats.registry import read_log
+from motorprior.logs.motor_log import MotorLog
+
+
+def of_angle(angle: np.ndarray, period: float = 0.01, command: np.ndarray | None = None) -> MotorLog:
+    """One joint, slowly commanded if not told otherwise."""
+    time = period * np.arange(len(angle))
+    command = 0.1 * np.sin(time) if command is None else command
+    return MotorLog(
+        time=time, position_target=command[:, None], joint_pos=angle[:, None], joint_names=("knee",), robot="r",
+        motor="m", source="made",
+    )  # fmt: skip
+
+
+def swing(rows: int = 1500, period: float = 0.01, size: float = 1.0) -> np.ndarray:
+    """Up to 13 rad/s."""
+    time = period * np.arange(rows)
+    return size * (0.5 * np.sin(2 * np.pi * 0.7 * time) + 0.9 * np.sin(2 * np.pi * 2.0 * time))
+
+
+def jumps(log: MotorLog) -> tuple[Finding, ...]:
+    return check_log(log).of("jumps")
+
+
+def joint(command: np.ndarray, period: float, rate: float = 6.0, kicks: dict[int, float] | None = None) -> np.ndarray:
+    """A joint that oscillates at ``rate`` [Hz] about its command, damped by a tenth; kicks add to its speed [rad/s]."""
+    parts, natural = 20, 2 * np.pi * rate
+    angle, speed, found = float(command[0]), 0.0, []
+    for row, target in enumerate(command.tolist()):
+        found.append(angle)
+        speed += (kicks or {}).get(row, 0.0)
+        for _ in range(parts):
+            speed += period / parts * (natural * natural * (target - angle) - 0.2 * natural * speed)
+            angle += period / parts * speed
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("rows", "value"), [(slice(700, 703), -np.pi), (slice(20, 21), 2.9), (slice(1, 2), -3.0)])
+def test_reads_that_fail_are_named_and_counted(rows: slice, value: float):
+    angle = swing()
+    angle[rows] = value
+    (found,) = jumps(of_angle(angle))
+    assert (found.severity, found.joint, found.row) == ("error", "knee", rows.start)
+    assert f"to {value:.4g} rad" in found.message and f"{rows.stop - rows.start} such rows" in found.message
+    assert "delete these rows" in found.remedy
+
+
+def test_every_failed_read_counts_also_one_that_follows_another():
+    angle = swing()
+    angle[[100, 102, 900, 901]] = [-np.pi, -np.pi, -3.0, 2.9]
+    (found,) = jumps(of_angle(angle))
+    assert found.row == 100 and "4 such rows" in found.message
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_reads_fail_amid_fast_motion(rows: int):
+    angle = swing()
+    row = 300 + int(np.argmax(np.diff(angle[300:700])))
+    angle[row : row + rows] += 1.0
+    (found,) = jumps(of_angle(angle))
+    assert found.row == row and f"{rows} such rows" in found.message
+
+
+def test_a_failed_read_nearly_a_turn_away_is_no_wrap():
+    angle = swing()
+    angle[700:702] -= 5.4
+    (found,) = jumps(of_angle(angle))
+    assert "2 such rows" in found.message and "unwrap" not in found.remedy
+
+
+def test_a_joint_at_rest_has_failed_reads_too():
+    angle = np.zeros(500)
+    angle[[50, 250]] = 0.7
+    (found,) = jumps(of_angle(angle))
+    assert found.row == 50 and "2 such rows" in found.message
+
+
+def test_a_host_that_polls_faster_counts_its_rows():
+    angle = np.repeat(swing(500, size=2.0), 5)
+    assert not jumps(of_angle(angle, period=0.002))
+    angle[600:605] = -3.0
+    (found,) = jumps(of_angle(angle, period=0.002))
+    assert found.row == 600 and "5 such rows" in found.message
+
+
+@pytest.mark.parametrize("turn", [2 * np.pi, 2 * np.pi * 4095 / 4096])
+def test_an_encoder_that_wraps_is_to_be_unwrapped(turn: float):
+    angle = 0.3 + swing()
+    wrapped = angle % turn
+    (found,) = jumps(of_angle(wrapped))
+    steps = np.flatnonzero(np.abs(np.diff(wrapped)) > 4.0)
+    assert found.row == 1 + steps[0] and f"by a turn; {len(steps)} such steps" in found.message
+    assert "numpy.unwrap" in found.remedy
+    assert not jumps(of_angle(np.unwrap(wrapped, period=turn)))
+
+
+def test_an_encoder_that_rests_where_it_wraps_is_to_be_unwrapped():
+    angle = (0.01 * np.random.default_rng(0).normal(size=600)) % (2 * np.pi)
+    (found,) = jumps(of_angle(angle))
+    assert "by a turn" in found.message and f"{(np.abs(np.diff(angle)) > 4.0).sum()} such steps" in found.message
+
+
+def test_an_angle_that_leaps_and_stays_is_an_error():
+    angle = swing()
+    angle[800:] += 1.5
+    (found,) = jumps(of_angle(angle))
+    assert found.row == 800 and "not back soon" in found.message and found.value == pytest.approx(1.5, abs=0.2)
+    first = swing()
+    first[0] = -2.0
+    (found,) = jumps(of_angle(first))
+    assert found.row == 1
+
+
+def test_what_leaps_between_segments_is_none():
+    angle = np.concatenate([swing(400), 2.0 + swing(400)])
+    log = replace(of_angle(angle), segment=np.repeat([0, 1], 400))
+    assert not jumps(log) and jumps(replace(log, segment=None))
+
+
+def shoved(period: float) -> MotorLog:
+    """By hand, 2 rad there within 0.1 s, and a second later back; nothing was commanded."""
+    time = period * np.arange(round(10.0 / period))
+    return of_angle(2.0 * (np.clip((time - 4.0) / 0.1, 0.0, 1.0) - np.clip((time - 5.0) / 0.1, 0.0, 1.0)), period)
+
+
+def flicked(period: float) -> MotorLog:
+    """At 55 rad/s for 20 ms or three rows, and it stays."""
+    steps = np.zeros(round(10.0 / period))
+    steps[len(steps) // 2 :][: max(3, round(0.02 / period))] = min(1.2, 55.0 * period)
+    return of_angle(np.cumsum(steps), period)
+
+
+def clicked(period: float) -> MotorLog:
+    """A gear that clicks: 0.02 rad for two rows."""
+    angle = np.zeros(2000)
+    angle[1000:1002] = 0.02
+    return of_angle(angle + 1e-5 * np.random.default_rng(4).normal(size=2000), period)
+
+
+MOTIONS: dict[str, Callable[[float], MotorLog]] = {
+    "steps of the command": lambda dt: with_command(np.repeat([0.0, 1.5, 0.2, -1.0], round(2.0 / dt)), dt),
+    "pulses of the command": lambda dt: with_command(np.repeat([0.0, 1.5, 0.0], [round(1 / dt), 2, round(1 / dt)]), dt),
+    "a telegraph": lambda dt: with_command(np.repeat(np.random.default_rng(0).choice([-0.5, 0.5], 300), 2), dt),
+    "an impact": lambda dt: of_angle(joint(np.zeros(round(3 / dt)), dt, kicks={round(1 / dt): 20.0}), dt),
+    "one fast move": lambda dt: with_command(np.where(np.arange(round(20 / dt)) < round(10 / dt), 0.0, 2.0), dt),
+    "fast motion": lambda dt: of_angle(swing(round(10 / dt), dt, size=4.0), dt),
+    "noise": lambda dt: of_angle(0.2 * np.random.default_rng(1).normal(size=1000), dt),
+    "a coarse encoder": lambda dt: of_angle(0.05 * np.rint(swing(round(10 / dt), dt) / 0.05), dt),
+    "a coarse encoder that toggles": lambda dt: of_angle(0.05 * (np.random.default_rng(2).random(1000) < 0.02), dt),
+    "a shove": shoved,
+    "a flick": flicked,
+    "a click": clicked,
+    "rows that are lost": lambda dt: lossy(of_angle(swing(round(10 / dt), dt), dt)),
+}
+
+
+def with_command(command: np.ndarray, period: float) -> MotorLog:
+    return of_angle(joint(command, period), period, command)
+
+
+def lossy(log: MotorLog) -> MotorLog:
+    kept = np.random.default_rng(3).random(log.num_rows) < 0.8
+    kept[100:130] = False
+    return log.rows(kept)
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0, 200.0, 1000.0])
+@pytest.mark.parametrize("name", MOTIONS)
+def test_true_motion_is_no_jump(name: str, rate: float):
+    log = MOTIONS[name](1.0 / rate)
+    report = check_log(log)
+    assert report.of("angles") and not {"jumps", "units"} & {found.check for found in report.errors}
+
+
+def test_noise_is_no_jump_in_a_short_log_either():
+    for seed in range(60):
+        angle = np.random.default_rng(seed).normal(size=80)
+        assert not jumps(of_angle(0.05 * angle, period=0.002)), seed
+
+
+@pytest.mark.parametrize(
+    ("folder", "columns"), [("go2", "go2_identification"), ("so101", "so101_sage"), ("xl330", None)]
+)
+def test_real_logs_have_no_jumps_until_one_is_made(shared_data: Path, folder: str, columns: str | None):
+    for path in sorted((shared_data / folder).glob("*.gz")):
+        log = read_log(path, columns=columns)
+        assert not jumps(log), path
+        middle = log.num_rows // 2
+        angle = log.joint_pos.copy()
+        angle[middle : middle + 2, 0] -= 1.0
+        (found,) = jumps(replace(log, joint_pos=angle))
+        assert (found.row, found.joint) == (middle, log.joint_names[0]) and "2 such rows" in found.message

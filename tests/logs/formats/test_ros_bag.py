@@ -1,0 +1,180 @@
+"""A ROS 2 bag becomes a motor log; it needs the extra `ros`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_files import ANGLE, JOINTS, TARGET, TIME
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motorprior.exceptions import LogError
+from motorprior.logs.formats.mcap_chunks import unpacked
+from motorprior.logs.formats.registry import read_log
+
+LINE = "=" * 80
+DEFINITION = "\n".join(
+    [
+        *("std_msgs/Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"),
+        *(LINE, "MSG: std_msgs/Header", "builtin_interfaces/Time stamp", "string frame_id"),
+        *(LINE, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec"),
+    ]
+)
+
+
+def write_bag(path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS) -> Path:
+    writer_of = pytest.importorskip("mcap_ros2.writer", reason="the extra ros is not installed")
+    with open(path, "wb") as file, writer_of.Writer(file) as writer:
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION)
+        head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+        for time, target, angle in zip(TIME, TARGET, ANGLE, strict=True):
+            order = {"name": names[::-1], "position": target[::-1].tolist(), "velocity": [], "effort": []}
+            writer.write_message(commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1)
+            measured = {"name": JOINTS, "position": angle.tolist(), "velocity": (2 * angle).tolist(), "effort": []}
+            writer.write_message(states, schema, {"header": head} | measured, log_time=int(1e9 * time) + 2)
+    return path
+
+
+def test_states_with_the_command_in_force(tmp_path: Path):
+    log = read_log(write_bag(tmp_path / "a.mcap"))
+    assert log.joint_names == JOINTS[::-1] and log.joint_torque is None and log.joint_vel is not None
+    np.testing.assert_allclose(log.time, TIME, atol=2e-9)
+    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
+    np.testing.assert_array_equal(log.joint_vel, 2 * ANGLE[:, ::-1])
+    np.testing.assert_array_equal(log.position_target, TARGET[:, ::-1])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"states": "/arm/states"}, r"topics of sensor_msgs/msg/JointState are /arm/commands, /arm/states"),
+        ({"commands": "/b/joint_states"}, "topics of"),
+        ({"names": ("pan", "tail")}, "the command has a joint 'tail'"),
+        ({"names": ("pan", "pan")}, "is of the joints"),
+    ],
+)
+def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, object], said: str):
+    with pytest.raises(LogError, match=said):
+        read_log(write_bag(tmp_path / "a.mcap", **changes))  # pyright: ignore[reportArgumentType]
+
+
+@given(share=st.floats(0.0, 1.0, exclude_max=True), byte=st.none() | st.integers(0, 255))
+@settings(max_examples=25, deadline=None)
+def test_a_damaged_bag_is_a_log_or_one_error(tmp_path_factory: pytest.TempPathFactory, share: float, byte: int | None):
+    path = write_bag(tmp_path_factory.mktemp("bag") / "a.mcap")
+    data = bytearray(path.read_bytes())
+    if byte is None:
+        del data[int(share * len(data)) :]
+    else:
+        data[int(share * len(data))] = byte
+    path.write_bytes(data)
+    try:
+        read_log(path)
+    except LogError as error:
+        assert "a.mcap" in str(error) and len(str(error)) < 1000
+
+
+def test_without_the_extra_the_message_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(__import__("sys").modules, "mcap.reader", None)
+    (tmp_path / "a.mcap").write_bytes(b"")
+    with pytest.raises(LogError, match=r"motorprior\[ros\]"):
+        read_log(tmp_path / "a.mcap")
+
+
+def write_packed(
+    path: Path, packing: str, message: bytes, chunk_size: int = 1_000_000, count: int = 1, encoding: str = "cdr"
+) -> Path:
+    """A bag of one topic whose messages are these bytes."""
+    writer_of = pytest.importorskip("mcap.writer", reason="the extra ros is not installed")
+    how = {"zstd": writer_of.CompressionType.ZSTD, "lz4": writer_of.CompressionType.LZ4}[packing]
+    with open(path, "wb") as file:
+        writer = writer_of.Writer(file, chunk_size=chunk_size, compression=how)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", DEFINITION.encode())
+        channel = writer.register_channel("/joint_states", encoding, schema)
+        for time in range(count):
+            writer.add_message(channel, log_time=time, data=message, publish_time=time)
+        writer.finish()
+    return path
+
+
+def test_an_encoding_that_is_not_ros_2_s_is_named(tmp_path: Path):
+    path = write_packed(tmp_path / "a.mcap", "zstd", b"{}", encoding="json")
+    with pytest.raises(LogError, match=r"a\.mcap: messages of /joint_states are encoded as 'json' -> .*cdr"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_a_chunk_that_unpacks_to_too_much_is_refused_before_it_does(tmp_path: Path, packing: str):
+    path = write_packed(tmp_path / "a.mcap", packing, bytes(70_000_000))
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(LogError, match=r"a\.mcap: a chunk of 7\d{7} bytes, more than 64000000"):
+        read_log(path)
+
+
+def test_many_chunks_that_unpack_to_too_much_together_are_refused(tmp_path: Path):
+    path = write_packed(tmp_path / "a.mcap", "zstd", bytes(5_000_000), count=25)
+    assert path.stat().st_size < 400_000
+    with pytest.raises(LogError, match="it unpacks to more than 100000000 bytes"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+@pytest.mark.parametrize("said", [1000, 30_000_000])
+def test_a_chunk_that_does_not_unpack_to_what_it_says_is_refused(packing: str, said: int):
+    records = pytest.importorskip("mcap.records", reason="the extra ros is not installed")
+    module = {"zstd": "zstandard", "lz4": "lz4.frame"}[packing]
+    packed = pytest.importorskip(module, reason="the extra ros is not installed").compress(bytes(20_000_000))
+    chunk = records.Chunk(
+        compression=packing, data=packed, message_start_time=0, message_end_time=0, uncompressed_crc=0,
+        uncompressed_size=said,
+    )  # fmt: skip
+    with pytest.raises(LogError, match=f"says that it unpacks to {said} bytes, and does not"):
+        unpacked(chunk, Path("a.mcap"))
+    whole = unpacked(replace(chunk, uncompressed_size=20_000_000), Path("a.mcap"))
+    assert whole.data == bytes(20_000_000) and whole.compression == ""
+
+
+def test_chunks_in_one_another_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """One chunk named a thousand times would be a thousand times the data."""
+    summaries = pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    path, read = write_bag(tmp_path / "a.mcap"), summaries.SeekingReader.get_summary
+
+    def doubled(self: object) -> object:
+        summary = read(self)
+        summary.chunk_indexes += summary.chunk_indexes
+        return summary
+
+    monkeypatch.setattr(summaries.SeekingReader, "get_summary", doubled)
+    with pytest.raises(LogError, match="lie in one another"):
+        read_log(path)
+
+
+def test_a_bag_whose_summary_names_no_chunks_is_read_from_its_beginning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    summaries = pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    path, read = write_bag(tmp_path / "a.mcap"), summaries.SeekingReader.get_summary
+    indexed = read_log(path)
+
+    def without(self: object) -> object:
+        summary = read(self)
+        summary.chunk_indexes.clear()
+        return summary
+
+    monkeypatch.setattr(summaries.SeekingReader, "get_summary", without)
+    np.testing.assert_array_equal(read_log(path).joint_pos, indexed.joint_pos)
+
+
+def test_a_chunk_where_the_summary_should_be_is_refused(tmp_path: Path):
+    """The library would unpack it, without a bound."""
+    pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    path = write_packed(tmp_path / "a.mcap", "zstd", bytes(5_000_000))
+    data = bytearray(path.read_bytes())
+    footer = len(data) - 8 - 29  # magic, and the record: kind, length, where the summary begins, two more numbers
+    assert data[footer] == 2
+    data[footer + 9 : footer + 17] = data.index(b"\x06", 8).to_bytes(8, "little")
+    path.write_bytes(data)
+    with pytest.raises(LogError, match="its summary holds a chunk of messages"):
+        read_log(path)

@@ -1,0 +1,57 @@
+"""Columns of Parquet files: numbers, dictionaries of numbers and elements of lists; all else is refused by name."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.formats.table_columns import table_columns
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    numbers = pa.array([1.0, 2.0])
+    columns = {
+        "whole": pa.array([1, 2]), "repeated": numbers.dictionary_encode(), "pair": pa.array([[0.0, 1.0], [0.0, 2.0]]),
+        "bytes": pa.array([b"x", b"y"]), "truths": pa.array([True, False]), "texts": pa.array([["a"], ["b"]]),
+    }  # fmt: skip
+    pq.write_table(pa.table(columns), tmp_path / "x.parquet")
+    return tmp_path / "x.parquet"
+
+
+@pytest.mark.parametrize("name", ["whole", "repeated", "pair[1]"])
+def test_numbers_are_read(table: Path, name: str):
+    (batch,) = table_columns(table, [name])
+    np.testing.assert_array_equal(batch[name], [1.0, 2.0])
+
+
+@pytest.mark.parametrize("name", ["bytes", "bytes[0]", "truths", "texts[0]"])
+def test_what_is_no_number_is_refused_before_it_is_read(table: Path, monkeypatch: pytest.MonkeyPatch, name: str):
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(LogError, match=rf"x\.parquet: {name.removesuffix('[0]')} is .*, not numbers"):
+        list(table_columns(table, [name]))
+
+
+@pytest.mark.parametrize(("name", "row"), [("ragged[1]", 2), ("ragged[0]", 3), ("pair[2]", 0)])
+def test_a_list_that_is_too_short_is_named_by_its_row(tmp_path: Path, name: str, row: int):
+    lists = {"ragged": [[1.0, 2.0], [3.0, 4.0], [5.0], []], "pair": 4 * [[0.0, 1.0]]}
+    pq.write_table(pa.table(lists), tmp_path / "x.parquet")
+    with pytest.raises(
+        LogError, match=rf"x\.parquet: row {row}, .*: its list has {len(lists[name[:-3]][row])} numbers"
+    ):
+        list(table_columns(tmp_path / "x.parquet", [name]))
+
+
+def test_a_cell_without_a_list_is_empty(tmp_path: Path):
+    pq.write_table(pa.table({"x": pa.array([[1.0], None])}), tmp_path / "x.parquet")
+    with pytest.raises(LogError, match=r"row 1, x\[0\] is empty"):
+        list(table_columns(tmp_path / "x.parquet", ["x[0]"], lengths={"x": 1}))
+
+
+@pytest.mark.parametrize("index", [20 * "9", 5000 * "9", "٣"])
+def test_an_index_that_no_list_can_have_is_refused(table: Path, index: str):
+    with pytest.raises(LogError, match=r"x\.parquet: no column 'pair\["):
+        list(table_columns(table, [f"pair[{index}]"]))
