@@ -214,10 +214,74 @@ def test_a_prior_becomes_motors_of_a_model_of_ones_own(prior: mp.MotorPrior, tmp
     assert data.qpos[0] != 0.0
 
 
+def hinge_model(timestep: float = 0.002) -> mujoco.MjModel:
+    body = '<body><joint name="hinge"/><geom size="0.02" pos="0.05 0 0"/></body>'
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{timestep}"/><worldbody>{body}</worldbody></mujoco>'
+    )
+
+
+def driven_to(target: float, steps: int, model: mujoco.MjModel, data: mujoco.MjData, driven: mp.DrivenJoints) -> list:
+    found = []
+    for _ in range(steps):
+        found.append(float(driven.drive(np.full(1, target))[0]))
+        mujoco.mj_step(model, data)
+    return found
+
+
+def test_motors_begin_again_where_the_simulation_does(prior: mp.MotorPrior):
+    """Nothing of what a motor remembers is left after mj_resetData."""
+    motors, model = prior.sample(1, seed=3), hinge_model()
+    data = mujoco.MjData(model)
+    driven = mp.DrivenJoints(model, data, motors, ["hinge"])
+    first = driven_to(0.3, 20, model, data, driven)
+    mujoco.mj_resetData(model, data)
+    assert driven_to(0.3, 20, model, data, driven) == first
+    data.qpos[0] = data.qvel[0] = 0.0
+    driven.reset()
+    data.qacc_warmstart[:] = 0.0
+    assert driven_to(0.3, 20, model, data, driven) == pytest.approx(first)
+
+
+def test_driven_joints_refuse_what_would_be_wrong_silently(prior: mp.MotorPrior):
+    motors, model = prior.sample(2, seed=3), hinge_model()
+    data = mujoco.MjData(model)
+    with pytest.raises(mp.ConfigError, match="'hinge' is named twice"):
+        mp.DrivenJoints(model, data, motors, ["hinge", "hinge"])
+    driven = mp.DrivenJoints(model, data, prior.sample(1, seed=3), ["hinge"])
+    model.opt.timestep = 0.001
+    with pytest.raises(mp.ConfigError, match=r"timestep is 0\.001 s, the motors' 0\.002 s"):
+        driven.drive(np.zeros(1))
+    for spread in (np.nan, -1.0):
+        with pytest.raises(mp.ConfigError, match="spread"):
+            prior.sample(1, seed=3, spread=spread)
+
+
+def test_a_log_of_another_robot_is_not_adapted_to(prior: mp.MotorPrior):
+    log = replace(mp.record_bench(ROBOT, motors=2, steps=200, preset="paper", seed=5), robot="spot")
+    with pytest.raises(mp.ConfigError, match="the prior is of robot 'pupper_v2', the log of 'spot'"):
+        mp.adapt(prior, log, anyway=True)
+
+
+def test_motors_with_names_of_no_joint_are_not_put_on_a_robot_by_their_places(prior: mp.MotorPrior):
+    log = mp.record_bench(ROBOT, motors=ROBOT.num_joints, steps=200, preset="paper", seed=5)
+    posterior = mp.adapt(prior, log, anyway=True)
+    others = replace(posterior, joint_names=tuple(f"leg_{index}" for index in range(ROBOT.num_joints)))
+    with pytest.raises(mp.ConfigError, match="are not pupper_v2's"):
+        mp.simulate(ROBOT, others, np.tile(ROBOT.nominal_pose, (3, 1)), hung=True)
+
+
+def test_every_public_name_is_there():
+    assert all(getattr(mp, name) is not None for name in dir(mp))
+
+
 def test_a_grey_box_that_was_never_written_adapts_and_tells_of_weak_motors(monkeypatch: pytest.MonkeyPatch):
     log, notes = mp.record_bench(ROBOT, motors=3, steps=600, preset="rollout"), Notes()
     prior = mp.fit_prior(log, "pace")
-    assert mp.adapt(prior, log, anyway=True).mean.shape[0] == 3
+    still = replace(log, joint_pos=log.joint_pos * [1.0, 0.0, 1.0])
+    mp.adapt(prior, still, anyway=True, progress=notes)
+    assert any("did not move: motor_001; what" in note for note in notes.noted)
+    assert any(note.startswith("replayed logs: ") for note in notes.noted)
     monkeypatch.setattr("motorprior.pipeline.adapt.WEAK_MOTOR", 99.0)
     mp.adapt(prior, log, anyway=True, progress=notes)
     assert any("weak motors" in note and "limit_follows_gain" in note for note in notes.noted)

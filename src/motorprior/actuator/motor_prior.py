@@ -16,7 +16,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
 from motorprior.actuator.servo_terms import TERMS, in_order
 from motorprior.artifacts import tensors_as_bytes, write_tensors
-from motorprior.bounds import generator_of, require_count
+from motorprior.bounds import generator_of, require_count, require_number
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import GAIN_UNITS
 from motorprior.schema import TABLE, TEXT, TRUTH, Field, Header, Tensor, check_tensors, exactly, many, number, one_of
@@ -131,10 +131,11 @@ class MotorPrior:
             spread: 0 for the mean motor alone, more than 1 for more different motors than there are [-].
 
         Raises:
-            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or ``gains`` are not so many positive
-                numbers.
+            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, ``spread`` negative or not finite, or
+                ``gains`` are not so many positive numbers.
         """
         require_count("count", count)
+        require_number("spread", spread)
         z = spread * generator_of(seed).standard_normal((count, self.network.num_latents))
         return LatentActuator(self.network, z, gains=self._told(count, gains))
 

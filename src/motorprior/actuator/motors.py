@@ -33,9 +33,17 @@ class Motors:
 
     def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
         self._shape, self._dt = (actuator.num_motors,), dt
+        self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
+        self.reset(joint_pos, position_target)
+
+    def reset(self, joint_pos: np.ndarray, position_target: np.ndarray | None = None) -> None:
+        """Begin again: rotors at rest at ``joint_pos`` (n,) [rad], and everything else as in the class.
+
+        Raises:
+            ConfigError: arrays that do not fit.
+        """
         start = require_finite("joint_pos", joint_pos, self._shape)
         before = start if position_target is None else require_finite("position_target", position_target, self._shape)
-        self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
         reset_actuator(self._arrays, before, start)
 
     @property

@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import named_multiples, with_stated_gains
+from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.recording import BENCH
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.validity import checked
+from motorprior.pipeline.fit_report import told_at_rest, told_quality
 from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.prior_file import prior_and_robot, trained_on
+from motorprior.pipeline.prior_file import prior_and_robot, require_robot_of, trained_on
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working
@@ -32,7 +35,9 @@ if TYPE_CHECKING:  # they import JAX
 
 POSTERIOR = "posterior.safetensors"
 _NAMED = 10
-"""Most motors that an error names."""
+"""Most weak motors that are named."""
+_ODD_NAMED = 5
+"""Most motors unlike the fleet that an error names, which is one line; progress tells of all."""
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
@@ -161,20 +166,23 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
         prior: of such motors.
         log: with load_inertia and external_torque, at the prior's sample period; seconds are enough.
         anyway: also if the log is unlike anything that the prior knows.
-        progress: where motors that are weak are named, and what to do about it.
+        progress: where the motors' errors on the log are told, weak motors, motors at rest, and what to do about it.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these very motors.
 
     Raises:
         LogError: the log lacks a channel, has another period, is shorter than a window, or is unlike the prior's fleet.
+        ConfigError: the log names another robot than the prior.
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
     log = checked(log, where=log.source)
     _note_known(prior, log, log.source, progress)
+    if log.robot != BENCH:
+        require_robot_of(prior, log)
     found = adapt_to(prior, "the prior", log, log.source)
-    if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
-        progress.note(advice)
+    if progress is not SILENT:
+        _tell(prior, log, found, progress)
     outliers = outlier_test(prior, "the prior", log, log.source, found)
     if not anyway:
         _require_like_the_fleet(log, outliers, log.source)
@@ -207,6 +215,7 @@ def run_adapt(
     wanted = description("adapt", __file__, asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
     _note_known(prior, whole, str(config.log), progress)
     if is_finished(config.out, wanted):
+        progress.note(f"{config.out / POSTERIOR} is there already, of the same log and settings")
         return
     with taken(config.out):  # long before it is written to: a log that is refused leaves what is there
         with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
@@ -214,12 +223,22 @@ def run_adapt(
             outliers = outlier_test(prior, config.prior, log, str(config.log), found)
             task.advance()
         show(log, found, outliers, motor_constants(prior, log, found.mean))
-        if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
-            progress.note(advice)
+        _tell(prior, log, found, progress)
         if not config.anyway:
             _require_like_the_fleet(log, outliers, config.log)
         with working(config.out, wanted, started):
             _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
+
+
+def _tell(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
+    """What a user should know of the motors that were found."""
+    if line := told_at_rest(log):
+        progress.note(line)
+    if prior.network.motor is not None:
+        gains = stated_gains_of(log) if prior.network.gain_unit else None
+        told_quality(LatentActuator(prior.network, found.mean, gains=gains), log, progress)
+    if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
+        progress.note(advice)
 
 
 def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> dict[str, np.ndarray]:
@@ -268,10 +287,11 @@ def _require_like_the_fleet(log: MotorLog, outliers: OutlierTest, path: str | Pa
     odd = zip(log.joint_names, outliers.p_value, outliers.reason, strict=True)
     unlike = [f"{name}: {reason}" for name, p_value, reason in odd if p_value < bound]
     if unlike:
-        shown = "\n  ".join([*unlike[:_NAMED], *([f"and {len(unlike) - _NAMED} more"] if len(unlike) > _NAMED else [])])
+        more = [f"and {len(unlike) - _ODD_NAMED} more"] if len(unlike) > _ODD_NAMED else []
+        shown = "; ".join([*unlike[:_ODD_NAMED], *more])
         raise LogError(
-            f"motors are unlike any the prior was trained on:\n  {shown}\none of its fleet is as odd with "
-            f"a p-value below {bound:.2g} (one log in {1 / FALSE_ALARMS:.0f} of that fleet gets this far)",
+            f"motors are unlike any the prior was trained on (p-values below {bound:.2g}, as one log in "
+            f"{1 / FALSE_ALARMS:.0f} of its fleet has): {shown}",
             where=path,
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
             argument="anyway",

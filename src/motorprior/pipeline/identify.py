@@ -21,6 +21,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, stated_gains_of
 from motorprior.logs.validity import checked
+from motorprior.pipeline.fit_report import told_at_rest, told_quality
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, remove, working
@@ -28,7 +29,6 @@ from motorprior.pipeline.stopwatch import Stopwatch
 from motorprior.pipeline.training_log import Origin, origin_of, training_log
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.fit_quality import FitQuality
     from motorprior.identification.presets import Preset
     from motorprior.identification.windows import TrainingData
 
@@ -186,6 +186,7 @@ def _data(job: _Job) -> TrainingData:
 def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress) -> MotorPrior:
     """The prior of a folder, fitted unless it is finished there."""
     if is_finished(out, wanted):
+        progress.note(f"{out / PRIOR} is there already, of the same logs and settings")
         return MotorPrior.load(out / PRIOR)
     with taken(out):  # long before it is written to: a log that is refused leaves what is there
         data = _data(job)
@@ -213,6 +214,8 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         )
     said = ""
     progress.note(used_share(data, recipe))
+    if line := told_at_rest(log):
+        progress.note(line)
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
 
         def report(work: int, text: str) -> None:
@@ -230,7 +233,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         progress.note(line)
     network, mean, log_var = found.network, found.mean, found.log_var
     if network.motor is not None:
-        quality = _quality(LatentActuator(network, mean), log, progress)
+        quality = told_quality(LatentActuator(network, mean), log, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
         network, mean, log_var = widened(network, mean, log_var, quality.widening)
         if network.copula is not None and quality.misses_physics:
@@ -241,18 +244,6 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics, names,
         stated_gains_of(log) if network.gain_unit else None,
     )  # fmt: skip
-
-
-def _quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
-    """Of the fitted motors, which the user is told."""
-    from motorprior.identification.baselines import TUNING
-    from motorprior.identification.fit_quality import fit_quality
-
-    with progress.start("tune a PD to compare with", TUNING) as task:
-        quality = fit_quality(motors, log, task.advance)
-    for line in quality.lines():
-        progress.note(line)
-    return quality
 
 
 def _as_json(recipe: Preset) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet, load_fleet
+from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
@@ -280,15 +281,15 @@ def _spread_pd(model: IdealPd, coulomb: np.ndarray, spread: float, rng: np.rando
 
 
 def _of_the_robot(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
-    """Motors that have the names of the robot's joints, in the robot's order; motors of a bench as they are.
+    """Motors with the names of the robot's joints, in the robot's order; one motor, or those of a bench, as they are.
 
     Raises:
-        ConfigError: of neither one motor nor the robot's number, or some names are the robot's joints and others not.
+        ConfigError: of neither one motor nor the robot's number, or some names are not the robot's joints.
     """
     posterior.sample(robot.num_joints, 0)
     names = posterior.joint_names
     unknown = sorted(set(names) - set(robot.joint_names))
-    if len(names) == 1 or len(unknown) == len(names):
+    if len(names) == 1 or names == bench_names(len(names)):
         return posterior
     if unknown:
         raise ConfigError(f"joints {unknown} are not {robot.name}'s", remedy=f"name them {list(robot.joint_names)}")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from motorprior.actuator.limits_not_shown import limit_in_words, limits_not_shown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import MotorLog, motion_digest
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
 from motorprior.pipeline.training_log import MOTIONS
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -26,9 +28,34 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
     return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
 
 
-def limits_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
-    """A line for each limit of a prior's motors that its logs did not show; beside a torque, what the robot says."""
-    return [_doubt(name, value, robot) for name, value in limits_not_shown(prior.metrics).items()]
+def doubts(prior: MotorPrior, robot: Robot) -> list[str]:
+    """A line for each limit of a prior's motors that its logs did not show, and one for gains that are not the robot's.
+
+    Beside a torque it tells what the robot says.
+    """
+    found = _gains_in_doubt(prior, robot)
+    return found + [_doubt(name, value, robot) for name, value in limits_not_shown(prior.metrics).items()]
+
+
+def _gains_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
+    if prior.gains is None or prior.network.gain_unit != PHYSICAL_GAINS:
+        return []
+    described = np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+    same = prior.gains.shape == described.shape
+    if same and np.allclose(prior.gains, described, rtol=0.01):
+        return []
+    stated, told = (
+        " and ".join(
+            f"{name} {low:.3g} to {high:.3g}" for name, low, high in zip(("kp", "kd"), least, most, strict=True)
+        )
+        for least, most in ((gains.min(axis=1), gains.max(axis=1)) for gains in (prior.gains, described))
+    )
+    if not same and stated == told:
+        return []
+    return [
+        f"note: the prior's logs state {stated}, the description of {robot.name} says {told}: simulated motors are "
+        "told what the description says"
+    ]
 
 
 def _doubt(name: str, value: float, robot: Robot) -> str:
@@ -56,7 +83,7 @@ def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[Motor
         ConfigError: a prior of another robot.
     """
     if robot is None and log.robot != BENCH:
-        return _loaded(path, lambda prior: _require_robot_of(prior, log)), None
+        return _loaded(path, lambda prior: require_robot_of(prior, log)), None
     given = load_robot(robot or DEFAULT_ROBOT)
     return load_prior(path, given), given
 
@@ -72,7 +99,12 @@ def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
     return prior
 
 
-def _require_robot_of(prior: MotorPrior, log: MotorLog) -> None:
+def require_robot_of(prior: MotorPrior, log: MotorLog) -> None:
+    """Refuse a log of another robot than the prior's.
+
+    Raises:
+        ConfigError: names both.
+    """
     if prior.robot != log.robot:
         raise ConfigError(
             f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",

@@ -67,4 +67,22 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
 
+class WithoutNotes:
+    """Shows the work of another `Progress`, and none of its notes: what is said of a baseline is not of the user's own.
+
+    Args:
+        progress: the other.
+    """
+
+    def __init__(self, progress: Progress):
+        self._progress = progress
+
+    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
+        """See `Progress.start`."""
+        return self._progress.start(name, total)
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+
+
 SILENT = Silent()

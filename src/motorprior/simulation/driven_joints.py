@@ -13,6 +13,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError
 
+_OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 _INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 
 
@@ -21,7 +22,8 @@ class DrivenJoints:
 
     The joints' own armature, damping and dry friction are replaced: they are the motors' now. The torque goes to
     ``data.qfrc_applied``, the damping to ``model.dof_damping``, which these integrators take implicitly. Set
-    ``data.qpos`` before: the motors start at rest where the joints are.
+    ``data.qpos`` before: the motors start at rest where the joints are. They do so again where ``data.time`` has gone
+    back since the last `drive`, as after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
 
     Args:
         model: compiled; changed in place.
@@ -30,9 +32,9 @@ class DrivenJoints:
         joints: names of hinges.
 
     Raises:
-        ConfigError: an unknown joint, one that is no hinge or is driven by an actuator of the model already, another
-            number of joints than motors, an integrator without implicit damping, or a step that the motors cannot be
-            simulated at.
+        ConfigError: an unknown joint, one that is named twice, is no hinge or is driven by an actuator of the model
+            already, another number of joints than motors, an integrator without implicit damping, or a step that the
+            motors cannot be simulated at.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
@@ -41,8 +43,10 @@ class DrivenJoints:
             raise ConfigError(
                 f"{len(joints)} joints for {actuator.num_motors} motors", remedy="sample one motor per joint"
             )
+        if twice := sorted({name for name in joints if list(joints).count(name) > 1}):
+            raise ConfigError(f"joint {twice[0]!r} is named twice", remedy="give every joint one motor")
         found = [_hinge(model, name) for name in joints]
-        self._model, self._data = model, data
+        self._model, self._data, self._time, self._timestep = model, data, data.time, model.opt.timestep
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
         model.dof_armature[self._dof] = self._motors.armature
@@ -50,12 +54,26 @@ class DrivenJoints:
         model.dof_damping[self._dof] = actuator.damping
         mujoco.mj_setConst(model, mujoco.MjData(model))  # what MuJoCo derives from inertias
 
+    def reset(self) -> None:
+        """Begin again: the motors at rest where the joints are now."""
+        self._motors.reset(self._data.qpos[self._pos])
+        self._time = self._data.time
+
     def drive(self, position_target: np.ndarray) -> np.ndarray:
         """Put the motors' effort for the step that begins now into model and data; returns the torque (n,) [N·m].
 
         Raises:
-            ConfigError: targets of another shape, or a state that is not finite any more.
+            ConfigError: targets of another shape, a state that is not finite any more, or another timestep of the
+                model than the motors were made for.
         """
+        if self._model.opt.timestep != self._timestep:
+            raise ConfigError(
+                f"the model's timestep is {self._model.opt.timestep:g} s, the motors' {self._timestep:g} s",
+                remedy="make DrivenJoints anew after a change of model.opt.timestep",
+            )
+        if self._data.time < self._time:
+            self.reset()
+        self._time = self._data.time
         torque, damping = self._motors.step(position_target, self._data.qpos[self._pos], self._data.qvel[self._dof])
         self._data.qfrc_applied[self._dof] = torque
         self._model.dof_damping[self._dof] = damping
@@ -79,7 +97,7 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
     if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):
-        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[actuator, 0] == joint:
+        if model.actuator_trntype[actuator] in _OF_JOINTS and model.actuator_trnid[actuator, 0] == joint:
             raise ConfigError(
                 f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}",
                 remedy="delete that actuator, or the joint would be driven twice",

@@ -13,7 +13,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.pipeline.identify import fit_recipe
-from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.progress import SILENT, Progress, WithoutNotes
 from motorprior.pipeline.stage import description, is_finished, working
 
 if TYPE_CHECKING:  # they import JAX
@@ -66,7 +66,7 @@ def fitted_baselines(
     for name, (named, recipe) in recipes.items():
         if name == "pooled_network" and fits.adam_steps is not None:
             recipe = replace(recipe, steps=fits.adam_steps)
-        known = fit_recipe(log, named, recipe, fits.seed, fits.folder / name, progress)
+        known = fit_recipe(log, named, recipe, fits.seed, fits.folder / name, WithoutNotes(progress))
         models[name] = LatentActuator(known.network, known.mean)
     with progress.start("tune one PD", TUNING) as task:
         models["tuned_pd"] = tuned_pd(log, task.advance)

@@ -17,7 +17,7 @@ from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, load_robot_fleet, nominal_pd
-from motorprior.pipeline.prior_file import limits_in_doubt
+from motorprior.pipeline.prior_file import doubts
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.walking.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
@@ -100,7 +100,7 @@ def train_policy(
     require_seed(seed)
     draw, physics_dt = drawn_from(motors, robot)
     prior = motors.prior if isinstance(motors, MotorPosterior) else motors
-    for line in limits_in_doubt(prior, robot) if isinstance(prior, MotorPrior) else ():
+    for line in doubts(prior, robot) if isinstance(prior, MotorPrior) else ():
         progress.note(line)
     config = ArsConfig(seed=seed)
     drawn = [(draw, physics_dt)]

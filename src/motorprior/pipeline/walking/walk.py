@@ -17,7 +17,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.digests import digest
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.prior_file import limits_in_doubt, load_prior
+from motorprior.pipeline.prior_file import doubts, load_prior
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.stage import description, is_finished, remove, working
@@ -191,7 +191,7 @@ class _Plan:
     def doubts(self) -> list[str]:
         """What a user should know of his prior and of his validation fleet."""
         config, robot = self.config, self.robot
-        found = [] if config.motors.prior is None else limits_in_doubt(load_prior(config.motors.prior, robot), robot)
+        found = [] if config.motors.prior is None else doubts(load_prior(config.motors.prior, robot), robot)
         return found + ([NO_JUDGE] if config.validation and is_of_the_twin(config.validation, robot) else [])
 
     def scenes(self) -> list[Scene]:
