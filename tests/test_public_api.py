@@ -237,6 +237,9 @@ def test_motors_begin_again_where_the_simulation_does(prior: mp.MotorPrior):
     first = driven_to(0.3, 20, model, data, driven)
     mujoco.mj_resetData(model, data)
     assert driven_to(0.3, 20, model, data, driven) == first
+    for _ in range(3):  # episodes of one step
+        mujoco.mj_resetData(model, data)
+        assert driven_to(0.3, 1, model, data, driven) == first[:1]
     data.qpos[0] = data.qvel[0] = 0.0
     driven.reset()
     data.qacc_warmstart[:] = 0.0

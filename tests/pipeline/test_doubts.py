@@ -33,6 +33,20 @@ def test_gains_that_the_description_has_not_are_told(prior: MotorPrior):
     assert f"the description of pupper_v2 says kp {kp:.3g}" in line
 
 
+def test_gains_of_other_joints_are_told_and_another_order_is_not(prior: MotorPrior):
+    uneven = DESCRIBED * np.linspace(0.5, 1.5, 12)
+    robot = replace(
+        PUPPER_V2,
+        joints=tuple(
+            replace(joint, kp=kp, kd=kd) for joint, kp, kd in zip(PUPPER_V2.joints, *uneven.tolist(), strict=True)
+        ),
+    )
+    names = robot.joint_names[::-1]
+    assert doubts(replace(prior, gains=uneven[:, ::-1], joint_names=names), robot) == []
+    (line,) = doubts(replace(prior, gains=uneven, joint_names=names), robot)
+    assert "says the same for other joints" in line
+
+
 def test_of_a_baseline_the_work_is_shown_and_no_note():
     said = io.StringIO()
     progress = WithoutNotes(Lines(said))

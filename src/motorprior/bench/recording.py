@@ -121,7 +121,8 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
     """Record ``steps`` samples of every motor.
 
     The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest, with motors
-    that have worked since the log's start. A push that flings a joint is made smaller.
+    that have worked since the log's start. A push on a joint that is then flung is made smaller, to a sixteenth at
+    most.
 
     Raises:
         ConfigError: fewer than 2 steps, or a motor whose gear is too stiff for its load.

@@ -181,11 +181,10 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
     if log.robot != BENCH:
         require_robot_of(prior, log)
     found = adapt_to(prior, "the prior", log, log.source)
-    if progress is not SILENT:
-        _tell(prior, log, found, progress)
     outliers = outlier_test(prior, "the prior", log, log.source, found)
     if not anyway:
         _require_like_the_fleet(log, outliers, log.source)
+    _tell(prior, log, found, progress)
     return _posterior(prior, log, found, outliers)
 
 
@@ -223,15 +222,17 @@ def run_adapt(
             outliers = outlier_test(prior, config.prior, log, str(config.log), found)
             task.advance()
         show(log, found, outliers, motor_constants(prior, log, found.mean))
-        _tell(prior, log, found, progress)
         if not config.anyway:
             _require_like_the_fleet(log, outliers, config.log)
         with working(config.out, wanted, started):
             _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
+    _tell(prior, log, found, progress)
 
 
 def _tell(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
-    """What a user should know of the motors that were found."""
+    """What a user should know of the motors that were found; nothing is worked out for nobody."""
+    if progress is SILENT:
+        return
     if line := told_at_rest(log):
         progress.note(line)
     if prior.network.motor is not None:

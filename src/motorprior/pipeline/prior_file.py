@@ -41,21 +41,24 @@ def _gains_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
     if prior.gains is None or prior.network.gain_unit != PHYSICAL_GAINS:
         return []
     described = np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
-    same = prior.gains.shape == described.shape
-    if same and np.allclose(prior.gains, described, rtol=0.01):
+    named = set(prior.joint_names) >= set(robot.joint_names)
+    order = [prior.joint_names.index(name) for name in robot.joint_names] if named else []
+    both = (prior.gains[:, order], described) if named else tuple(map(_range, (prior.gains, described)))
+    if np.allclose(*both, rtol=0.01):
         return []
-    stated, told = (
-        " and ".join(
-            f"{name} {low:.3g} to {high:.3g}" for name, low, high in zip(("kp", "kd"), least, most, strict=True)
-        )
-        for least, most in ((gains.min(axis=1), gains.max(axis=1)) for gains in (prior.gains, described))
-    )
-    if not same and stated == told:
-        return []
+    (kp, kd), (own_kp, own_kd) = ([f"{least:.3g} to {most:.3g}" for least, most in _range(gains)] for gains in both)
+    stated, told = f"kp {kp} and kd {kd}", f"kp {own_kp} and kd {own_kd}"
+    if stated == told:
+        told = "the same for other joints"
     return [
         f"note: the prior's logs state {stated}, the description of {robot.name} says {told}: simulated motors are "
         "told what the description says"
     ]
+
+
+def _range(gains: np.ndarray) -> np.ndarray:
+    """(2, 2) least and most, columns, of kp and kd, rows."""
+    return np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1)
 
 
 def _doubt(name: str, value: float, robot: Robot) -> str:

@@ -23,7 +23,7 @@ class DrivenJoints:
     The joints' own armature, damping and dry friction are replaced: they are the motors' now. The torque goes to
     ``data.qfrc_applied``, the damping to ``model.dof_damping``, which these integrators take implicitly. Set
     ``data.qpos`` before: the motors start at rest where the joints are. They do so again where ``data.time`` has gone
-    back since the last `drive`, as after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
+    not gone on since the last `drive`, as after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
 
     Args:
         model: compiled; changed in place.
@@ -46,7 +46,7 @@ class DrivenJoints:
         if twice := sorted({name for name in joints if list(joints).count(name) > 1}):
             raise ConfigError(f"joint {twice[0]!r} is named twice", remedy="give every joint one motor")
         found = [_hinge(model, name) for name in joints]
-        self._model, self._data, self._time, self._timestep = model, data, data.time, model.opt.timestep
+        self._model, self._data, self._time, self._timestep = model, data, -np.inf, model.opt.timestep
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
         model.dof_armature[self._dof] = self._motors.armature
@@ -57,7 +57,7 @@ class DrivenJoints:
     def reset(self) -> None:
         """Begin again: the motors at rest where the joints are now."""
         self._motors.reset(self._data.qpos[self._pos])
-        self._time = self._data.time
+        self._time = -np.inf
 
     def drive(self, position_target: np.ndarray) -> np.ndarray:
         """Put the motors' effort for the step that begins now into model and data; returns the torque (n,) [N·m].
@@ -71,7 +71,7 @@ class DrivenJoints:
                 f"the model's timestep is {self._model.opt.timestep:g} s, the motors' {self._timestep:g} s",
                 remedy="make DrivenJoints anew after a change of model.opt.timestep",
             )
-        if self._data.time < self._time:
+        if self._data.time <= self._time:
             self.reset()
         self._time = self._data.time
         torque, damping = self._motors.step(position_target, self._data.qpos[self._pos], self._data.qvel[self._dof])

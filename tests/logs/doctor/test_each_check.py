@@ -347,6 +347,29 @@ def test_a_long_log_is_judged_where_it_moves():
     assert finding.row is not None and finding.row >= 20_000
 
 
+def test_a_reversed_joint_is_found_though_part_of_the_log_says_nothing():
+    reversed_, rest = sines((0.4, 1.3, 2.9), 0.05, -1.0), sines((0.4, 1.3, 2.9), 0.05)
+    noise = np.random.default_rng(0).normal(size=rest.joint_pos.shape)
+    whole = replace(
+        rest, time=0.005 * np.arange(4000), segment=np.repeat([0, 1], 2000),
+        position_target=np.concatenate([reversed_.position_target, rest.position_target]),
+        joint_pos=np.concatenate([reversed_.joint_pos, 0.1 * noise]),
+    )  # fmt: skip
+    assert [finding.severity for finding in check_log(whole).of("tracking")] == ["error"]
+
+
+def test_the_last_rows_of_a_long_log_are_judged_too():
+    motion = sines((0.4, 1.3, 2.9), 0.05, -1.0)
+    still, grown = np.zeros((40_500, 1)), np.clip(motion.time, 0.0, 1.0)[:, None]
+    whole = replace(
+        motion, time=0.005 * np.arange(42_500),
+        position_target=np.concatenate([still, grown * motion.position_target]),
+        joint_pos=np.concatenate([still, grown * motion.joint_pos]),
+    )  # fmt: skip
+    (finding,) = check_log(whole).of("tracking")
+    assert finding.severity == "error" and finding.row is not None and finding.row >= 40_000
+
+
 def test_a_weight_that_is_held_is_no_unsigned_torque(rich_log: MotorLog):
     assert rich_log.joint_torque is not None
     log = replace(rich_log, joint_torque=0.1 * rich_log.joint_torque + 0.5)

@@ -6,7 +6,7 @@ The lag is that of the first peak of r: a sine repeats, so that later peaks are 
 peak counts where it is nearly as high as the highest and r falls clearly between the two; ripple on one broad hill is
 no peak.
 
-An angle leads its command where r rises from k = 0 to negative k without a break, up to a peak that is clearly higher.
+An angle leads its command where r rises from k = 0 to negative k without a break, to where it is clearly higher.
 No servo does, so that the two have different clocks.
 
 An angle opposes its command where, among lags that a servo can have, r goes further below zero than above it. One pure
@@ -27,7 +27,7 @@ SEARCHED_LEAD = 0.25
 LEAST_LEAD = 0.015
 """A shorter one may be that of a grid [s]."""
 CLEARLY = 0.2
-"""Of what is missing to a correlation of 1 at lag 0, this share is left at the lead."""
+"""Of what is missing to a correlation of 1 at lag 0, at most this share is missing at the lead."""
 NEARLY = 0.95
 """An earlier peak is at least this share of the highest."""
 VALLEY = 0.1

@@ -89,7 +89,7 @@ def _parts(log: MotorLog) -> Iterator[_Part]:
         if period <= 0.0 or segment.duration < MIN_SAMPLES * period:
             continue
         rows = max(2, round(MAX_SAMPLES * period / segment.period))
-        for start in range(part.start, max(part.start + 1, part.stop - rows + 1), rows):
+        for start in range(part.start, part.stop, rows):
             stop = min(start + rows, part.stop)
             if MIN_SAMPLES * period <= log.time[stop - 1] - log.time[start] <= 2.0 * MAX_SAMPLES * period:
                 yield _Part(start, stop, period)

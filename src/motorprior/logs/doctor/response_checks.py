@@ -32,10 +32,15 @@ _ALIKE = 0.2
 def tracking(parts: list[Stretch]) -> list[Finding]:
     """Lag [s] of an excited angle behind its command, whether it opposes it (`command_lag`), and how far it is off.
 
-    All of the part in which the joint follows best: pushes, or a command of one frequency, may hide it in others.
+    All of the part in which the joint follows best: pushes, or a command of one frequency, may hide it in others. Where
+    it follows in none, of that in which it opposes most.
     """
     every = [(following(part.command, part.angle, part.period), part) for part in parts]
-    seen, part = max(every, key=lambda pair: (not pair[0].opposes, not pair[0].undecided, pair[0].correlation))
+    follow = [pair for pair in every if pair[0].correlation >= MIN_CORRELATION and not pair[0].opposes]
+    if follow:
+        seen, part = max(follow, key=lambda pair: (not pair[0].undecided, pair[0].correlation))
+    else:
+        seen, part = max(every, key=lambda pair: (pair[0].opposes, -pair[0].opposed_correlation))
     speed = float(np.percentile(np.abs(np.diff(part.command)), 95)) / part.period
     found = [_tracking_finding(part.joint, seen, speed, part.row)]
     if seen.correlation >= MIN_CORRELATION and not seen.opposes:

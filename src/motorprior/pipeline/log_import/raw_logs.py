@@ -119,7 +119,7 @@ def _require_robot_of_held_base(config: LogsImport) -> None:
     """Refuse a table of joints of nobody's, whose loads no model tells.
 
     Raises:
-        ConfigError: hung, without a robot, and the column map names none that is shipped.
+        ConfigError: hung, without a robot, and the column map is not of the default robot.
     """
     if config.hung and config.columns is not None and config.robot is None:
         columns = load_column_map(config.columns)
