@@ -202,11 +202,9 @@ class MotorChoice:
         for name, file in (("prior", self.prior), ("posterior", self.posterior)):
             if self.actuator != "prior" and file is not None:
                 raise ConfigError(
-                    f"actuator {self.actuator} has no use for a {name}",
-                    where=file,
-                    remedy="leave one of them out",
+                    f"actuator {self.actuator} has no use for a {name}", where=file, remedy="leave one of them out",
                     argument="actuator",
-                )
+                )  # fmt: skip
         self._refuse_what_has_no_effect()
         if self.actuator == "fleet":
             return drawn_from(load_robot_fleet(robot, self.fleet), robot)[0]
