@@ -47,10 +47,10 @@ def run_diff(config: Diff) -> None:
     if found.is_empty:
         print("The two priors are equal in content.")
         return
-    _show("Header", found.header)
     motors = {f"{name} [{_UNITS[key]}]" if (key := name.split()[-1]) in _UNITS else name: pair
               for name, pair in found.motors.items()}  # fmt: skip
     _show("Motors: constants of the central one (z = 0) and their spread", motors)
+    _show("Header", found.header)
     table("Tensors", ["tensor", "largest difference or shapes"], [[*map(_text, row)] for row in found.tensors.items()])
     raise SystemExit(DIFFERENT)
 
