@@ -255,6 +255,8 @@ def test_driven_joints_refuse_what_would_be_wrong_silently(prior: mp.MotorPrior)
     model.opt.timestep = 0.001
     with pytest.raises(mp.ConfigError, match=r"timestep is 0\.001 s, the motors' 0\.002 s"):
         driven.drive(np.zeros(1))
+    with pytest.raises(mp.ConfigError, match="MotorPrior is no set of motors -> draw some"):
+        mp.Motors(prior, 0.002, np.zeros(1))  # pyright: ignore[reportArgumentType]
     for spread in (np.nan, -1.0):
         with pytest.raises(mp.ConfigError, match="spread"):
             prior.sample(1, seed=3, spread=spread)

@@ -7,6 +7,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bounds import require_finite
+from motorprior.exceptions import ConfigError
 
 
 class Motors:
@@ -28,10 +29,15 @@ class Motors:
         position_target: (n,) targets before the first step [rad]; ``joint_pos`` if not given.
 
     Raises:
-        ConfigError: a step that these motors cannot be simulated at, or arrays that do not fit.
+        ConfigError: no motors, a step that these cannot be simulated at, or arrays that do not fit.
     """
 
     def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
+        if getattr(actuator, "num_motors", None) is None:
+            raise ConfigError(
+                f"{type(actuator).__name__} is no set of motors", remedy="draw some, for example with MotorPrior.sample",
+                argument="actuator",
+            )  # fmt: skip
         self._shape, self._dt = (actuator.num_motors,), dt
         self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
         self.reset(joint_pos, position_target)
