@@ -35,7 +35,7 @@ class Motors:
     def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
         if getattr(actuator, "num_motors", None) is None:
             raise ConfigError(
-                f"{type(actuator).__name__} is no set of motors", remedy="draw some, for example with MotorPrior.sample",
+                f"{type(actuator).__name__} is no set of motors", remedy="draw some, as with MotorPrior.sample",
                 argument="actuator",
             )  # fmt: skip
         self._shape, self._dt = (actuator.num_motors,), dt
