@@ -37,7 +37,7 @@ POSTERIOR = "posterior.safetensors"
 _NAMED = 10
 """Most weak motors that are named."""
 _ODD_NAMED = 5
-"""Most motors unlike the fleet that an error names, which is one line; progress tells of all."""
+"""Most motors unlike the fleet that an error names, which is one line; the command's table has all."""
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
@@ -236,8 +236,7 @@ def _tell(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress
     if line := told_at_rest(log):
         progress.note(line)
     if prior.network.motor is not None:
-        gains = stated_gains_of(log) if prior.network.gain_unit else None
-        told_quality(LatentActuator(prior.network, found.mean, gains=gains), log, progress)
+        told_quality(LatentActuator(prior.network, found.mean), log, progress)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 

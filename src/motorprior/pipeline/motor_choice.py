@@ -17,8 +17,8 @@ from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
-from motorprior.pipeline.prior_file import load_prior
+from motorprior.logs.motor_log import MotorLog, stated_gains_of
+from motorprior.pipeline.prior_file import load_prior, told_gains
 from motorprior.pipeline.stage import fleet_files
 from motorprior.robots.robot import Robot
 from motorprior.simulation.mujoco_backend import DrawMotors
@@ -73,13 +73,6 @@ def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | No
     """Gains that the log states in the prior's unit; the robot's where it states none."""
     stated = stated_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
     return told_gains(prior, robot) if stated is None else stated
-
-
-def told_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
-    """(2, joints) gains that the robot tells its motors, if they are in the prior's unit; otherwise the prior's own."""
-    if prior.network.gain_unit != PHYSICAL_GAINS:
-        return None
-    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
 
 
 MotorSource: TypeAlias = MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors

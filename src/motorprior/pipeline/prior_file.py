@@ -28,6 +28,13 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
     return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
 
 
+def told_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
+    """(2, joints) gains that the robot tells its motors, if they are in the prior's unit; otherwise the prior's own."""
+    if prior.network.gain_unit != PHYSICAL_GAINS:
+        return None
+    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+
+
 def doubts(prior: MotorPrior, robot: Robot) -> list[str]:
     """A line for each limit of a prior's motors that its logs did not show, and one for gains that are not the robot's.
 
@@ -38,9 +45,9 @@ def doubts(prior: MotorPrior, robot: Robot) -> list[str]:
 
 
 def _gains_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
-    if prior.gains is None or prior.network.gain_unit != PHYSICAL_GAINS:
+    described = told_gains(prior, robot)
+    if prior.gains is None or described is None:
         return []
-    described = np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
     named = set(prior.joint_names) >= set(robot.joint_names)
     order = [prior.joint_names.index(name) for name in robot.joint_names] if named else []
     both = (prior.gains[:, order], described) if named else tuple(map(_range, (prior.gains, described)))

@@ -22,7 +22,7 @@ class DrivenJoints:
 
     The joints' own armature, damping and dry friction are replaced: they are the motors' now. The torque goes to
     ``data.qfrc_applied``, the damping to ``model.dof_damping``, which these integrators take implicitly. Set
-    ``data.qpos`` before: the motors start at rest where the joints are. They do so again where ``data.time`` has gone
+    ``data.qpos`` before: the motors start at rest where the joints are. They do so again where ``data.time`` has
     not gone on since the last `drive`, as after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
 
     Args:

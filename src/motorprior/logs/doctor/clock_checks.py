@@ -128,17 +128,17 @@ def stale_joint(log: MotorLog) -> list[Finding]:
     found, rows, all_repeat = [], time_steps(log)[0], repeated_rows(log)
     for column, joint in enumerate(log.joint_names):
         alone = log.joint(column)
-        repeated, fast = repeated_rows(alone) & ~all_repeat, fastest_rows(alone)
-        enough = fast.mean() >= LEAST_FAST
-        share = min(float(repeated[fast].mean()), float(repeated[rows].mean())) if enough else 0.0
-        found.append((share, joint, repeated))
-    share, joint, repeated = max(found, key=lambda each: each[0])
+        repeated = repeated_rows(alone) & ~all_repeat
+        share = float(repeated[rows].mean())
+        if share > MAX_STALE and (fast := fastest_rows(alone)).mean() >= LEAST_FAST:
+            found.append((min(share, float(repeated[fast].mean())), joint, repeated))
+    share, joint, repeated = max(found, key=lambda each: each[0], default=(0.0, "", all_repeat))
     if share <= MAX_STALE:
         return []
-    row, times = int(np.argmax(repeated)), log.time[~repeated]
+    row = int(np.argmax(repeated))
     message = (
         f"{100 * share:.0f} % of the rows repeat {joint}'s last angle, more than {100 * MAX_STALE:g} %: its new ones "
-        f"come at {1.0 / float(np.median(np.diff(times))):.4g} Hz"
+        f"come at {_fresh_rate(log, repeated):.4g} Hz"
     )
     remedy = "joints seem to be read in turn: import with a period of one round, or read all in every row"
     return [Finding("warning", "stale", share, MAX_STALE, message, remedy, joint, row)]
@@ -160,13 +160,17 @@ def fastest_rows(log: MotorLog) -> np.ndarray:
     return moved >= np.percentile(moved[moved > 0.0], 75) if moved.any() else np.zeros(log.num_rows, dtype=bool)
 
 
+def _fresh_rate(log: MotorLog, repeated: np.ndarray) -> float:
+    """Rate of the rows that do not repeat [Hz]; 0 where no two of them follow each other."""
+    _, steps = time_steps(log.rows(~repeated))
+    return 1.0 / float(np.median(steps)) if steps.size else 0.0
+
+
 def _true_rate(log: MotorLog, repeated: np.ndarray, polled: float, first: int) -> list[Finding]:
     """Rate of the rows that hold new angles [Hz], beside that of all rows."""
-    fresh = log.rows(~repeated)
-    _, steps = time_steps(fresh)
-    if not steps.size:
+    true = _fresh_rate(log, repeated)
+    if not true:
         return []
-    true = 1.0 / float(np.median(steps))
     message = f"new angles come at {true:.4g} Hz, rows at {polled:.4g} Hz"
     remedy = f"import it with a period of {1.0 / true:.3g} s or more"
     return [Finding("info", "true_rate", true, polled, message, remedy, row=first)]

@@ -24,7 +24,7 @@ def targets_of(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
     """
     targets: dict[Path, Path] = {}
     for path in paths:
-        target = out / (f"{recording_name(path)}.parquet")
+        target = out / f"{recording_name(path)}.parquet"
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path

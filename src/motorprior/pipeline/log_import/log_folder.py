@@ -84,10 +84,11 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
         except (LogError, ConfigError, ArtifactError) as error:
             left_out.append(f"{path.name}: {error.problem}")
             continue
-        if recording_name(path) in logs:
-            left_out.append(f"{path.name}: there is another log {recording_name(path)!r}")
+        name = recording_name(path)
+        if name in logs:
+            left_out.append(f"{path.name}: there is another log {name!r}")
             continue
-        logs[recording_name(path)] = log
+        logs[name] = log
         taken.append(path)
     if logs:
         return LogFolder(logs, tuple(taken), tuple(left_out))
