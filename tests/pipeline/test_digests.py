@@ -1,15 +1,19 @@
 """Which code a stage's results depend on: what its module imports, and nothing else."""
 
+import gc
 import shutil
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
 import pytest
 
 from motorprior.logs.formats.column_map import shipped_maps
-from motorprior.pipeline import digests
+from motorprior.pipeline import digests, module_imports
 from motorprior.pipeline.module_imports import sources
 
 SOURCE = Path(digests.__file__).parents[1]
@@ -110,3 +114,25 @@ def test_a_script_counts_with_what_lies_beside_it(tmp_path: Path):
 
 def test_a_module_that_another_process_runs_counts():
     assert "motorprior/simulation/render_process.py" in sources(SOURCE / "simulation" / "rendering.py", SOURCE)
+
+
+@pytest.fixture
+def yielding_collector() -> Iterator[None]:
+    """Lets other threads run whenever garbage is collected."""
+
+    def give_way(phase: str, info: dict[str, int]) -> None:
+        time.sleep(1e-5)
+
+    gc.callbacks.append(give_way)
+    yield
+    gc.callbacks.remove(give_way)
+
+
+@pytest.mark.usefixtures("yielding_collector")
+def test_stages_of_several_threads_are_digested_together():
+    """Libraries add such callbacks; with one, ast.parse of Python 3.11 fails in two threads at a time."""
+    stage = SOURCE / "pipeline" / "bench.py"
+    module_imports._names.cache_clear()
+    with ThreadPoolExecutor(4) as threads:
+        found = set(threads.map(lambda _: digests.package_digest(stage, SOURCE), range(8)))
+    assert found == {digests.package_digest(stage, SOURCE)}

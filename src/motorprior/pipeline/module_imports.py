@@ -10,8 +10,10 @@ from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from threading import Lock
 
 RESOURCES, DATA = "importlib.resources", "*.toml"
+_PARSING = Lock()  # stages run in threads, and ast.parse of Python 3.11 fails in two at a time (CPython issue 106905)
 
 
 def imported(tree: ast.AST, package: Sequence[str]) -> Iterator[tuple[int, str]]:
@@ -74,7 +76,9 @@ def sources(file: Path, package: Path, left_out: Collection[str] = ()) -> dict[s
 
 @cache
 def _names(text: bytes, package: tuple[str, ...]) -> frozenset[str]:
-    return frozenset(name for _, name in imported(ast.parse(text), package))
+    with _PARSING:
+        tree = ast.parse(text)
+    return frozenset(name for _, name in imported(tree, package))
 
 
 def _files(name: Sequence[str], root: Path, left_out: Collection[str]) -> list[Path]:
