@@ -286,6 +286,8 @@ def test_a_grey_box_that_was_never_written_adapts_and_tells_of_weak_motors(monke
     still = replace(log, joint_pos=log.joint_pos * [1.0, 0.0, 1.0])
     mp.adapt(prior, still, anyway=True, progress=notes)
     assert any("did not move: motor_001; what" in note for note in notes.noted)
+    with pytest.warns(UserWarning, match="^did not move: motor_001; what"):  # nobody listens to notes
+        mp.adapt(prior, still, anyway=True)
     assert any(note.startswith("replayed logs: ") for note in notes.noted)
     monkeypatch.setattr("motorprior.pipeline.adapt.WEAK_MOTOR", 99.0)
     mp.adapt(prior, log, anyway=True, progress=notes)

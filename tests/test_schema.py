@@ -134,7 +134,7 @@ def test_a_tensor_that_is_not_the_declared_one_is_named(changes: dict[str, np.nd
     [
         ({"kind": "policy"}, "a policy, not a test -> give the x.safetensors that `make` wrote"),
         ({"kind": 1}, "kind = 1 is not 'test'"),
-        ({"schema_version": 4}, "schema_version = 4 is not 3"),
+        ({"schema_version": 4}, "schema_version 4, this one reads 3"),
         ({"schema_version": True}, "schema_version = True is not 1"),
         ({"name": 1}, "name = 1 is not a text"),
     ],

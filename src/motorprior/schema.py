@@ -217,6 +217,12 @@ class Header:
         if isinstance(found, str) and found != self.kind:
             remedy = f"give the {self.file} that `{self.command}` wrote"
             raise ArtifactError(f"a {cut(found, _SHOWN)}, not a {self.kind}", where=where, remedy=remedy)
+        version = header.get("schema_version")
+        if type(version) is int and version > self.version:
+            raise ArtifactError(
+                f"of a newer motorprior: schema_version {version}, this one reads {self.version}", where=where,
+                remedy="update motorprior",
+            )  # fmt: skip
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
         for key, field in identity.items():
             require(key, header.get(key), field, where, self.remedy)

@@ -286,7 +286,7 @@ BROKEN_PRIORS = {
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
     "newer schema": (
         resave(schema_version=SCHEMA_VERSION + 1),
-        (f"schema_version = {SCHEMA_VERSION + 1} is not {SCHEMA_VERSION}",),
+        (f"schema_version {SCHEMA_VERSION + 1}, this one reads {SCHEMA_VERSION} -> update motorprior",),
     ),
     "a policy": (resave(kind="policy"), ("a policy, not a motor prior", "identify")),
     "other units": (resave(units={"position": "deg"}), ("deg", "rad")),
@@ -478,7 +478,7 @@ BROKEN_POLICIES = {
     "truncated": (truncate, ("not a complete safetensors file",)),
     "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
-    "newer schema": (resave(schema_version=4), ("schema_version = 4 is not 3",)),
+    "newer schema": (resave(schema_version=4), ("schema_version 4, this one reads 3 -> update motorprior",)),
     "of nobody": (resave(provenance={}), ("motors",)),
 }
 

@@ -10,7 +10,7 @@ from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines import trials
-from motorprior.identification.fit_quality import MISSING, FitQuality, fit_quality
+from motorprior.identification.fit_quality import MEASURED, MISSING, FitQuality, fit_quality
 from motorprior.identification.reference import replayed_segments
 from motorprior.identification.standardise import standardised, widened
 from motorprior.logs.motor_log import MotorLog
@@ -52,6 +52,15 @@ def test_the_worst_motor_and_segment_are_named():
     assert "knee with 4.0 mrad" in text and "fast" not in text
     assert "segment 3 with 5.0 mrad (of 3 of 8 segments that were replayed);" in text
     assert "were replayed" not in "\n".join(replace(found, num_segments=3).lines())
+
+
+def test_an_error_that_no_encoder_tells_is_no_missing_physics():
+    """A PD is as near in an easy motion; above that the share that is left begins at 0."""
+    easy = FitQuality(np.array([0.0017]), np.array([0.0017]), {"slow": 0.0017}, {0: 0.0017}, 1, ("knee",))
+    assert easy.unexplained == 0.0 and not easy.misses_physics and easy.widening == 1.0
+    above = replace(easy, motors=np.array([np.hypot(MEASURED, 0.001)]), baseline=np.array([0.004]))
+    assert above.unexplained == pytest.approx(0.25)
+    assert replace(easy, motors=np.array([0.0085]), baseline=np.array([0.009])).misses_physics
 
 
 def test_replayed_segments_are_spread_over_the_whole_log(log: MotorLog):

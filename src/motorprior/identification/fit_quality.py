@@ -1,9 +1,9 @@
 """How well a prior's motors replay the logs they were fitted to, beside a PD that was fitted as carefully as it can be.
 
 Segments are replayed from where they begin with their commands and loads, nothing corrected on the way: the error is
-that of a simulation. Where the motors leave more than MISSING of the PD's error, physics that they lack makes most of
-it: then constants are not to be read as physics, and draws are widened. Where the log states gains, the PD follows them
-as the motors do, in proportion.
+that of a simulation. Where the motors leave more than MISSING of the PD's error, besides what no log can tell
+(MEASURED), physics that they lack makes most of it: then constants are not to be read as physics, and draws are
+widened. Where the log states gains, the PD follows them as the motors do, in proportion.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from motorprior.signals import rms
 
 MISSING = 0.35
 """Error over the tuned PD's from which on a fit counts as lacking physics [-]."""
+MEASURED = 0.002
+"""Error that counts as explained [rad]: encoders of servos tell an angle to 1.5 mrad, and a motion may be so easy that
+a PD comes as near as that, too."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +48,10 @@ class FitQuality:
 
     @property
     def unexplained(self) -> float:
-        """Median over motors of the error over the tuned PD's [-]."""
+        """Median over motors of √(max(e² - MEASURED², 0)) / e_PD, with their errors e and the tuned PD's [-]."""
         errors = np.where(np.isfinite(self.motors), self.motors, 1.0)  # a motor that breaks down explains nothing
-        return float(np.median(errors / np.maximum(self.baseline, 1e-9)))
+        left = np.sqrt(np.maximum(errors**2 - MEASURED**2, 0.0))
+        return float(np.median(left / np.maximum(self.baseline, 1e-9)))
 
     @property
     def misses_physics(self) -> bool:

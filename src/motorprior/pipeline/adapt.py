@@ -23,7 +23,7 @@ from motorprior.logs.validity import checked
 from motorprior.pipeline.fit_report import told_at_rest, told_quality
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.prior_file import prior_and_robot, require_robot_of, trained_on
-from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working
 
@@ -159,14 +159,15 @@ def _prepared(
     return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 
-def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = SILENT) -> MotorPosterior:
+def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = WARNED) -> MotorPosterior:
     """Find where in a prior's latent space the motors of a log are.
 
     Args:
         prior: of such motors.
         log: with load_inertia and external_torque, at the prior's sample period; seconds are enough.
         anyway: also if the log is unlike anything that the prior knows.
-        progress: where the motors' errors on the log are told, weak motors, motors at rest, and what to do about it.
+        progress: where the motors' errors on the log are told, weak motors, motors at rest, and what to do about it;
+            without one, warnings are Python's.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these very motors.

@@ -23,7 +23,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, stat
 from motorprior.logs.validity import checked
 from motorprior.pipeline.fit_report import told_at_rest, told_quality
 from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.stage import description, is_finished, remove, working
 from motorprior.pipeline.stopwatch import Stopwatch
 from motorprior.pipeline.training_log import Origin, origin_of, training_log
@@ -62,7 +62,7 @@ def fit_prior(
     *,
     steps: int | None = None,
     out: str | Path | None = None,
-    progress: Progress = SILENT,
+    progress: Progress = WARNED,
 ) -> MotorPrior:
     """Learn the distribution of motors from their logs.
 
@@ -74,7 +74,7 @@ def fit_prior(
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
         out: folder for prior.safetensors and, meanwhile, a checkpoint: the same call goes on from its last checkpoint,
             and only loads what is finished. Nothing is written without it.
-        progress: where to report to, for example ``Lines(sys.stderr)``.
+        progress: where to report to, for example ``Lines(sys.stderr)``; without one, warnings are Python's.
 
     Returns:
         The prior, which knows the robot, the recipe and the figures of its training.

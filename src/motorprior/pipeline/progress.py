@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol, TextIO
+
+WARNING = "warning: "
+"""How a note begins that warns."""
 
 
 class Task(Protocol):
@@ -40,6 +44,15 @@ class Silent:
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
+
+
+class Warned(Silent):
+    """`Progress` and `Task` that show nothing; a note that warns becomes a Python warning."""
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+        if text.startswith(WARNING):
+            warnings.warn(text.removeprefix(WARNING), stacklevel=2)
 
 
 class Lines:
@@ -86,3 +99,5 @@ class WithoutNotes:
 
 
 SILENT = Silent()
+WARNED = Warned()
+"""Of functions that are called from Python."""

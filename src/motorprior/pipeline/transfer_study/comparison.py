@@ -11,7 +11,7 @@ from motorprior.locomotion.command import Commands, Range
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorSource, drawn_from
-from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
@@ -28,7 +28,7 @@ def compare(
     policies: Mapping[str, Policy | Sequence[Policy]],
     twins: Mapping[str, MotorSource],
     *,
-    progress: Progress = SILENT,
+    progress: Progress = WARNED,
 ) -> Results:
     """Walk every policy on every set of motors, 24 draws of 5 s each, straight ahead as fast as all may be told.
 

@@ -18,7 +18,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, load_robot_fleet, nominal_pd
 from motorprior.pipeline.prior_file import doubts
-from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.progress import WARNED, Progress
 from motorprior.pipeline.side_by_side import threads_here
 from motorprior.pipeline.walking.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
 from motorprior.pipeline.walking.trained_policy import judge_faults, policy_of
@@ -50,7 +50,7 @@ def train_policy(
     symmetric: bool = True,
     hidden_units: int = 0,
     validation: Fleet | str | Path | None = None,
-    progress: Progress = SILENT,
+    progress: Progress = WARNED,
 ) -> Policy:
     """Train a walking policy by augmented random search in MuJoCo, on motors drawn for every episode.
 
