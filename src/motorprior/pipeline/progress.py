@@ -80,6 +80,31 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
 
+class Heard:
+    """Another `Progress`, and what its notes warned of.
+
+    Attributes:
+        warnings: so far.
+
+    Args:
+        progress: the other.
+    """
+
+    def __init__(self, progress: Progress):
+        self._progress = progress
+        self.warnings: list[str] = []
+
+    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
+        """See `Progress.start`."""
+        return self._progress.start(name, total)
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+        if text.startswith(WARNING):
+            self.warnings.append(text.removeprefix(WARNING))
+        self._progress.note(text)
+
+
 class WithoutNotes:
     """Shows the work of another `Progress`, and none of its notes: what is said of a baseline is not of the user's own.
 

@@ -25,7 +25,7 @@ from motorprior.pipeline.first_look.fleet_comparison import (
 from motorprior.pipeline.first_look.look import Errors, Look, constant_results, free_run_trace
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.motor_choice import described_pd
-from motorprior.pipeline.progress import Progress
+from motorprior.pipeline.progress import Heard, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.validation.log_baselines import with_gains_of
 from motorprior.pipeline.validation.log_stretches import Split
@@ -74,7 +74,8 @@ def look_with_loads(
     from motorprior.identification.log_fidelity import whole_runs
 
     known = joined(list(logs.known.values()))
-    prior = fit_prior(known, PRESET, seed, out=folder, progress=progress)
+    heard = Heard(progress)
+    prior = fit_prior(known, PRESET, seed, out=folder, progress=heard)
     with progress.start("tune one PD", TUNING) as task:
         tuned = tuned_pd(known, task.advance)
     preset = recipe_of(prior, folder / PRIOR)
@@ -93,7 +94,8 @@ def look_with_loads(
     shown = shown_by_logs(constants, _felt(prior, known, preset, constants))
     lines = (
         errors.compared(),
-        *_warned(prior),
+        *heard.warnings,
+        *_advice(prior),
         *_told(prior, constants, shown, fleet, known.joint_names),
         errors.unlike("prior"),
     )
@@ -134,14 +136,13 @@ def _errors(
     return whole, short
 
 
-def _warned(prior: MotorPrior) -> list[str]:
+def _advice(prior: MotorPrior) -> list[str]:
     """A line where the fit leaves more than POOR of a tuned PD's error in the very log that it was fitted to."""
-    left = prior.metrics["unexplained"]
-    if left < POOR:
+    if prior.metrics["unexplained"] < POOR:
         return []
     return [
-        f"the quick fit leaves {100 * left:.0f} % of the tuned PD's error even in the logs that it knows: it lacks "
-        "physics, or its search was stuck; `motorprior identify` also tries the terms of a servo's firmware"
+        "the quick fit lacks physics, or its search was stuck: `motorprior identify` also tries the terms of a servo's "
+        "firmware"
     ]
 
 
