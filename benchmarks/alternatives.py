@@ -38,12 +38,21 @@ from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
-from motorprior.identification.closed_loop import closed_loop
 from motorprior.identification.loss import POSITION_SCALE, VELOCITY_SCALE, huber
-from motorprior.identification.network import Parameters
+from motorprior.identification.networks.closed_loop import closed_loop
+from motorprior.identification.networks.network import Parameters
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.train import identify
-from motorprior.identification.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, TrainingData, draw, training_data
+from motorprior.identification.training_data.windows import (
+    EXTERNAL,
+    INERTIA,
+    POS,
+    TARGET,
+    VEL,
+    TrainingData,
+    draw,
+    training_data,
+)
 from motorprior.pipeline.stage import write_results
 from motorprior.results import Result, Results
 from motorprior.robots.pupper_v2 import spec
@@ -246,7 +255,7 @@ def compare(settings: Settings) -> Results:
 
 def grey_box(settings: Settings, log: Any, held_log: Any, note: Callable[[str, float, float], None]) -> None:
     """Preset rollout with as many steps, by the same measure."""
-    from motorprior.identification.network import import_parameters
+    from motorprior.identification.networks.network import import_parameters
 
     preset = replace(PRESETS["rollout"], steps=settings.steps)
     data, started = training_data(log, preset, "bench"), time.monotonic()

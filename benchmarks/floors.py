@@ -28,8 +28,8 @@ from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.distribution import two_sample_auc
-from motorprior.identification.standardise import standardised
+from motorprior.identification.judging.distribution import two_sample_auc
+from motorprior.identification.latents.standardise import standardised
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.build_model import CONTACT_TIME

@@ -23,7 +23,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.facts import BenchFacts, read_bench
-from motorprior.identification.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.judging.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -81,7 +81,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
     """Errors [rad] on both sets of motors, and what the rollout's draws are worth."""
-    from motorprior.identification.coverage import coverage
+    from motorprior.identification.judging.coverage import coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     facts = read_bench(settings.out / family / "bench")[1]
@@ -106,7 +106,7 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
 
 def tuned_pd(settings: Settings, family: str, facts: BenchFacts) -> dict[str, ModelOfMotors]:
     """One PD for all motors, fitted to the log of the bench."""
-    from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, fit_pd, repeated
+    from motorprior.identification.baselines.tuned_pds import EVALUATIONS, EVERYTHING, fit_pd, repeated
 
     log, nominal = read_bench(settings.out / family / "bench")[0], nominal_pd(facts.fleet, 1)
     with PROGRESS.start(f"{family}: tune the PD", EVALUATIONS) as task:

@@ -26,7 +26,7 @@ from scipy.stats import rankdata
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bounds import require_count
-from motorprior.identification.bench_fidelity import HELD_OUT_SEED
+from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify

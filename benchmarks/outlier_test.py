@@ -20,7 +20,7 @@ from motorprior.actuator.actuator import multiplied
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.bench_fidelity import HELD_OUT_SEED, bench_errors
+from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED, bench_errors
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.pipeline.validation.validate import load_priors
 from motorprior.results import Result, Results

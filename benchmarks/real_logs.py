@@ -30,7 +30,13 @@ import tyro
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.identification.log_fidelity import LogModel, free_run_errors, log_coverage, whole_runs, within_a_turn
+from motorprior.identification.judging.log_fidelity import (
+    LogModel,
+    free_run_errors,
+    log_coverage,
+    whole_runs,
+    within_a_turn,
+)
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.formats.parquet_io import read_parquet

@@ -23,7 +23,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.facts import read_bench
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification.bench_fidelity import bench_errors
+from motorprior.identification.judging.bench_fidelity import bench_errors
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.digests import code_digest, digest
@@ -52,7 +52,7 @@ class Settings:
 def error(bench: Path, preset: Preset) -> float:
     """Median closed-loop error of one training [mrad]; infinite if it diverged."""
     from motorprior.identification.train import identify
-    from motorprior.identification.windows import training_data
+    from motorprior.identification.training_data.windows import training_data
 
     log, facts = read_bench(bench)
     data = training_data(log, preset, str(bench))

@@ -30,7 +30,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
-from motorprior.identification.bench_fidelity import HELD_OUT_SEED
+from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -159,7 +159,7 @@ def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tupl
     """A variant's motors, and the log they were learned from."""
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.train import identify
-    from motorprior.identification.windows import training_data
+    from motorprior.identification.training_data.windows import training_data
 
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)

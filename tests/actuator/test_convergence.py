@@ -12,7 +12,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import trial
-from motorprior.identification.bench_fidelity import HELD_OUT, teacher_forced_torque
+from motorprior.identification.judging.bench_fidelity import HELD_OUT, teacher_forced_torque
 
 MOTORS = 16
 

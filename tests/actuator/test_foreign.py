@@ -11,7 +11,7 @@ from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, st
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import trial
-from motorprior.identification.bench_fidelity import HELD_OUT
+from motorprior.identification.judging.bench_fidelity import HELD_OUT
 
 DT = 1e-4
 BLOCKED = 1e9

@@ -15,7 +15,7 @@ from motorprior.bench.families import FAMILIES, FOREIGN, UNITS, geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.bench_fidelity import LONGEST_WORK, bench_errors, seconds_of_work
+from motorprior.identification.judging.bench_fidelity import LONGEST_WORK, bench_errors, seconds_of_work
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.motor_choice import drawn_from
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -11,7 +11,8 @@ import closing_the_loop
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
-from motorprior.identification import response_fit, term_selection
+from motorprior.identification.baselines import response_fit
+from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import identification_preset
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.formats.parquet_io import read_parquet, write_log

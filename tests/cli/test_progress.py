@@ -11,7 +11,7 @@ from rich.console import Console
 
 from motorprior.cli import console
 from motorprior.cli.console import Bar, Terminal
-from motorprior.identification import descent
+from motorprior.identification.networks import descent
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.side_by_side import side_by_side
 

@@ -13,9 +13,9 @@ import pytest
 from policies import as_file_content
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.identification import term_selection
+from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.windows import training_data
+from motorprior.identification.training_data.windows import training_data
 from motorprior.locomotion.policy import zero_policy
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.formats.robot_run import read_robot_run

@@ -14,7 +14,9 @@ import pytest
 from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
-from motorprior.identification import load_fit, response_fit, term_selection
+from motorprior.identification import load_fit
+from motorprior.identification.baselines import response_fit
+from motorprior.identification.physics import term_selection
 from motorprior.logs.formats.column_map import load_column_map
 from motorprior.logs.formats.column_units import Conversion
 from motorprior.pipeline import demo

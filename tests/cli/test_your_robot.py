@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.cli.main import RUN, parse
-from motorprior.identification import term_selection
+from motorprior.identification.physics import term_selection
 from motorprior.locomotion.policy import Policy
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import pytest
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import PRESETS, trial
-from motorprior.identification.windows import Measured, TrainingData
+from motorprior.identification.training_data.windows import Measured, TrainingData
 
 BENCH = PRESETS["rollout"]
 

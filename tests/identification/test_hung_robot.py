@@ -10,10 +10,10 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import Distribution, load_fleet
-from motorprior.identification.latent_fit import Posterior, adapt
-from motorprior.identification.network import export, initial_parameters
+from motorprior.identification.latents.latent_fit import Posterior, adapt
+from motorprior.identification.networks.network import export, initial_parameters
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.windows import training_data
+from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.pipeline.virtual.twin_body import draw_motors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.identification.fleet_fit import fit_fleet
-from motorprior.identification.log_fidelity import free_run_errors, free_runs
+from motorprior.identification.judging.log_fidelity import free_run_errors, free_runs
+from motorprior.identification.physics.fleet_fit import fit_fleet
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.smoothing import quantum
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import training_data
+from motorprior.identification.training_data.smoothing import quantum
+from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.formats.registry import read_log
 from motorprior.logs.joining import joined

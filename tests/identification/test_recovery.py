@@ -13,12 +13,12 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.coverage import coverage
-from motorprior.identification.latent_fit import Posterior, adapt
+from motorprior.identification.judging.coverage import coverage
+from motorprior.identification.judging.reference import reference_metrics
+from motorprior.identification.latents.latent_fit import Posterior, adapt
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.reference import reference_metrics
 from motorprior.identification.train import Identified, identify
-from motorprior.identification.windows import training_data
+from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog
 
 pytestmark = pytest.mark.slow

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.physics.term_selection import held_out_windows
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import Fleet, gain, starts_of_seen, without_residual
-from motorprior.identification.term_selection import held_out_windows
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData
+from motorprior.identification.training_data.windows import TrainingData
 
 Networks = Callable[..., LatentNetwork]
 Data = Callable[..., TrainingData]

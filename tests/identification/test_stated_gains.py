@@ -11,14 +11,14 @@ import pytest
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.closed_loop import closed_loop
-from motorprior.identification.fleet_fit import TURNS, fit_fleet
-from motorprior.identification.grey_box_fit import Expected, adapt
-from motorprior.identification.network import import_parameters
+from motorprior.identification.latents.grey_box_fit import Expected, adapt
+from motorprior.identification.networks.closed_loop import closed_loop
+from motorprior.identification.networks.network import import_parameters
+from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import KD, KP, TrainingData, training_data
+from motorprior.identification.training_data.windows import KD, KP, TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 
 Networks = Callable[..., LatentNetwork]

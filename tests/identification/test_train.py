@@ -11,10 +11,11 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification import physics_fit, term_selection
+from motorprior.identification import physics_fit
+from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import identify, work_of
-from motorprior.identification.windows import TrainingData, training_data
+from motorprior.identification.training_data.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
 PERIOD, FINE = 0.002, 8

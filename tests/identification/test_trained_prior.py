@@ -11,12 +11,12 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.bench_fidelity import Prediction, bench_errors
-from motorprior.identification.latent_fit import adapt, window_losses
-from motorprior.identification.outliers import Outliers, latent_names, outliers
+from motorprior.identification.judging.bench_fidelity import Prediction, bench_errors
+from motorprior.identification.latents.latent_fit import adapt, window_losses
+from motorprior.identification.latents.outliers import Outliers, latent_names, outliers
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
-from motorprior.identification.windows import training_data
+from motorprior.identification.training_data.windows import training_data
 from motorprior.pipeline.motor_choice import nominal_pd
 
 pytestmark = pytest.mark.slow

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.identification import outliers, reference
-from motorprior.identification.latent_fit import Posterior
-from motorprior.identification.outliers import Outliers
+from motorprior.identification.judging import reference
+from motorprior.identification.latents import outliers
+from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.latents.outliers import Outliers
 from motorprior.pipeline import adapt
 
 BADLY = np.array([0.8, 1e-6, 0.8, 0.004])

@@ -10,7 +10,8 @@ import pytest
 
 import real_logs
 from motorprior.artifacts import read_json
-from motorprior.identification import response_fit, term_selection
+from motorprior.identification.baselines import response_fit
+from motorprior.identification.physics import term_selection
 
 SHARES = ("coverage50", "coverage90")
 ROWS = 600

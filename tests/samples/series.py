@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.identification.windows import CHANNELS
+from motorprior.identification.training_data.windows import CHANNELS
 
 
 def complete(series: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import EXTERNAL, POS, STIFFNESS, training_data
+from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, training_data
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -15,7 +15,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
 
 if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.latent_fit import Posterior
+    from motorprior.identification.latents.latent_fit import Posterior
 
 
 @dataclass(frozen=True)

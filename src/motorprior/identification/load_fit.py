@@ -23,15 +23,15 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import LogError
-from motorprior.identification.fleet_fit import held_constants
-from motorprior.identification.grey_box_fit import inverse_precision
-from motorprior.identification.initial_motor import initial_center, with_motor
+from motorprior.identification.latents.grey_box_fit import inverse_precision
 from motorprior.identification.loss import POSITION_SCALE
-from motorprior.identification.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.fleet_fit import held_constants
+from motorprior.identification.physics.initial_motor import initial_center, with_motor
+from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.window_runs import Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_what_is_stated
 from motorprior.identification.residual import without_residual
-from motorprior.identification.window_runs import Segment, WindowRuns
-from motorprior.identification.windows import (
+from motorprior.identification.training_data.windows import (
     EXTERNAL,
     INERTIA,
     KP,

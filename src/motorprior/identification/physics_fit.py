@@ -15,13 +15,13 @@ import numpy as np
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import TERMS
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification.descent import CHUNK, Checkpoints, Report
-from motorprior.identification.fleet_fit import STAGES, FleetFit, fit_fleet
+from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report
+from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet
+from motorprior.identification.physics.term_selection import MOTORS, ROWS, WINDOWS, Selection, select_terms
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, without_residual
-from motorprior.identification.term_selection import MOTORS, ROWS, WINDOWS, Selection, select_terms
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData, some_stretches
+from motorprior.identification.training_data.windows import TrainingData, some_stretches
 
 _UNSTABLE = 1e6
 """Loss of a motor whose simulation breaks down."""

@@ -17,13 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.descent import Checkpoints, Report, descend
-from motorprior.identification.motor_fit import MotorFit
-from motorprior.identification.network import export, import_parameters, initial_parameters
+from motorprior.identification.latents.standardise import MOTORS_AT_LEAST
+from motorprior.identification.networks.descent import Checkpoints, Report, descend
+from motorprior.identification.networks.network import export, import_parameters, initial_parameters
+from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.standardise import MOTORS_AT_LEAST
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData, window_starts
+from motorprior.identification.training_data.windows import TrainingData, window_starts
 
 LEAST_GAIN = 0.03
 """Share of the held-out loss that a residual must save."""

@@ -15,13 +15,17 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.limits_not_shown import NOT_SHOWN, limit_in_words
-from motorprior.identification.assumed_spread import assumed_spread
-from motorprior.identification.descent import Checkpoints, Report, descend
-from motorprior.identification.distribution import aggregate_posterior_summary
-from motorprior.identification.felt import WORSE, limits_not_felt
-from motorprior.identification.fleet_fit import held_constants
-from motorprior.identification.motor_fit import MotorFit
-from motorprior.identification.network import Parameters, export, initial_parameters
+from motorprior.identification.judging.distribution import aggregate_posterior_summary
+from motorprior.identification.latents.assumed_spread import assumed_spread
+from motorprior.identification.latents.standardise import standard_posterior
+from motorprior.identification.networks.descent import Checkpoints, Report, descend
+from motorprior.identification.networks.network import Parameters, export, initial_parameters
+from motorprior.identification.physics.felt import WORSE, limits_not_felt
+from motorprior.identification.physics.fleet_fit import held_constants
+from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.settling import longer_runs, settled
+from motorprior.identification.physics.term_selection import held_out_windows
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.physics_fit import WORK, Physics, fit_physics
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import (
@@ -32,11 +36,7 @@ from motorprior.identification.residual import (
     trained_residual,
     without_residual,
 )
-from motorprior.identification.settling import longer_runs, settled
-from motorprior.identification.standardise import standard_posterior
-from motorprior.identification.term_selection import held_out_windows
-from motorprior.identification.window_runs import WindowRuns
-from motorprior.identification.windows import TrainingData
+from motorprior.identification.training_data.windows import TrainingData
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,10 @@ from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.grey_box_fit import Expected
-    from motorprior.identification.latent_fit import Posterior
+    from motorprior.identification.latents.grey_box_fit import Expected
+    from motorprior.identification.latents.latent_fit import Posterior
     from motorprior.identification.presets import Preset
-    from motorprior.identification.windows import TrainingData
+    from motorprior.identification.training_data.windows import TrainingData
 
 POSTERIOR = "posterior.safetensors"
 _NAMED = 10
@@ -99,14 +99,14 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the figures of its own errors.
     """
-    from motorprior.identification.latent_fit import adapt as fit_posterior
+    from motorprior.identification.latents.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
     return fit_posterior(prior.network, data, preset, temperature, expected=_expected(prior, log))
 
 
 def _expected(prior: MotorPrior, log: MotorLog) -> Expected:
-    from motorprior.identification.grey_box_fit import OF_THE_SAME_NAME, Expected
+    from motorprior.identification.latents.grey_box_fit import OF_THE_SAME_NAME, Expected
 
     known = prior.has_names(log.joint_names)
     return Expected(prior.expected(log.joint_names), np.where(known, OF_THE_SAME_NAME, 1.0))
@@ -118,8 +118,8 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
     Raises:
         LogError, ArtifactError: see `adapt_to`.
     """
-    from motorprior.identification.outliers import outliers
-    from motorprior.identification.reference import loss_p_value, num_blocks
+    from motorprior.identification.judging.reference import loss_p_value, num_blocks
+    from motorprior.identification.latents.outliers import outliers
 
     preset, data, temperature, which = _prepared(prior, path, log, where)
     badly = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
@@ -142,8 +142,8 @@ def _prepared(
     prior: MotorPrior, path: str | Path, log: MotorLog, where: str
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics of its outlier test."""
-    from motorprior.identification.reference import ending, has_reference_metrics
-    from motorprior.identification.windows import that_fits, training_data
+    from motorprior.identification.judging.reference import ending, has_reference_metrics
+    from motorprior.identification.training_data.windows import that_fits, training_data
 
     preset = that_fits(recipe_of(prior, path), log)
     if prior.network.num_latents == 0 or not has_reference_metrics(prior.metrics, preset.objective == "rollout"):

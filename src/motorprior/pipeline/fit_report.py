@@ -10,13 +10,13 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.fit_quality import FitQuality
+    from motorprior.identification.judging.fit_quality import FitQuality
 
 
 def told_quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
     """Errors of the motors of a log beside those of a tuned PD, and what they mean; each line is a note."""
-    from motorprior.identification.baselines import TUNING
-    from motorprior.identification.fit_quality import fit_quality
+    from motorprior.identification.baselines.tuned_pds import TUNING
+    from motorprior.identification.judging.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
         quality = fit_quality(motors, log, task.advance)

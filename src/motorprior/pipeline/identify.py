@@ -30,7 +30,7 @@ from motorprior.pipeline.training_log import Origin, origin_of, training_log
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.presets import Preset
-    from motorprior.identification.windows import TrainingData
+    from motorprior.identification.training_data.windows import TrainingData
 
 PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
 
@@ -175,7 +175,7 @@ def _for_log(recipe: Preset, log: MotorLog) -> Preset:
 
 def _data(job: _Job) -> TrainingData:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    from motorprior.identification.windows import training_data
+    from motorprior.identification.training_data.windows import training_data
 
     gains = stated_gains_of(job.log)
     if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
@@ -199,10 +199,10 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """The prior, with the figures that it is judged by later."""
-    from motorprior.identification.reference import reference_metrics
-    from motorprior.identification.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, widened
+    from motorprior.identification.judging.reference import reference_metrics
+    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, widened
     from motorprior.identification.train import identify, work_of
-    from motorprior.identification.used_share import used_share
+    from motorprior.identification.training_data.used_share import used_share
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:

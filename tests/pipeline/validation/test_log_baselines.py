@@ -10,7 +10,7 @@ from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import training_data
+from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.validation.log_baselines import baseline_recipes
 

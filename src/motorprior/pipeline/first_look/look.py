@@ -14,8 +14,8 @@ from motorprior.report.real_motor_tables import CONSTANT, NAMES, Trace
 from motorprior.results import Result, Results
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.log_fidelity import LogModel
-    from motorprior.identification.window_runs import WindowRuns
+    from motorprior.identification.judging.log_fidelity import LogModel
+    from motorprior.identification.physics.window_runs import WindowRuns
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ def free_run_trace(
     log: str, name: str, joint: int, runs: Sequence[WindowRuns], models: Mapping[str, LogModel]
 ) -> Trace:
     """The longest of ``runs`` of one log, of the joint of this name and index."""
-    from motorprior.identification.log_fidelity import angle_errors
-    from motorprior.identification.windows import POS, SECONDS, TARGET
+    from motorprior.identification.judging.log_fidelity import angle_errors
+    from motorprior.identification.training_data.windows import POS, SECONDS, TARGET
 
     longest = max(runs, key=lambda one: one.preset.window)
     time, target, measured = (longest.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))

@@ -34,8 +34,8 @@ from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.log_fidelity import LogModel
-    from motorprior.identification.outliers import Outliers
+    from motorprior.identification.judging.log_fidelity import LogModel
+    from motorprior.identification.latents.outliers import Outliers
     from motorprior.identification.presets import Preset
 
 PRESET = "first_look"
@@ -70,8 +70,8 @@ def look_with_loads(
     Raises:
         LogError: too short, or without a channel that the fit needs.
     """
-    from motorprior.identification.baselines import TUNING, tuned_pd
-    from motorprior.identification.log_fidelity import whole_runs
+    from motorprior.identification.baselines.tuned_pds import TUNING, tuned_pd
+    from motorprior.identification.judging.log_fidelity import whole_runs
 
     known = joined(list(logs.known.values()))
     heard = Heard(progress)
@@ -128,7 +128,7 @@ def _errors(
     log: MotorLog, preset: Preset, models: dict[str, LogModel]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """(J,) of free runs of whole segments, and of a second, by model [rad]."""
-    from motorprior.identification.log_fidelity import free_run_errors, free_runs, whole_runs, within_a_turn
+    from motorprior.identification.judging.log_fidelity import free_run_errors, free_runs, whole_runs, within_a_turn
 
     both = whole_runs(log, preset, log.source), [free_runs(log, preset, log.source)]
     found = (free_run_errors(runs, models) for runs in both)
@@ -148,9 +148,9 @@ def _advice(prior: MotorPrior) -> list[str]:
 
 def _felt(prior: MotorPrior, known: MotorLog, preset: Preset, names: Iterable[str]) -> frozenset[str]:
     """The constants that the known log feels."""
-    from motorprior.identification.felt import felt_constants
-    from motorprior.identification.window_runs import WindowRuns
-    from motorprior.identification.windows import training_data
+    from motorprior.identification.physics.felt import felt_constants
+    from motorprior.identification.physics.window_runs import WindowRuns
+    from motorprior.identification.training_data.windows import training_data
 
     preset = with_gains_of(preset, known)
     runs = WindowRuns(training_data(known, preset, known.source), preset)
@@ -165,7 +165,7 @@ def _told(
     joints: tuple[str, ...],
 ) -> list[str]:
     """How the motors differ from each other and from a fleet of theirs."""
-    from motorprior.identification.stand_out import stand_out
+    from motorprior.identification.latents.stand_out import stand_out
 
     odd, lines = stand_out(prior), []
     if constants:

@@ -31,9 +31,9 @@ def look_without_loads(logs: Split, seed: int, folder: Path, progress: Progress)
     Raises:
         LogError: a segment that is too short.
     """
-    from motorprior.identification.log_fidelity import free_run_errors, whole_runs, within_a_turn
+    from motorprior.identification.baselines.response_models import CONSTANTS
+    from motorprior.identification.judging.log_fidelity import free_run_errors, whole_runs, within_a_turn
     from motorprior.identification.presets import identification_preset
-    from motorprior.identification.response_models import CONSTANTS
 
     preset, known = identification_preset("rollout"), joined(list(logs.known.values()))
     models = fitted_responses(known, preset, BaselineFits(folder, seed=seed), progress)

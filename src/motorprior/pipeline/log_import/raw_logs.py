@@ -251,7 +251,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     """
     from scipy.interpolate import CubicSpline
 
-    from motorprior.identification.smoothing import smoothed
+    from motorprior.identification.training_data.smoothing import smoothed
 
     found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
     angles, grid = log.joint_pos if found is None else found[0], resample(log, period)

@@ -65,7 +65,7 @@ def draw_prior_bands(
         seed: of the draws.
         task: told of every log.
     """
-    from motorprior.identification.coverage import band
+    from motorprior.identification.judging.coverage import band
 
     rng, panels, covered = np.random.default_rng(seed), [], []
     for name, replayer in replayers.items():

@@ -18,8 +18,8 @@ FITTED = (BASELINE, TUNED_PD, PD_FRICTION)
 
 def fit_pds(config: Study, progress: Progress) -> None:
     """Fit the three PDs to the bench's log, each until it has converged; fits.json has constants, error and effort."""
-    from motorprior.identification.baselines import EVERYTHING, FRICTION, GAINS  # here: they import scipy
-    from motorprior.identification.pd_fit import MOST_EVALUATIONS, fit_to_the_end
+    from motorprior.identification.baselines.pd_fit import MOST_EVALUATIONS, fit_to_the_end
+    from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS  # here: they import scipy
 
     robot = load_robot(config.robot)
     fleet, folder = load_robot_fleet(robot, config.fleet), config.out / "fits"

@@ -14,8 +14,14 @@ from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.facts import BenchFacts
 from motorprior.bench.recording import bench_preset, preset_of_period, record
-from motorprior.identification.bench_fidelity import HELD_OUT, HELD_OUT_SEED, LONGEST_WORK, ModelOfMotors, bench_errors
-from motorprior.identification.latent_fit import Posterior
+from motorprior.identification.judging.bench_fidelity import (
+    HELD_OUT,
+    HELD_OUT_SEED,
+    LONGEST_WORK,
+    ModelOfMotors,
+    bench_errors,
+)
+from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.results import Result, Results
@@ -95,7 +101,7 @@ def adaptation(
         ``adapt_unlikely``, share of those below UNLIKELY, which so few motors tell better; and, for the longest up to
         ADAPTED_SECONDS, the `coverage`.
     """
-    from motorprior.identification.coverage import coverage
+    from motorprior.identification.judging.coverage import coverage
 
     preset = HELD_OUT.for_robot(robot)
     train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
@@ -134,7 +140,7 @@ def distribution(prior: MotorPrior, facts: BenchFacts, picture: Path) -> Results
         above it the prior's values are larger); and ``aggregate_posterior_kl``, of the training motors' posteriors to
         N(0, I) [nat].
     """
-    from motorprior.identification.distribution import (
+    from motorprior.identification.judging.distribution import (
         energy_distance,
         feature_auc,
         permutation_p_value,

@@ -21,7 +21,7 @@ from motorprior.pipeline.validation.log_stretches import with_joints
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.log_fidelity import LogModel
+    from motorprior.identification.judging.log_fidelity import LogModel
 
 PER_MOTOR = "per_motor"
 
@@ -80,8 +80,8 @@ def leave_motors_out(
         ConfigError: an unknown preset.
         LogError: a log that is too short, or lacks a channel.
     """
-    from motorprior.identification.baselines import repeated, tuned_pd
-    from motorprior.identification.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
+    from motorprior.identification.baselines.tuned_pds import repeated, tuned_pd
+    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
     from motorprior.identification.presets import identification_preset
 
     others = [joint for joint in range(known.num_joints) if joint not in group]

@@ -17,9 +17,9 @@ from motorprior.pipeline.progress import SILENT, Progress, WithoutNotes
 from motorprior.pipeline.stage import description, is_finished, working
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.log_fidelity import LogModel
+    from motorprior.identification.baselines.response_models import ResponseMotors
+    from motorprior.identification.judging.log_fidelity import LogModel
     from motorprior.identification.presets import Preset
-    from motorprior.identification.response_models import ResponseMotors
 
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 """Baselines that are recipes of identification: every motor's physics by itself, and one network for all motors."""
@@ -59,7 +59,7 @@ def fitted_baselines(
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
     """
-    from motorprior.identification.baselines import TUNING, tuned_pd
+    from motorprior.identification.baselines.tuned_pds import TUNING, tuned_pd
 
     recipes = baseline_recipes(log, preset)
     models: dict[str, LogModel] = dict(fitted_responses(log, preset, fits, progress))
@@ -87,7 +87,7 @@ def baseline_recipes(
         LogError: every segment is too short for one of them; it names the log's source.
     """
     from motorprior.identification.presets import PRESETS as NAMED
-    from motorprior.identification.windows import that_fits, window_starts
+    from motorprior.identification.training_data.windows import that_fits, window_starts
 
     if preset.period != BASELINE_PERIOD:
         return {}
@@ -114,7 +114,7 @@ def fitted_responses(
     Raises:
         LogError: another sample period, or no segment that is long enough.
     """
-    from motorprior.identification.response_models import CONSTANTS, ResponseMotors
+    from motorprior.identification.baselines.response_models import CONSTANTS, ResponseMotors
 
     out = fits.folder / "responses"
     wanted = description("responses", __file__, {"seed": fits.seed}, [], asdict(preset)) | {"inputs": [log_digest(log)]}
@@ -128,8 +128,8 @@ def fitted_responses(
 
 
 def _fit(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, np.ndarray]:
-    from motorprior.identification.log_fidelity import whole_runs
-    from motorprior.identification.response_fit import fit_responses
+    from motorprior.identification.baselines.response_fit import fit_responses
+    from motorprior.identification.judging.log_fidelity import whole_runs
 
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset, log.source)

@@ -19,7 +19,7 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.bench_fidelity import (
+from motorprior.identification.judging.bench_fidelity import (
     HELD_OUT,
     ModelOfMotors,
     Prediction,
@@ -97,7 +97,7 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
 
 
 def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict[str, ModelOfMotors]:
-    from motorprior.identification.baselines import repeated
+    from motorprior.identification.baselines.tuned_pds import repeated
 
     models: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(fleet, len(index)),
@@ -186,7 +186,7 @@ def _held_out(
 def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchFacts, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
-    from motorprior.identification.baselines import EVALUATIONS, EVERYTHING, GAINS, fit_pd
+    from motorprior.identification.baselines.tuned_pds import EVALUATIONS, EVERYTHING, GAINS, fit_pd
 
     nominal = nominal_pd(facts.fleet, 1)
     with progress.start("tune the PD baselines on the bench log", 2 * EVALUATIONS) as task:
@@ -240,7 +240,7 @@ def _armature(motors: TrueMotors, priors: dict[str, MotorPrior]) -> Results:
 
 def _residuals(priors: dict[str, MotorPrior]) -> Results:
     """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
-    from motorprior.identification.passivity import residual_bound, residual_work
+    from motorprior.identification.judging.passivity import residual_bound, residual_work
 
     rows: list[Result] = []
     for name, prior in priors.items():

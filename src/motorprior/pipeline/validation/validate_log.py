@@ -27,9 +27,9 @@ from motorprior.pipeline.validation.log_baselines import BaselineFits, baseline_
 from motorprior.results import Result, Results
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.latent_fit import Posterior
-    from motorprior.identification.log_fidelity import LogModel, LogTraces
-    from motorprior.identification.window_runs import WindowRuns
+    from motorprior.identification.judging.log_fidelity import LogModel, LogTraces
+    from motorprior.identification.latents.latent_fit import Posterior
+    from motorprior.identification.physics.window_runs import WindowRuns
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
 """Errors that are measured, and how long their free runs are."""
@@ -103,7 +103,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    from motorprior.identification.log_fidelity import known_half
+    from motorprior.identification.judging.log_fidelity import known_half
 
     log = replace(log, source=str(config.log))
     if not config.fitted_on:
@@ -120,7 +120,7 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.log_fidelity import free_runs, log_traces, whole_runs
+    from motorprior.identification.judging.log_fidelity import free_runs, log_traces, whole_runs
 
     where, preset = judged.source, with_gains_of(recipe_of(prior, config.prior), judged)
     spans = {
@@ -151,7 +151,7 @@ def measured(
     report: Callable[[], None] = lambda: None,
 ) -> Results:
     """Errors of all models and coverage of the adapted prior, over free runs of each of SPANS."""
-    from motorprior.identification.log_fidelity import free_run_errors, log_coverage, within_a_turn
+    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, within_a_turn
 
     rows = []
     for quantity, runs in spans.items():

@@ -1,0 +1,129 @@
+"""Models of the closed loop that need neither torque nor inertia: a command in, a motion out, constants per joint.
+
+    pure_delay     q(t) = u(t - delay)
+    second_order   q̈ = rate²·(u(t - delay) + offset - q) - 2·damping·rate·q̇
+    servo_limits   e = gain·u(t - delay) + offset + sag·τ + sine·sin q + cosine·cos q - q
+                   q̈ = rate²·(e less the dead band) - 2·damping·rate·q̇,   |q̈| <= acceleration,  |q̇| <= speed
+
+u [rad] is the command, between two rows linear in time. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m]
+is the log's external torque: a compliance ``sag`` [rad/(N·m)] stands for what gravity does to a proportional law. Where
+a log has no load, ``sine`` and ``cosine`` [rad] of the joint's own angle take its place.
+
+They say how joints moved under these gains and this load, and nothing about others: what a prior has to beat where it
+was fitted, and what it can do without elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.compiled import njit
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
+
+AT_ONCE = 1e9
+CONSTANTS = {
+    "delay": 0.0, "rate": AT_ONCE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
+    "offset": 0.0, "sag": 0.0, "sine": 0.0, "cosine": 0.0,
+}  # fmt: skip
+"""Constants in SI units, with the values at which each does nothing; from AT_ONCE on the joint is where it aims."""
+MODELS = {
+    "pure_delay": ("delay",),
+    "second_order": ("delay", "rate", "damping", "offset"),
+    "servo_limits": ("delay", "rate", "damping", "speed", "acceleration", "band", "gain", "offset"),
+}
+"""Constants that each model has; `servo_limits` also has those of one of GRAVITY."""
+GRAVITY = {"torque": ("sag",), "angle": ("sine", "cosine")}
+"""What stands for gravity: the log's external torque, or the joint's angle."""
+
+
+@njit(cache=True, nogil=True)
+def _respond(
+    target: np.ndarray,
+    external: np.ndarray,
+    starts: np.ndarray,
+    pos: np.ndarray,
+    vel: np.ndarray,
+    constants: np.ndarray,
+    dt: float,
+    out: np.ndarray,
+) -> None:
+    """Fill out (runs, steps) with one joint's angles [rad] at the end of every step.
+
+    Args:
+        target: (rows,) commands of a segment [rad]; before its first row the command was the first.
+        external: (rows,) [N·m].
+        starts: (runs,) rows at which free runs begin.
+        pos: (runs,) angles there [rad].
+        vel: (runs,) velocities half a period before [rad/s].
+        constants: in the order of CONSTANTS.
+        dt: period of the rows [s].
+        out: overwritten.
+    """
+    delay, rate, damping, speed, acceleration, band, gain, offset, sag, sine, cosine = constants
+    late, at_once, turned = delay / dt, rate >= AT_ONCE, sine != 0.0 or cosine != 0.0
+    for run in range(out.shape[0]):
+        q, dq = pos[run], vel[run]
+        for step in range(out.shape[1]):
+            row = starts[run] + step
+            seen = max(0.0, row + at_once - late)  # what follows at once is at the end of the step where it aims then
+            before = min(int(seen), target.shape[0] - 2)
+            command = target[before] + (seen - before) * (target[before + 1] - target[before])
+            aim = gain * command + offset + sag * external[row]
+            if turned:
+                aim += sine * np.sin(q) + cosine * np.cos(q)
+            if at_once:
+                q = aim
+            else:
+                missing = max(0.0, abs(aim - q) - band)
+                push = rate * rate * (missing if aim > q else -missing)
+                change = (dq + dt * push) / (1.0 + 2.0 * damping * rate * dt) - dq  # damping implicit: always stable
+                change = min(dt * acceleration, max(-dt * acceleration, change))
+                dq = min(speed, max(-speed, dq + change))
+                q += dt * dq
+            out[run, step] = q
+
+
+@dataclass(frozen=True)
+class ResponseMotors:
+    """One response model per joint.
+
+    Attributes:
+        name: of MODELS.
+        constants: (M, constants) in the order of CONSTANTS.
+    """
+
+    name: str
+    constants: np.ndarray
+
+    def errors(self, runs: WindowRuns) -> np.ndarray:
+        """(M, N, W) simulated minus recorded angles [rad] of the free runs that other models have in the same log."""
+        joints = zip(range(runs.num_motors), self.constants, strict=True)
+        return np.stack([JointRuns(runs, joint).errors(constants) for joint, constants in joints])
+
+
+class JointRuns:
+    """One joint of a log, and where its free runs begin."""
+
+    def __init__(self, runs: WindowRuns, joint: int):
+        first, self._window, self._dt, self._segments = runs.preset.history, runs.preset.window, runs.preset.period, []
+        for segment in runs.segments:
+            target, rest, stiffness, pos, vel = (
+                np.ascontiguousarray(segment.rows[:, channel, joint])
+                for channel in (TARGET, EXTERNAL, STIFFNESS, POS, VEL)
+            )
+            external = rest + stiffness * pos
+            starts = first + self._window * np.arange(segment.windows)
+            recorded = pos[first + 1 : first + 1 + segment.windows * self._window].reshape(-1, self._window)
+            self._segments.append((target, external, starts, pos[starts], vel[starts], recorded))
+
+    def errors(self, constants: np.ndarray) -> np.ndarray:
+        """(N, W) simulated minus recorded angles [rad] with these ``constants``."""
+        found = []
+        for target, external, starts, pos, vel, recorded in self._segments:
+            simulated = np.empty(recorded.shape)
+            _respond(target, external, starts, pos, vel, constants, self._dt, simulated)
+            found.append(simulated - recorded)
+        return np.concatenate(found)

@@ -1,0 +1,111 @@
+"""How well a prior's motors replay the logs they were fitted to, beside a PD that was fitted as carefully as it can be.
+
+Segments are replayed from where they begin with their commands and loads, nothing corrected on the way: the error is
+that of a simulation. Where the motors leave more than MISSING of the PD's error, besides what no log can tell
+(MEASURED), physics that they lack makes most of it: then constants are not to be read as physics, and draws are
+widened. Where the log states gains, the PD follows them as the motors do, in proportion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.identification.baselines.tuned_pds import in_proportion, tuned_pd
+from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays
+from motorprior.logs.motor_log import MotorLog
+from motorprior.signals import rms
+
+MISSING = 0.35
+"""Error over the tuned PD's from which on a fit counts as lacking physics [-]."""
+MEASURED = 0.002
+"""Error that counts as explained [rad]: encoders of servos tell an angle to 1.5 mrad, and a motion may be so easy that
+a PD comes as near as that, too."""
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """Root mean square errors of replayed angles [rad].
+
+    Attributes:
+        motors: (M,) of every motor.
+        baseline: (M,) of the tuned PD, the same for all motors.
+        speeds: of each pool of `reference.SPEEDS`, by its name; nan where no joint was so fast.
+        segments: of every segment that was replayed (`reference.replayed_segments`), by its place in the log.
+        num_segments: of the log.
+        joint_names: M names.
+    """
+
+    motors: np.ndarray
+    baseline: np.ndarray
+    speeds: dict[str, float]
+    segments: dict[int, float]
+    num_segments: int
+    joint_names: tuple[str, ...]
+
+    @property
+    def unexplained(self) -> float:
+        """Median over motors of √(max(e² - MEASURED², 0)) / e_PD, with their errors e and the tuned PD's [-]."""
+        errors = np.where(np.isfinite(self.motors), self.motors, 1.0)  # a motor that breaks down explains nothing
+        left = np.sqrt(np.maximum(errors**2 - MEASURED**2, 0.0))
+        return float(np.median(left / np.maximum(self.baseline, 1e-9)))
+
+    @property
+    def misses_physics(self) -> bool:
+        """Whether that is above MISSING."""
+        return self.unexplained > MISSING
+
+    @property
+    def widening(self) -> float:
+        """Factor on the spread of draws around the central motor: 1 up to MISSING, 2 where nothing is explained."""
+        return 1.0 + max(0.0, min(1.0, self.unexplained) - MISSING) / (1.0 - MISSING)
+
+    def lines(self) -> tuple[str, ...]:
+        """What a user should know, a line each."""
+        worst, segment = int(self.motors.argmax()), list(self.segments)[int(np.argmax(list(self.segments.values())))]
+        some = f" (of {len(self.segments)} of {self.num_segments} segments that were replayed)"
+        some = "" if len(self.segments) == self.num_segments else some
+        speeds = ", ".join(f"{name} {1e3 * value:.1f}" for name, value in self.speeds.items() if np.isfinite(value))
+        said = (
+            f"replayed logs: {1e3 * np.median(self.motors):.1f} mrad (median over motors), one tuned PD "
+            f"{1e3 * np.median(self.baseline):.1f} mrad",
+            f"worst: {self.joint_names[worst]} with {1e3 * self.motors[worst]:.1f} mrad, segment {segment} with "
+            f"{1e3 * self.segments[segment]:.1f} mrad{some}; by speed of the joint [mrad]: {speeds}",
+        )
+        if not self.misses_physics:
+            return said
+        return (
+            *said,
+            f"warning: {100 * self.unexplained:.0f} % of the PD's error is left (above {100 * MISSING:.0f} %): these "
+            "motors have physics that the model lacks. Do not read its constants as physics",
+        )
+
+
+def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None) -> FitQuality:
+    """Replay a log with its motors, and with a PD tuned to it.
+
+    Args:
+        motors: one per joint of the log.
+        log: with known loads.
+        report: called after every evaluation of the tuning.
+    """
+    tell = in_proportion(log)
+    pd = tuned_pd(log, report, tell)
+    segments, pools = zip(*replays(motors, log), strict=True)
+    error, pool = np.concatenate(segments), np.concatenate(pools)
+    baseline = np.concatenate([missed for missed, _ in replays(pd, log, tell)])
+    places = replayed_segments(log).tolist()
+    return FitQuality(
+        _rms(error, axis=0), _rms(baseline, axis=0),
+        {name: float(_rms(error[pool == index])) for index, name in enumerate(SPEEDS)},
+        {place: float(_rms(missed)) for place, missed in zip(places, segments, strict=True)},
+        len(log.segment_slices()), log.joint_names,
+    )  # fmt: skip
+
+
+def _rms(error: np.ndarray, axis: int | None = None) -> np.ndarray:
+    """Root mean square; nan of nothing."""
+    return rms(error, axis) if error.size else np.array(np.nan)

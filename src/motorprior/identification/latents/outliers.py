@@ -1,0 +1,91 @@
+"""Outlier test by latents: whether new motors lie inside the prediction interval of the training motors.
+
+The loss of a fit has little power: it differs by a factor of two between motors of one fleet. So every new motor is
+fitted a second time, by `adapt`, with a prior WIDER times as wide as the training motors, so that it hardly shrinks the
+estimate. The fit is in decoder latents (for preset rollout the logarithms of the constants) and starts from the
+posterior mean, since a new random search could end in another local minimum. The result is compared with the M
+training motors, of mean m and standard deviation s,
+
+    t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
+
+where v·s² is the posterior variance of the second fit: this is the prediction interval of one more motor, with a
+Bonferroni correction over the L latents in which the training motors differ. The others, constants that were held or
+that logs state, are not tested. The test has power only for constants that the log identifies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.geared_motor_constants import parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import TrainingData
+
+WIDER = 3.0
+"""Standard deviation of the second fit's prior, in standard deviations of the training motors."""
+_SAME = 1e-9
+"""Standard deviation of a latent up to which the training motors do not differ in it: only rounding does."""
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Result of the test for M motors.
+
+    Attributes:
+        p_value: (M,) p, the probability that one more motor of the fleet lies as far out.
+        latent: M names, of the latent with the smallest p-value of each motor.
+        deviation: (M,) t of that latent.
+    """
+
+    p_value: np.ndarray
+    latent: tuple[str, ...]
+    deviation: np.ndarray
+
+
+def outliers(
+    network: LatentNetwork,
+    trained: np.ndarray,
+    found: np.ndarray,
+    data: TrainingData,
+    preset: Preset,
+    temperature: float,
+) -> Outliers:
+    """Test each motor of ``data`` against the training motors.
+
+    Args:
+        network: network of the prior.
+        trained: (M, Z) posterior means of the training motors, M >= 2.
+        found: (N, Z) posterior means of the new motors, from `adapt`.
+        data: logs of the new motors.
+        preset: the prior's recipe.
+        temperature: as for `adapt`.
+    """
+    known = network.decoder_latents(trained)
+    mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SAME)
+    differ = spread > _SAME
+    wide = Copula(np.eye(len(mean)), mean + WIDER * spread * SCORES[:, None])
+    start = np.where(differ, (network.decoder_latents(found) - mean) / (WIDER * spread), 0.0)
+    start = np.clip(start, -1.0, 1.0)  # where motors hardly differ `found` may be farther off than steps come back from
+    freed = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
+    variance = WIDER**2 * np.diagonal(freed.covariance, axis1=1, axis2=2)
+    deviation = WIDER * freed.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)
+    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(deviation), len(known) - 1), 1.0)
+    worst = p_values.argmin(axis=1)
+    rows, names = np.arange(len(worst)), latent_names(network)
+    p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
+    return Outliers(p_value, tuple(names[index] for index in worst), deviation[rows, worst])
+
+
+def latent_names(network: LatentNetwork) -> tuple[str, ...]:
+    """Names of the decoder's latents: those of the constants where each constant has its own latent."""
+    motor = network.motor
+    square = motor is not None and len(motor.slope) == motor.slope.shape[1]
+    if motor is not None and square and np.array_equal(motor.slope, np.diag(np.diag(motor.slope))):
+        return parameters_of(motor.terms)
+    return tuple(f"latent {index}" for index in range(network.num_latents))

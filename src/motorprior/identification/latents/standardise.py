@@ -1,0 +1,126 @@
+"""Latents in which the training motors are distributed as N(0, I), so that a draw of N(0, I) is a motor of their fleet.
+
+After training, the motors' latents have arbitrary location, scale and shape. A Gaussian copula (`actuator.copula`) is
+put before the decoder: each latent keeps its marginal distribution over the training motors, by their quantiles,
+and the correlations R of the normal scores are shrunk, since samples of few motors show spurious correlation,
+
+    (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
+    w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
+
+for scores x standardised with the n - 1 standard deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005).
+So each latent alone is N(0, 1) over the training motors; a correlation that the shrinkage removes from the copula
+remains between their latents. The decoded motors do not change. Fewer than MOTORS_AT_LEAST motors give no reliable
+quantiles: their latents are scaled by mean and standard deviation alone, of constants by what is assumed of such
+motors, too (`assumed_spread`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.latents.assumed_spread import spread_of_few
+from motorprior.identification.latents.latent_fit import laplace_covariance, window_losses
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import TrainingData
+
+MOTORS_AT_LEAST = 8
+"""Least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error."""
+MOTORS_TO_TRUST = 24
+"""Least number of motors for reliable draws; with fewer, outer quantiles are extrapolated and independence assumed."""
+_RISE = 1e-6
+"""Smallest slope of a latent over its normal score."""
+
+
+def standardised(
+    network: LatentNetwork, mean: np.ndarray, assumed: np.ndarray | None = None
+) -> tuple[LatentNetwork, np.ndarray]:
+    """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
+
+    Args:
+        network: trained network without a copula.
+        mean: (M, Z) latents of the training motors.
+        assumed: (Z,) how far such motors are assumed to differ, which counts for few motors; nothing if not given.
+
+    Returns:
+        The network and the new latents; both unchanged if Z = 0.
+    """
+    motors, latents = mean.shape
+    if latents == 0:
+        return network, mean
+    if motors < MOTORS_AT_LEAST:
+        spread = mean.std(axis=0) if assumed is None else spread_of_few(mean, assumed)
+        quantiles = mean.mean(axis=0) + SCORES[:, None] * spread
+    else:
+        quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
+    quantiles = quantiles + _RISE * SCORES[:, None]
+    normal = scores(quantiles, mean)
+    mixing = np.eye(latents) if motors < MOTORS_AT_LEAST else np.linalg.cholesky(shrunk_correlation(normal)).T
+    return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
+
+
+def standard_posterior(
+    network: LatentNetwork,
+    data: TrainingData,
+    preset: Preset,
+    mean: np.ndarray,
+    assumed: np.ndarray | None = None,
+) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
+    """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
+
+    The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
+
+    Args:
+        network: trained network.
+        data: the motors' logs.
+        preset: recipe of the training.
+        mean: (M, Z) latents of the motors after training.
+        assumed: see `standardised`.
+    """
+    network, mean = standardised(network, mean, assumed)
+    if mean.size == 0:
+        return network, mean, np.zeros_like(mean)
+    temperature = float(window_losses(network, data, preset, mean).mean())
+    covariance = laplace_covariance(network, data, preset, mean, temperature)
+    return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
+
+
+def widened(
+    network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
+) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
+    """Spread draws ``factor`` times as far from the central motor; the decoded motors of ``mean`` stay the same.
+
+    Args:
+        network: with a copula, or it is returned as it is.
+        mean: (M, Z) latents of motors.
+        log_var: (M, Z) their log-variances.
+        factor: at least 1.
+
+    Returns:
+        The network, the new latents and their log-variances.
+    """
+    copula = network.copula
+    if copula is None or factor == 1.0:
+        return network, mean, log_var
+    latents, middle = copula.decoder_latents(mean), copula.quantiles[len(SCORES) // 2]
+    wide = Copula(copula.mixing, middle + factor * (copula.quantiles - middle))
+    normal = scores(wide.quantiles, latents)
+    moved = np.linalg.solve(copula.mixing.T, normal.T).T
+    return replace(network, copula=wide), moved, log_var - 2.0 * np.log(factor)
+
+
+def shrunk_correlation(x: np.ndarray) -> np.ndarray:
+    """(Z, Z) correlation matrix of (M, Z) samples, shrunk towards independence; positive definite."""
+    count, size = x.shape
+    spread = x.std(axis=0, ddof=1)
+    standard = (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    products = standard[:, :, None] * standard[:, None, :]
+    apart = ~np.eye(size, dtype=bool)
+    variance = count / (count - 1) ** 3 * np.sum((products - products.mean(axis=0)) ** 2, axis=0)
+    correlation = count / (count - 1) * products.mean(axis=0)
+    total = np.sum(correlation[apart] ** 2)
+    shrinkage = min(1.0, float(np.sum(variance[apart]) / total)) if total > 0 else 1.0
+    return np.where(apart, (1.0 - shrinkage) * correlation, 1.0)

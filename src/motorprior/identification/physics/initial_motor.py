@@ -1,0 +1,124 @@
+"""The initial motor of a fit: a small geared servo, made as large as the motors of the logs are.
+
+A decoder reaches constants within a factor of 12 of its central motor, and motors differ by more: a hobby servo may
+hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are stated in N·m/rad the size is that of the gains.
+Elsewhere some sizes of all torques, and of the gain alone, are tried on the logs, and the fit begins at the best if its
+loss is less than half the initial motor's.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_constants import parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.servo_terms import INITIAL, SIGNED
+from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.logs.motor_log import PHYSICAL_GAINS
+
+INITIAL_MOTOR = {
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
+    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
+    "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
+}  # fmt: skip
+"""Constants at which a fit begins, in SI units: a small geared servo."""
+_TORQUES = (
+    "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
+    "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
+)  # fmt: skip
+"""Constants that scale with the size of a motor."""
+_OVER_HELD = 1.1
+"""Initial limit of speed over the speed that motors held [-]."""
+_NOTHING = 1e-9
+"""A constant that motors of a recipe lack."""
+_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
+"""Logarithms of the factors that are tried."""
+_MUCH_LESS = 0.5
+"""Largest loss, over that of the initial motor, with which another size is taken."""
+
+
+def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
+    """(P,) decoder outputs of the initial motor; its limits of speed, stated gains and firmware are those of the logs.
+
+    Where gains are stated in N·m/rad, every torque of the initial motor is that of a motor with such gains.
+    """
+    motor = INITIAL_MOTOR
+    if runs is not None:
+        motor = motor | dict.fromkeys(runs.preset.lacks, _NOTHING)
+    if runs is not None and runs.fastest:
+        motor = motor | {"profile_speed": _profile_speed(runs), "no_load_speed": 1.3 * runs.fastest}
+    if runs is not None:
+        motor = motor | runs.preset.stated_constants
+    if runs is None or not runs.gain_unit:
+        return encoded(motor, terms)
+    kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
+    if runs.gain_unit == PHYSICAL_GAINS:
+        factor = kp / INITIAL_MOTOR["kp"]
+        motor = motor | {name: factor * motor[name] for name in _TORQUES if name in motor}
+        needed = float(np.median(runs.largest_request))
+        limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
+        motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if states_kd(runs) else {})
+    else:
+        motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
+    return encoded(motor, terms)
+
+
+def _profile_speed(runs: WindowRuns) -> float:
+    """Where the search for a firmware's limit of speed begins [rad/s]: a little above what motors held.
+
+    A limit that is too low shows in every fast motion and rises; one that is too high shows nowhere and stays.
+    """
+    return _OVER_HELD * float(np.median(runs.held_speed)) or runs.fastest
+
+
+def sized_center(
+    network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
+) -> np.ndarray:
+    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better.
+
+    Args:
+        network: with a residual that stays as it is.
+        runs: the logs.
+        terms: of the motors.
+        chosen: (N,) mask of the windows that count; all if not given.
+    """
+    center = initial_center(terms, runs)
+    if runs.gain_unit == PHYSICAL_GAINS:
+        return center
+    names = parameters_of(terms)
+    torques = np.array([name in (*_TORQUES, "kp") for name in names])
+    gain = np.array([name == "kp" for name in names])
+    sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
+    nowhere = np.zeros((runs.num_motors, len(names)))
+    losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(nowhere) for size in sizes]
+    middle = np.median(losses, axis=1)
+    best = int(np.argmin(middle))
+    return sizes[best] if middle[best] < _MUCH_LESS * middle[0] else center
+
+
+def states_kd(runs: WindowRuns) -> bool:
+    """Whether the logs state kd: where they do not, it is written as kp (`windows`)."""
+    return bool(np.any(runs.gains[1] != runs.gains[0]))
+
+
+def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
+    """(P,) decoder outputs of a motor with these constants; outputs of constants that are not given are 0."""
+    return np.array([
+        values.get(name, 0.0) / SIGNED[name] if name in SIGNED else np.log(values.get(name, 1.0))
+        for name in parameters_of(terms)
+    ])  # fmt: skip
+
+
+def with_motor(network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
+    """A network with this central motor, and one latent per constant; its own weights ignore the latents."""
+    size = len(center)
+    motor = GearedMotor(center, np.eye(size), terms)
+    return replace(
+        network, motor=motor, v1=np.zeros((size, network.num_neurons)), armature_slope=np.zeros(size), copula=None
+    )

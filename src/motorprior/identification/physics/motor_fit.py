@@ -1,0 +1,260 @@
+"""Fit of many motors at once, each to its own log, by free runs: a global search, then damped Gauss-Newton steps.
+
+    minimise  U(z) = loss(z) + ½·Σ_k precision_k·(z_k - mean_k)²
+
+per motor, with the rollout loss of `loss` over all windows. Derivatives are central differences over a wide step, since
+stiction makes small ones meaningless, and a step is taken only if it lowers U: no fit diverges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.compiled import njit
+from motorprior.identification.loss import huber, huber_curvature, huber_weight
+from motorprior.identification.physics.window_runs import WindowRuns
+
+WIDE, NARROW = 0.1, 0.03
+"""Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)."""
+LARGEST_STEP = 0.5
+"""Of a latent, in one Gauss-Newton step."""
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
+"""Factors on the damping that are tried in every step."""
+_LEAST_GAIN = 1e-4
+"""Share of U below which a step that lowers it is a motor's last."""
+_LANES = 768
+"""Motors simulated at a time; bounds the memory."""
+_NEVER, _BROKEN = 1e9, 1e6
+"""Loss of a simulation that broke down, and residual of one."""
+_CERTAIN = 1e6
+"""Precision of what is held."""
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc"})
+def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that depends on nothing.
+
+    A library's product adds up in another order with another number of threads.
+    """
+    size, count = slopes.shape
+    gradient, matrix = np.zeros(size), np.zeros((size, size))
+    for i in range(size):
+        weighted, total = weights * slopes[i], np.float32(0.0)
+        for row in range(count):
+            total += pulls[row] * slopes[i, row]
+        gradient[i] = total
+        for j in range(i + 1):
+            total = np.float32(0.0)
+            for row in range(count):
+                total += weighted[row] * slopes[j, row]
+            matrix[i, j] = matrix[j, i] = total
+    return gradient, matrix
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known of z before the log: independent Gaussians of this mean and precision, each (Z,) or (M, Z)."""
+
+    mean: np.ndarray
+    precision: np.ndarray
+
+    def holding(self, columns: np.ndarray) -> Belief:
+        """The same, but certain that z is 0 in these columns (Z,)."""
+        return Belief(np.where(columns, 0.0, self.mean), np.where(columns, _CERTAIN, self.precision))
+
+    def energy(self, z: np.ndarray) -> np.ndarray:
+        """(M, ...) ½·Σ precision·(z - mean)² of z (M, ..., Z)."""
+        mean, precision = (_beside(values, z) for values in (self.mean, self.precision))
+        return 0.5 * np.sum(precision * (z - mean) ** 2, axis=-1)
+
+
+def _beside(values: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Values (Z,) or (M, Z) in a shape that broadcasts with z (M, ..., Z)."""
+    return values if values.ndim == 1 else values.reshape(len(values), *[1] * (z.ndim - 2), -1)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where M motors are: z (M, Z), energy U (M,) and loss (M,)."""
+
+    z: np.ndarray
+    energy: np.ndarray
+    loss: np.ndarray
+
+    def better(self, other: Fit) -> Fit:
+        """Of every motor the one with less energy."""
+        chosen = other.energy < self.energy
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Fit(*(of_either(chosen, values, others) for values, others in both))
+
+
+def of_either(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(M, ...) rows of ``others`` of the motors (M,) that are chosen, and of ``values`` of the rest."""
+    return np.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), others, values)
+
+
+class MotorFit:
+    """The problem: a decoder, logs, and which windows count.
+
+    Args:
+        network: decoder from z to motors.
+        runs: the logs of M motors.
+        chosen: (N,) mask of the windows that count; all if not given.
+        least: (M, Z) bounds of z, which searches and steps keep; none if not given.
+    """
+
+    def __init__(
+        self,
+        network: LatentNetwork,
+        runs: WindowRuns,
+        chosen: np.ndarray | None = None,
+        least: np.ndarray | None = None,
+    ):
+        self.network, self.runs, self.mask, self._least = network, runs, chosen, least
+        self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
+        self._everyone = np.arange(runs.num_motors)
+
+    @property
+    def windows(self) -> int:
+        """Of each motor that count."""
+        return len(np.arange(self.runs.windows)[self._chosen])
+
+    def _residuals(self, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
+        """(L, R) float32."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = self.runs.residuals(self.network, z, motor)[:, self._chosen]
+        return found.reshape(len(motor), -1)
+
+    def within(self, z: np.ndarray) -> np.ndarray:
+        """(M, ..., Z) z, or the bound where it is below."""
+        return z if self._least is None else np.maximum(z, _beside(self._least, z))
+
+    def losses(self, z: np.ndarray, motors: np.ndarray | None = None) -> np.ndarray:
+        """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z), of these ``motors`` (M,) or of all."""
+        shape, motors = z.shape[:-1], self._everyone if motors is None else motors
+        motor = np.broadcast_to(motors.reshape(-1, *[1] * (z.ndim - 2)), shape).ravel()
+        rows, found = z.reshape(-1, z.shape[-1]), np.empty(len(motor))
+        for first in range(0, len(motor), _LANES):
+            some = slice(first, first + _LANES)
+            found[some] = self._loss(self._residuals(rows[some], motor[some]))
+        return found.reshape(shape)
+
+    def window_losses(self, z: np.ndarray) -> np.ndarray:
+        """(M, N) loss of each window at z (M, Z)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = [
+                self.runs.residuals(self.network, z[[motor]], np.array([motor]))[:, self._chosen]
+                for motor in self._everyone
+            ]
+            loss = self.runs.channels * np.mean(huber(np.concatenate(values).astype(np.float64)), axis=(2, 3))
+        return np.where(np.isfinite(loss), loss, _NEVER)
+
+    def _loss(self, residuals: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore", invalid="ignore"):
+            loss = self.runs.channels * np.mean(huber(residuals), axis=-1, dtype=np.float64)
+        return np.where(np.isfinite(loss), loss, _NEVER)
+
+    def best_of(self, candidates: np.ndarray, belief: Belief) -> np.ndarray:
+        """(M, Z) of each motor the candidate with the least energy; candidates are (M, K, Z)."""
+        candidates = self.within(candidates)
+        energy = self.losses(candidates) + belief.energy(candidates)
+        return candidates[self._everyone, energy.argmin(axis=1)]
+
+    def search(
+        self, rng: np.random.Generator, start: np.ndarray, belief: Belief, radii: tuple[float, ...], count: int
+    ) -> np.ndarray:
+        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` draws per radius, ever closer."""
+        best = start
+        for radius in radii:
+            draws = radius * rng.standard_normal((count, start.shape[-1]))
+            draws[0] = 0.0
+            best = self.best_of(best[:, None] + draws, belief)
+        return best
+
+    def polish(self, start: np.ndarray, belief: Belief, steps: int, reach: float = NARROW) -> Fit:
+        """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _LEAST_GAIN.
+
+        Args:
+            start: initial latents.
+            belief: part of the energy.
+            steps: at most.
+            reach: of the differences, WIDE or NARROW.
+        """
+        z, damping = self.within(start), np.full(len(start), 1e-2)
+        loss = self.losses(z)
+        energy = loss + belief.energy(z)
+        slope, curvature = self._derivatives(z, reach)
+        left = self._everyone
+        for step in range(steps):
+            tried = damping[:, None] * DAMPINGS
+            candidates = self.within(z[:, None] - self._moves(z, slope, curvature, belief, tried))
+            losses = np.full(candidates.shape[:2], np.inf)
+            losses[left] = self.losses(candidates[left], left)
+            energies = losses + belief.energy(candidates)
+            best = energies.argmin(axis=1)
+            found = energies[self._everyone, best]
+            lower = found < energy
+            damping = np.clip(np.where(lower, tried[self._everyone, best], 30.0 * damping), 1e-6, 1e4)
+            done = lower & (energy - found < _LEAST_GAIN * energy)
+            z = np.where(lower[:, None], candidates[self._everyone, best], z)
+            loss, energy = np.where(lower, losses[self._everyone, best], loss), np.where(lower, found, energy)
+            left = left[~done[left]]
+            if not len(left):
+                break
+            if step + 1 < steps and len(moved := left[lower[left]]):
+                slope[moved], curvature[moved] = self._derivatives(z, reach, moved)
+        return Fit(z, energy, loss)
+
+    def curvatures(self, z: np.ndarray, reach: float = NARROW) -> np.ndarray:
+        """(M, Z, Z) Gauss-Newton matrices of the loss: channels·mean of huber''(r)·∇r·∇rᵀ."""
+        return self._derivatives(z, reach, bend=huber_curvature)[1]
+
+    def _moves(
+        self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, belief: Belief, damping: np.ndarray
+    ) -> np.ndarray:
+        """(M, K, Z) steps for K dampings each; what would leave a bound on which it lies stays, as if it were known."""
+        matrix = curvature + belief.precision[..., None] * np.eye(z.shape[1])
+        gradient = slope + belief.precision * (z - belief.mean)
+        if self._least is not None:
+            free = (z > self._least) | (gradient < 0.0)
+            gradient = gradient * free
+            matrix = matrix * (free[:, :, None] & free[:, None] | np.eye(z.shape[1], dtype=bool))
+        diagonal = np.einsum("mpp->mp", matrix)
+        scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
+        damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])
+        moves = np.linalg.solve(damped, np.broadcast_to(gradient[:, None, :, None], (*damped.shape[:3], 1)))[..., 0]
+        return np.clip(moves, -LARGEST_STEP, LARGEST_STEP)
+
+    def _derivatives(
+        self, z: np.ndarray, reach: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (M, Z) and Gauss-Newton matrix (M, Z, Z) of the loss, of these ``motors``.
+
+        The matrix has ``bend`` in place of the second derivative: with `huber_weight` it is an upper bound.
+        """
+        motors, size = self._everyone if motors is None else motors, z.shape[1]
+        slope, curvature = np.zeros((len(motors), size)), np.zeros((len(motors), size, size))
+        shifts = reach * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
+        together = max(1, _LANES // len(shifts))
+        for first in range(0, len(motors), together):
+            some = motors[first : first + together]
+            lanes = (z[some][:, None] + shifts).reshape(-1, size)
+            found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
+            for row, values in enumerate(found):
+                slope[first + row], curvature[first + row] = self._normal_equations(values, reach, bend)
+        return slope, curvature
+
+    def _normal_equations(self, found: np.ndarray, reach: float, bend: Callable) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and Gauss-Newton matrix from residuals (1 + 2Z, R) at z, above and below."""
+        size = (len(found) - 1) // 2
+        with np.errstate(over="ignore", invalid="ignore"):
+            here, slopes = found[0], (found[1 : size + 1] - found[size + 1 :]) / np.float32(2.0 * reach)
+            usable = (np.abs(here) < _BROKEN) & np.isfinite(slopes).all(axis=0)
+        here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
+        factor = self.runs.channels / len(here)
+        gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
+        return factor * gradient, factor * matrix

@@ -1,0 +1,221 @@
+"""Which terms of `servo_terms` the data ask for: left out one by one where held-out free runs do without them.
+
+Some motors are fitted on every second segment of their logs and judged on the others. All terms are fitted at once
+first, since some are worth nothing without another: an encoder on the output needs the joint's own damping, or the
+joint rattles in its play. With so many constants one random search ends in a poor optimum, in which terms seem useless,
+so there are several, and one that begins at a fit with the terms of SERVO alone; of every motor the best counts. Then
+each term is left out in turn, the rarest first. The fit is polished without it and, if it then seems to be missed, made
+anew from the beginning, as a term changes where the other constants belong. It stays if it is worth its price,
+
+    median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
+
+(at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
+test is of the held-out stretches of each). A term may have made up for one that is gone by then: those that stayed and
+saved no more than SURE are left out in turn again, until none leaves. In the end all that stayed are compared with no
+term at all, by the same price and the test at 5 %. A term is not asked about where the log states a value for it, which
+motors have, nor where the log states that all of it is off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from scipy.stats import wilcoxon
+
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.servo_terms import FAINT, in_order
+from motorprior.identification.physics.fleet_fit import TURNS, bounded_fit, fit_fleet, held_constants, weak_belief
+from motorprior.identification.physics.initial_motor import encoded, with_motor
+from motorprior.identification.physics.motor_fit import MotorFit, of_either
+from motorprior.identification.physics.window_runs import WindowRuns
+
+PRICE = 0.04
+"""Share of the held-out loss that a term must save."""
+MOTORS, ROWS, WINDOWS = 8, 10_000, 60
+"""Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
+SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
+"""What the servos of hobby robots have."""
+STRETCHES = 16
+"""Stretches of a log of few segments."""
+ORDER = (
+    "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
+    "torque_speed", "profile",
+)  # fmt: skip
+"""In which terms are left out."""
+_LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
+"""Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these: from
+fewer no term is chosen."""
+_NO_LOSS = 1e-9
+"""A loss below counts as none."""
+_TURNS = (*TURNS[:3], *TURNS[-2:])
+_STEPS = 10
+SURE = 0.3
+"""Share of the held-out loss: a term that saved more in one turn is not left out in the next."""
+_ATTEMPTS = 3
+"""Random searches for a fit of all terms."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Terms, and what each saved.
+
+    ``saved`` maps each term to the share of the held-out loss that it saved (negative: that it cost).
+    """
+
+    terms: tuple[str, ...]
+    saved: dict[str, float]
+
+
+@dataclass(frozen=True)
+class _State:
+    """Fits (m, P) of motors with these terms, as decoder outputs, and their losses.
+
+    ``fitted`` and ``held_out`` (m,), and ``parts`` (m, s), those held out by stretch.
+    """
+
+    terms: tuple[str, ...]
+    raw: np.ndarray
+    fitted: np.ndarray
+    held_out: np.ndarray
+    parts: np.ndarray
+
+
+def select_terms(
+    network: LatentNetwork, runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None
+) -> Selection:
+    """Choose terms for the motors of ``runs``.
+
+    Args:
+        network: with a residual that stays as it is.
+        runs: logs of m motors; MOTORS of a fleet are enough.
+        seed: of the searches.
+        report: called once for every term of ORDER in the first turn, then once for every fit of a further turn.
+    """
+    held_out = held_out_windows(runs)
+    told, off = runs.preset.stated_terms, runs.preset.terms_that_are_off
+    tried = tuple(name for name in ORDER if name not in off)
+    if held_out.all() or not held_out.any():  # too short a log to judge anything by
+        return Selection(told, {})
+    trial = _Trial(network, runs, seed)
+    best, saved = trial.all_at_once(tried, (*(name for name in SERVO if name not in off), *told)), {}
+    for name in ORDER:
+        if name in (*told, *off):
+            report(f"{name}: {'stated' if name in told else 'off'}")
+    before: tuple[str, ...] = ()
+    while best.terms != before:
+        before = best.terms
+        best = trial.left_out_in_turn(best, told, saved, report)
+    if best.terms != told:
+        bare = _better(trial.polished(best, told), trial.fitted(told))
+        best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
+    return Selection(best.terms, saved)
+
+
+def _saved(before: _State, after: _State) -> float:
+    """Share of the held-out loss, median over motors."""
+    return 1.0 - float(np.exp(np.median(_logarithm(after.held_out) - _logarithm(before.held_out))))
+
+
+def _worth(before: _State, after: _State, level: float) -> bool:
+    """Whether the fits ``after`` are worth the terms that those ``before`` lack.
+
+    They are if they save more than PRICE of the held-out loss and the signed-rank test says so at this ``level``, from
+    the gains of all motors or, of fewer than _RANKS_TELL motors, of their stretches.
+    """
+    if len(before.held_out) >= _RANKS_TELL:
+        gains = _logarithm(before.held_out) - _logarithm(after.held_out)
+    else:
+        gains = (_logarithm(before.parts) - _logarithm(after.parts)).ravel()
+    if len(gains) < _RANKS_TELL or not gains.any():
+        return False
+    pvalue = float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue)
+    return _saved(before, after) > PRICE and pvalue < level
+
+
+def _logarithm(loss: np.ndarray) -> np.ndarray:
+    """Of losses that may be 0: in a stretch at rest, a motor that rests is right."""
+    return np.log(loss + _NO_LOSS)
+
+
+class _Trial:
+    """Fits on half of the windows, judged on the other half."""
+
+    def __init__(self, network: LatentNetwork, runs: WindowRuns, seed: int):
+        self._network, self._runs, self._seed = network, runs, seed
+        held_out = held_out_windows(runs)
+        self._seen, self._unseen = ~held_out, held_out
+
+    def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
+        """From the beginning."""
+        terms, seed = in_order(terms), self._seed + attempt
+        found = fit_fleet(self._network, self._runs, terms, True, seed, chosen=self._seen, turns=_TURNS)
+        return self._state(terms, found.center, found.offsets)
+
+    def all_at_once(self, tried: tuple[str, ...], servo: tuple[str, ...]) -> _State:
+        """Of every motor the best of several fits of all terms; one of them begins with those of a ``servo`` alone."""
+        best = self.polished(self.fitted(servo), in_order(tried))
+        for attempt in range(_ATTEMPTS):
+            best = _better(best, self.fitted(tried, attempt))
+        return best
+
+    def left_out_in_turn(
+        self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    ) -> _State:
+        """Each of the terms but ``told``, the rarest first, unless sure by then; what each saves goes to ``saved``."""
+        for name in [name for name in ORDER if name in best.terms and name not in told]:
+            if saved.get(name, 0.0) > SURE:
+                continue
+            less = self.polished(best, tuple(other for other in best.terms if other != name))
+            if _worth(less, best, _LEVEL):  # or a better fit without it would but confirm that it may leave
+                less = _better(less, self.fitted(less.terms))
+                best = _better(best, self.polished(less, best.terms))  # as many attempts with the term as without it
+            saved[name] = _saved(less, best)
+            report(f"{name}: saves {100 * saved[name]:.0f} %")
+            best = best if _worth(less, best, _LEVEL) else less
+        return best
+
+    def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
+        """The fits ``before`` with these terms, new ones faint at first, and some Gauss-Newton steps."""
+        faint = encoded(FAINT | self._runs.preset.stated_constants, terms)
+        rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
+        columns = [
+            before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), faint[row])
+            for row, name in enumerate(parameters_of(terms))
+        ]
+        start = np.stack(columns, axis=1)
+        center = np.median(start, axis=0)
+        fit = bounded_fit(self._network, center, terms, self._runs, self._seen)
+        held = held_constants(terms, self._runs)
+        found = fit.polish(start - center, weak_belief(len(center)).holding(held), _STEPS)
+        return self._state(terms, center, np.where(held, 0.0, found.z))
+
+    def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
+        losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
+        raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
+        held_out, groups = losses[:, self._unseen], stretches(self._runs)[self._unseen]
+        parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
+        return _State(terms, raw, losses[:, self._seen].mean(axis=1), held_out.mean(axis=1), parts)
+
+
+def _better(one: _State, other: _State) -> _State:
+    """Of every motor the one that fits better what is fitted."""
+    chosen = other.fitted < one.fitted
+    names = ("raw", "fitted", "held_out", "parts")
+    return _State(one.terms, *(of_either(chosen, getattr(one, name), getattr(other, name)) for name in names))
+
+
+def stretches(runs: WindowRuns) -> np.ndarray:
+    """(N,) number of the stretch that each window is in: its segment or, of few segments, one of STRETCHES parts."""
+    groups = runs.groups()
+    if groups[-1] < 3:
+        groups = np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
+    return groups
+
+
+def held_out_windows(runs: WindowRuns) -> np.ndarray:
+    """(N,) whether a window is judged, not fitted: every second of the `stretches`."""
+    return stretches(runs) % 2 == 1  # presets have five excitations in turn: over two rounds each is in both halves

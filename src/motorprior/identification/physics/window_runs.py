@@ -1,0 +1,284 @@
+"""Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
+
+What `closed_loop` is for JAX this is for searches: thousands of motors at once, no compilation per recipe, derivatives
+by differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
+every window of a free run begins with its hidden state (rotor, backlash, delayed commands) and the recorded joint. If
+the encoders are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; such
+a log shows neither backlash nor encoder zero (`closed_loop`), which are then those of the central motor and 0.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
+from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor_constants import StepConstants
+from motorprior.actuator.grey_box import SCALES as BOX_ROWS
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.loaded_joint import next_velocity
+from motorprior.compiled import njit
+from motorprior.exceptions import ConfigError
+from motorprior.identification.loss import SCALES
+from motorprior.identification.physics.speed_limits import held_speed
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import (
+    EXTERNAL,
+    INERTIA,
+    KD,
+    KP,
+    POS,
+    SECONDS,
+    STIFFNESS,
+    TARGET,
+    TORQUE,
+    VEL,
+    TrainingData,
+)
+
+LANES_PER_TASK = 256
+"""Motors that one thread simulates at a time; their state then stays in a core's cache."""
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")
+"""Constants that an encoder on the rotor does not show."""
+_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL
+"""Rows of a grey box's memory."""
+_BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
+"""Rows of its parameters."""
+_next_velocity = njit(nogil=True, inline="always")(next_velocity)
+
+
+@njit(cache=True, nogil=True)
+def _free_runs(
+    observer: ActuatorArrays,
+    free: ActuatorArrays,
+    motor: np.ndarray,
+    rows: np.ndarray,
+    dt: float,
+    first: int,
+    window: int,
+    scales: np.ndarray,
+    at_rotor: bool,
+    out: np.ndarray,
+) -> None:
+    """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
+
+    Args:
+        observer: motors that follow the log.
+        free: the same motors, for the free runs.
+        motor: (lanes,) index of the motor in ``rows`` that each lane simulates.
+        rows: (steps, channels of `windows`, motors) of one segment.
+        dt: sample period [s].
+        first: row at which the first window begins.
+        window: steps of a window.
+        scales: of position, velocity and torque errors.
+        at_rotor: whether positions and velocities are the rotors'.
+        out: overwritten.
+    """
+    observer, free, rows = borrowed(observer), borrowed(free), borrowed(rows)
+    lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
+    target, pos, vel = rows[0, TARGET][motor], rows[0, POS][motor], rows[0, VEL][motor]
+    inertia, torque, unused = rows[0, INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
+    q, dq, seen_q, seen_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
+    reset_actuator(observer, target, pos)
+    reset_actuator(free, target, pos)
+    for step in range(first + windows * window):
+        index, within = (step - first) // window, (step - first) % window
+        for lane in range(lanes):
+            target[lane] = rows[step, TARGET, motor[lane]]
+        if step >= first and within == 0:
+            free.memory[:] = observer.memory
+            free.history[:] = observer.history
+            q[:], dq[:] = seen_q, seen_dq
+        free.clock[0] = observer.clock[0]
+        step_actuator(observer, dt, target, seen_q, seen_dq, unused)
+        if step >= first:
+            step_actuator(free, dt, target, q, dq, torque)
+        for lane in range(lanes):
+            j, stiffness = motor[lane], rows[step, STIFFNESS, motor[lane]]
+            next_pos, next_vel = rows[step + 1, POS, j], rows[step + 1, VEL, j]
+            if at_rotor:
+                damping = observer.damping[lane]
+                external = rows[step, EXTERNAL, j] + stiffness * seen_q[lane]
+                seen_dq[lane] = _next_velocity(seen_dq[lane], unused[lane], external, inertia[lane], damping, dt)
+                seen_q[lane] += dt * seen_dq[lane]
+                observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
+            else:
+                seen_q[lane], seen_dq[lane] = next_pos, next_vel
+            if step < first:
+                continue
+            damping, external = free.damping[lane], rows[step, EXTERNAL, j] + stiffness * q[lane]
+            dq[lane] = _next_velocity(dq[lane], torque[lane], external, inertia[lane], damping, dt)
+            q[lane] += dt * dq[lane]
+            own_pos, own_vel = q[lane], dq[lane]
+            if at_rotor:
+                own_pos, own_vel = free.memory[_ROTOR, lane], free.memory[_ROTOR_VEL, lane]
+            out[lane, index, 0, within] = (own_pos - next_pos) / scales[0]
+            out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
+            if channels > 2:
+                applied = torque[lane] - damping * dq[lane]
+                out[lane, index, 2, within] = (applied - rows[step, TORQUE, j]) / scales[2]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One segment: (steps, channels, M) rows, and its number of whole windows."""
+
+    rows: np.ndarray
+    windows: int
+
+    @property
+    def seconds(self) -> float:
+        """Its middle, since the log began."""
+        return float(self.rows[:, SECONDS, 0].mean())
+
+    @property
+    def gains(self) -> np.ndarray:
+        """(2, M) stated kp and kd."""
+        return self.rows[0, [KP, KD]]
+
+
+class WindowRuns:
+    """Free runs over all windows of M motors' logs.
+
+    Args:
+        data: the logs.
+        preset: window, warm-up and period.
+        motors: of the log that are used; all if not given.
+        beat: called several times a second during `residuals`; what it raises ends them.
+
+    Attributes:
+        beat: what was given.
+        fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+        held_speed: (M,) speed [rad/s] that each motor held somewhere in the whole log (`speed_limits`).
+    """
+
+    def __init__(
+        self,
+        data: TrainingData,
+        preset: Preset,
+        motors: np.ndarray | None = None,
+        beat: Callable[[], None] = lambda: None,
+    ):
+        series = data.series if motors is None else data.series[motors]
+        self.preset, self._measured, self.segments, self.gain_unit = preset, data.measured, [], data.gain_unit
+        for part in data.parts:
+            windows = (part.stop - part.start - 1 - preset.history) // preset.window
+            if windows > 0:
+                rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
+                self.segments.append(Segment(rows, windows))
+        self.num_motors = len(series)
+        self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
+        error = series[..., TARGET] - series[..., POS]
+        self.held_speed = held_speed(series[..., VEL], error, preset.period)
+        self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
+
+    @property
+    def windows(self) -> int:
+        """Of each motor."""
+        return sum(segment.windows for segment in self.segments)
+
+    @property
+    def at_rotor(self) -> bool:
+        """Whether the log's encoders are on the rotors."""
+        return self._measured.at_rotor
+
+    @property
+    def gains(self) -> np.ndarray:
+        """(2, M) stated kp and kd of every motor, medians over segments; 1 if none count."""
+        return np.median([segment.gains for segment in self.segments], axis=0)
+
+    @property
+    def largest_request(self) -> np.ndarray:
+        """(M,) stated kp times position error [rad], which each motor exceeds in one sample of a thousand."""
+        asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
+        return np.quantile(np.concatenate(asked), 0.999, axis=0)
+
+    @property
+    def channels(self) -> int:
+        """Errors per sample."""
+        return self._measured.channels
+
+    def groups(self) -> np.ndarray:
+        """(N,) number of the segment that each window is in."""
+        return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
+
+    def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
+        """(L, N, C, W) scaled errors of motor ``motor[l]`` simulated with latents z[l], for L pairs; float32."""
+        lanes, preset = len(motor), self.preset
+        out = np.empty((lanes, self.windows, self.channels, preset.window), np.float32)
+        tasks, done = [], 0
+        for segment in self.segments:
+            inside = slice(done, done + segment.windows)
+            for first in range(0, lanes, LANES_PER_TASK):
+                some = slice(first, min(first + LANES_PER_TASK, lanes))
+                tasks.append((network, z[some], motor[some], segment, out[some, inside]))
+            done += segment.windows
+        self.beat()
+        for _ in self._threads.map(lambda task: self._run(*task), tasks):
+            self.beat()
+        return out
+
+    def recorded(self, channel: int) -> np.ndarray:
+        """(M, N, W) what the log has of a channel of `windows` at the end of every step of the windows."""
+        preset, found = self.preset, []
+        for segment in self.segments:
+            first = preset.history + 1
+            rows = segment.rows[first : first + segment.windows * preset.window, channel]
+            found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
+        return np.concatenate(found, axis=1)
+
+    def errors(self, motors: Actuator) -> np.ndarray:
+        """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
+
+        Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are.
+        """
+        if isinstance(motors, LatentActuator) and motors.network.motor is not None:
+            return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
+        out = np.empty((self.num_motors, self.windows, self.channels, self.preset.window), np.float32)
+        done, dt = 0, self.preset.period
+        for segment in self.segments:
+            filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
+            rows = segment.rows.copy()
+            rows[:, INERTIA] += motors.armature
+            self._fill(motors.arrays(dt), motors.arrays(dt), np.arange(self.num_motors), rows, False, filled)
+            out[:, done : done + segment.windows] = filled
+            done += segment.windows
+        return out
+
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
+        if network.gain_unit and network.gain_unit != self.gain_unit:
+            raise ConfigError(
+                f"these motors were learned with stated gains [{network.gain_unit}], the log is read without",
+                remedy="state kp and kd of its joints when it is imported",
+            )
+        gains = segment.gains[:, motor] if network.gain_unit else None
+        motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds), gains), self.preset.period
+        observer, free = motors.arrays(dt), motors.arrays(dt)
+        at_rotor = self._measured.at_rotor and network.motor is not None
+        if at_rotor:
+            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1]).arrays(dt)
+            for arrays in (observer, free):
+                arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
+                arrays.parameters[_ZERO] = 0.0
+        filled = np.empty(out.shape, np.float32)
+        self._fill(observer, free, motor, segment.rows, at_rotor, filled)
+        out[...] = filled
+
+    def _fill(
+        self,
+        observer: ActuatorArrays,
+        free: ActuatorArrays,
+        motor: np.ndarray,
+        rows: np.ndarray,
+        at_rotor: bool,
+        filled: np.ndarray,
+    ) -> None:
+        preset, scales = self.preset, np.array(SCALES)
+        _free_runs(observer, free, motor, rows, preset.period, preset.history, preset.window, scales, at_rotor, filled)

@@ -1,0 +1,258 @@
+"""Training data: motor logs as stacked arrays, and random windows that never cross the end of a segment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.smoothing import smoothed
+from motorprior.logs.motor_log import MotorLog, other_firmware, stated_gain_rows
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Which channels of a log were measured, and where.
+
+    Attributes:
+        torque: whether the log has joint_torque.
+        at_rotor: whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
+            backlash, instead of one on the joint.
+    """
+
+    torque: bool
+    at_rotor: bool = False
+
+    @property
+    def channels(self) -> int:
+        """Number of errors per sample of a rollout: of position, velocity and, if it was measured, torque."""
+        return 3 if self.torque else 2
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """Logs of M motors with R rows each.
+
+    Attributes:
+        series: (M, R, 10) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
+            external_torque - load_stiffness·joint_pos, load_inertia, seconds since the log began, stated kp and kd (1
+            where none count), load_stiffness (0 where the log has none), by which a joint gets its own load. For a
+            rollout positions and velocities are smoothed where readings are noisy (`smoothing`), the velocities are
+            those of half a period earlier and the torques are averages centred on the sample, as a semi-implicit step
+            needs them.
+        starts: (S,) first rows of the windows that lie inside one segment.
+        parts: rows of each segment.
+        measured: measured channels.
+        scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
+        gain_unit: of the stated gains, "" if none count.
+    """
+
+    series: np.ndarray
+    starts: np.ndarray
+    parts: tuple[slice, ...]
+    scales: dict[str, float]
+    measured: Measured
+    gain_unit: str = ""
+
+
+_REMEDIES = {
+    "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import` and its option `hung`",
+    "torque": "record the channel, or use preset rollout, which learns from positions",
+}
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, STIFFNESS = range(10)
+CHANNELS = STIFFNESS + 1
+PAUSE = 60.0
+"""Time between two segments after which motors count as cold again [s]."""
+MEANS = (VEL, TORQUE, EXTERNAL)
+"""Channels of `TrainingData.series` that are averaged with the row before for a rollout."""
+
+
+def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
+    """Stack a bench log for training; a rollout needs no velocities or torques.
+
+    Raises:
+        LogError: wrong sample period, a missing channel, another firmware than the recipe's, or segments shorter than
+            a window.
+    """
+    if preset.objective == "rollout":
+        if log.encoder == "joint":
+            log = _without_noise(log)
+        elif log.joint_vel is None:
+            log = replace(log, joint_vel=_velocities(log))
+    _require(log, preset, where)
+    _require_firmware(log, preset, where)
+    nothing = np.zeros_like(log.joint_pos)
+    channels = (
+        log.position_target,
+        log.joint_pos,
+        log.joint_vel,
+        log.joint_torque,
+        log.external_torque,
+        log.load_inertia,
+        np.broadcast_to(_seconds_of_work(log)[:, None], log.joint_pos.shape),
+        *_gains(log, preset, where),
+        log.load_stiffness,
+    )
+    series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
+    series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
+    if preset.objective == "rollout":
+        series = _centred(series, log)
+    parts = tuple(log.segment_slices())
+    return TrainingData(
+        series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
+        starts=window_starts(parts, preset, where),
+        parts=parts,
+        scales=_scales(log, where),
+        gain_unit=preset.gain_unit,
+        measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
+    )
+
+
+SHORTEST_WINDOW = 64
+"""Steps of a free run; in a shorter one a joint hardly moves."""
+
+
+def that_fits(preset: Preset, log: MotorLog) -> Preset:
+    """The recipe, its windows as long as the log's longest segment allows, if that is less than theirs."""
+    longest = max(part.stop - part.start for part in log.segment_slices())
+    room = max(SHORTEST_WINDOW, longest - preset.history - 1)
+    return replace(preset, window=min(preset.window, room)) if preset.objective == "rollout" else preset
+
+
+def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
+    """(2, R, M) of `stated_gain_rows`; ones for a recipe that knows of none."""
+    if not preset.gain_unit:
+        return np.ones((2, *log.joint_pos.shape))
+    rows = stated_gain_rows(log)
+    if rows is None or log.gain_unit != preset.gain_unit:
+        has = "no stated_kp" if rows is None else f"gains in {log.gain_unit}"
+        raise LogError(
+            f"{has}, the prior's motors have stated gains [{preset.gain_unit}]", where=where,
+            remedy="state kp and kd of every joint in the column map, or import the log with kp and kd given",
+        )  # fmt: skip
+    return rows
+
+
+def _seconds_of_work(log: MotorLog) -> np.ndarray:
+    """(R,) time since the motors began to work [s]; they begin anew after a PAUSE, or where the clock does."""
+    seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
+    for part in log.segment_slices():
+        first = log.time[part.start]
+        start = start if before <= first <= before + PAUSE else first
+        seconds[part], before = log.time[part] - start, log.time[part.stop - 1]
+    return seconds
+
+
+def _without_noise(log: MotorLog) -> MotorLog:
+    """The log with smoothed positions and velocities if its readings are noisy; with velocities in any case."""
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
+    if found is not None:
+        return replace(log, joint_pos=found[0], joint_vel=found[1])
+    return log if log.joint_vel is not None else replace(log, joint_vel=_velocities(log))
+
+
+def _velocities(log: MotorLog) -> np.ndarray:
+    """(R, M) joint velocities [rad/s] by second-order differences of the positions within segments."""
+    found = np.zeros_like(log.joint_pos)
+    for part in log.segment_slices():
+        if part.stop - part.start > 2:
+            found[part] = np.gradient(log.joint_pos[part], log.time[part], axis=0, edge_order=2)
+    return found
+
+
+def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
+    """(R, M, 10) series whose velocities and torques are averaged with the row before in the segment.
+
+    A velocity at t becomes that at t - dt/2; torques averaged over t to t + dt become averages centred on t.
+    """
+    before = series.copy()
+    for part in log.segment_slices():
+        before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
+    series[..., MEANS] = 0.5 * (series + before)[..., MEANS]
+    return series
+
+
+def _require(log: MotorLog, preset: Preset, where: str) -> None:
+    wanted = {"rollout": ("load_inertia", "external_torque"), "torque": ("joint_vel", "joint_torque")}
+    for channel in wanted[preset.objective]:
+        if getattr(log, channel) is None:
+            raise LogError(
+                f"no {channel}, which the {preset.objective} objective needs", where=where,
+                remedy=_REMEDIES[preset.objective],
+            )  # fmt: skip
+    period = next(log.segments()).period
+    if abs(period - preset.period) > 0.01 * preset.period:
+        raise LogError(
+            f"sample period {period:g} s, the preset's is {preset.period:g} s",
+            where=where,
+            remedy="record with the bench preset of the same name, or resample the log",
+        )
+
+
+def _require_firmware(log: MotorLog, preset: Preset, where: str) -> None:
+    """Refuse registers of a firmware other than those that the recipe's motors have."""
+    if other := other_firmware(log.firmware, dict(preset.firmware)):
+        raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
+
+
+def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndarray:
+    """(S,) first rows of the windows that lie inside one of the ``parts``.
+
+    Raises:
+        LogError: every part is shorter than a window.
+    """
+    length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
+    every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
+    if len(every) == 0:
+        longest = max(part.stop - part.start for part in parts)
+        raise LogError(
+            f"its longest segment has {longest} rows, a window {length} ({length * preset.period:g} s)", where=where,
+            remedy="use more of the log, or record longer segments",
+        )  # fmt: skip
+    return every
+
+
+def _scales(log: MotorLog, where: str) -> dict[str, float]:
+    """Standard deviations of the inputs and the torque; the torque limit is 1.2 times the largest torque."""
+    assert log.joint_vel is not None
+    scales = {"error_scale": np.std(log.position_target - log.joint_pos), "velocity_scale": np.std(log.joint_vel)}
+    scales |= {"torque_scale": 1.0, "torque_limit": 3.0}
+    if log.joint_torque is not None:
+        limit = 1.2 * np.quantile(np.abs(log.joint_torque), 0.9995)
+        scales |= {"torque_scale": np.std(log.joint_torque), "torque_limit": limit}
+    for name, value in scales.items():
+        if not value > 0:
+            raise LogError(
+                f"{name} is {value}: that channel is the same in every row",
+                where=where,
+                remedy="record with an excitation that moves the motors",
+            )
+    return {name: float(value) for name, value in scales.items()}
+
+
+def some_stretches(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
+    """The data with about so many ``rows`` in its parts: stretches that are spread evenly over the whole log.
+
+    A stretch has two to eight windows and is within one part; parts that are shorter are left out, or, if all are,
+    taken as they are.
+    """
+    windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
+    least = preset.history + windows * preset.window + 1
+    if sum(part.stop - part.start for part in data.parts) <= rows:
+        return data
+    pieces = [
+        slice(first, first + least) for part in data.parts for first in range(part.start, part.stop - least + 1, least)
+    ] or list(data.parts)
+    lengths = pieces[0].stop - pieces[0].start
+    chosen = np.unique(np.linspace(0, len(pieces) - 1, max(2, min(len(pieces), rows // lengths))).astype(int))
+    return replace(data, parts=tuple(pieces[index] for index in chosen))
+
+
+def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
+    motors = rng.integers(len(data.series), size=(count, preset.batch))
+    starts = data.starts[rng.integers(len(data.starts), size=(count, preset.batch))]
+    return motors.astype(np.int32), starts.astype(np.int32)

@@ -1,0 +1,120 @@
+"""Responses that need no load: closed forms, and known constants found again in their own simulation."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.identification.baselines.response_fit import fit_responses
+from motorprior.identification.baselines.response_models import CONSTANTS, ResponseMotors
+from motorprior.identification.judging.log_fidelity import free_run_errors
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.training_data.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, Measured, TrainingData
+
+DT, ROWS = 0.002, 3000
+PRESET = PRESETS["rollout"]
+LINEAR = {"delay": 0.012, "rate": 30.0, "damping": 0.8, "offset": 0.03}
+SERVO = LINEAR | {
+    "speed": 1.5, "acceleration": 40.0, "band": 0.02, "gain": 0.97, "sag": 0.04,
+}  # fmt: skip
+
+
+def constants(**known: float) -> np.ndarray:
+    return np.array([list((CONSTANTS | known).values())])
+
+
+def command(seed: int, rows: int = ROWS) -> np.ndarray:
+    """(rows,) a chirp with steps on it [rad]."""
+    rng, time = np.random.default_rng(seed), DT * np.arange(rows)
+    steps = np.repeat(rng.uniform(-0.4, 0.4, rows // 300), 300)
+    return 0.3 * np.sin(2 * np.pi * (0.3 + 0.2 * time) * time) + steps
+
+
+def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history) -> WindowRuns:
+    """One joint's motion as a free run of all that follows the warm-up."""
+    rows = len(target)
+    series = np.zeros((1, rows, 10), np.float32)
+    series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
+    series[0, 1:, VEL], series[0, :, INERTIA] = np.diff(pos) / DT, 0.01
+    data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, Measured(torque=False))
+    return WindowRuns(data, replace(PRESET, taps=(0,), warm_up=warm_up, window=rows - 1 - warm_up))
+
+
+def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
+    """The motion of a joint with these constants, from rest."""
+    target, external = command(seed), 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
+    pos = np.zeros(ROWS)
+    pos[1:] = ResponseMotors("servo_limits", truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
+    return [runs_of(target, pos, external)]
+
+
+def test_a_pure_delay_only_shifts():
+    target = command(3)
+    late = np.concatenate([np.full(5, target[0]), target[:-5]])
+    runs = runs_of(target, late, np.zeros(ROWS))
+    shifted = ResponseMotors("pure_delay", constants(delay=5 * DT))
+    assert free_run_errors([runs], {"delay": shifted})["delay"][0] < 1e-6
+    early = ResponseMotors("pure_delay", constants(delay=2 * DT))
+    first = PRESET.history + 1
+    np.testing.assert_allclose(early.errors(runs)[0, 0], target[first - 2 : -2] - late[first:], atol=1e-6)
+
+
+def test_a_step_is_answered_as_a_second_order_system_does():
+    target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 0.5)
+    runs = runs_of(target, np.zeros(ROWS), np.zeros(ROWS))
+    rate = 20.0
+    answer = ResponseMotors("second_order", constants(rate=rate)).errors(runs)[0, 0]
+    time = DT * np.arange(1, len(answer) + 1)
+    critical = 0.5 * (1.0 - (1.0 + rate * time) * np.exp(-rate * time))
+    np.testing.assert_allclose(answer, critical, atol=0.01)
+    np.testing.assert_allclose(answer[-1], 0.5, atol=1e-9)
+
+
+def test_limits_bind_and_a_dead_band_stops_short():
+    target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
+    runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
+    limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, sag=-0.2)
+    answer = ResponseMotors("servo_limits", limited).errors(runs)[0, 0]
+    speed = np.diff(answer) / DT
+    assert np.max(np.abs(speed)) == pytest.approx(1.5, abs=1e-9)
+    assert np.max(np.abs(np.diff(speed))) / DT == pytest.approx(10.0, abs=1e-6)
+    aim = 3.0 - 0.2 * 2.0
+    assert 0.02 < abs(answer[-1] - aim) < 0.1 and speed[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("known", [{"delay": 0.031}, LINEAR, SERVO], ids=["pure_delay", "second_order", "servo_limits"])
+def test_known_constants_are_found_again(known: dict[str, float], request: pytest.FixtureRequest):
+    truth, name = constants(**known), request.node.callspec.id
+    training: Sequence[WindowRuns] = [run for seed in (1, 2) for run in made_by(truth, seed)]
+    models = fit_responses(training, "torque")
+    found = dict(zip(CONSTANTS, models[name].constants[0], strict=True))
+    for constant, value in known.items():
+        assert found[constant] == pytest.approx(value, rel=0.05, abs=1e-3), constant
+    errors = free_run_errors(made_by(truth, 4), models)
+    assert errors[name][0] < 1e-3
+    simpler = list(models)[: list(models).index(name)]
+    assert all(errors[model][0] > 3 * errors[name][0] for model in simpler)
+
+
+def test_what_the_firmware_was_told_is_not_searched():
+    told = {"profile_speed": 1.5, "profile_acceleration": 40.0, "dead_zone": 0.02}
+    models = fit_responses(made_by(constants(**SERVO), 1), "torque", firmware=told)
+    found = dict(zip(CONSTANTS, models["servo_limits"].constants[0], strict=True))
+    assert [found[name] for name in ("speed", "acceleration", "band")] == [1.5, 40.0, 0.02]
+    assert free_run_errors(made_by(constants(**SERVO), 4), models)["servo_limits"][0] < 1e-3
+    assert dict(zip(CONSTANTS, models["second_order"].constants[0], strict=True))["speed"] == CONSTANTS["speed"]
+
+
+def test_what_is_off_limits_nothing():
+    models = fit_responses(made_by(constants(**LINEAR), 1), "torque", firmware={"profile_speed": 0.0, "dead_zone": 0.0})
+    found = dict(zip(CONSTANTS, models["servo_limits"].constants[0], strict=True))
+    assert [found[name] for name in ("speed", "band")] == [CONSTANTS["speed"], 0.0]
+
+
+def test_where_no_load_is_known_the_angle_stands_for_gravity():
+    truth = constants(**LINEAR, sine=0.1, cosine=-0.05)
+    models = fit_responses(made_by(truth, 1), "angle")
+    assert free_run_errors(made_by(truth, 4), models)["servo_limits"][0] < 1e-3
+    assert np.all(models["servo_limits"].constants[:, list(CONSTANTS).index("sag")] == 0.0)

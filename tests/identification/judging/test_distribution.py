@@ -1,0 +1,148 @@
+"""Two-sample statistics: calibrated on one fleet, powerful between two, blind to units; the posterior's KL."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.physical import PhysicalActuator
+from motorprior.bench.behaviour import behaviours
+from motorprior.bench.families import geared
+from motorprior.bench.fleet import load_fleet
+from motorprior.identification.judging.distribution import (
+    aggregate_posterior_summary,
+    area_under_curve,
+    energy_distance,
+    feature_auc,
+    permutation_p_value,
+    standardise,
+    two_sample_auc,
+)
+
+COUNT = 64
+
+
+def auc_spread(n: int, m: int) -> float:
+    """Standard deviation of the AUC of a fixed score, n against m motors of one distribution (Mann & Whitney 1947)."""
+    return float(np.sqrt((n + m + 1) / (12 * n * m)))
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    """(256, F) features of motors of one fleet."""
+    motors = geared(load_fleet("mixed").sample(4 * COUNT, np.random.default_rng(21)))
+    return behaviours(PhysicalActuator(motors)).values
+
+
+def halves(fleet, seed):
+    index = np.random.default_rng(seed).permutation(len(fleet))
+    return fleet[index[:COUNT]], fleet[index[COUNT : 2 * COUNT]]
+
+
+def normal(seed, count=2 * COUNT, covariance=None):
+    return np.random.default_rng(seed).multivariate_normal(
+        np.zeros(4), np.eye(4) if covariance is None else covariance, count
+    )
+
+
+def test_energy_distance_of_two_points_in_closed_form():
+    a, b = np.zeros((3, 1)), np.ones((3, 1))
+    # pooled median 1/2, IQR 1: the points lie 1.349 apart, and points of one sample 0
+    assert energy_distance(a, b) == pytest.approx(2 * 1.349)
+    assert energy_distance(a, a) == 0.0
+    assert energy_distance(b, a) == energy_distance(a, b)
+
+
+def test_energy_distance_is_its_definition():
+    a, b = normal(0, 7), normal(1, 5) + 0.5
+    x, y = standardise(a, b)
+
+    def mean(p, q):
+        return np.mean([np.linalg.norm(u - v) for u in p for v in q])
+
+    assert energy_distance(a, b) == pytest.approx(2 * mean(x, y) - mean(x, x) - mean(y, y))
+
+
+def test_area_under_the_curve_counts_pairs_and_halves_ties():
+    assert area_under_curve(np.array([2.0, 3.0]), np.array([1.0, 2.0])) == 3.5 / 4
+    assert area_under_curve(np.zeros(5), np.zeros(3)) == 0.5
+    rng = np.random.default_rng(0)
+    one, other = rng.integers(0, 5, 30).astype(float), rng.integers(1, 6, 20).astype(float)
+    pairs = np.mean((one[:, None] > other) + 0.5 * (one[:, None] == other))
+    assert area_under_curve(one, other) == pytest.approx(pairs)
+    np.testing.assert_allclose(feature_auc(one[:, None], other[:, None]), pairs)
+
+
+def test_one_fleet_against_itself_is_at_chance(fleet):
+    areas = [two_sample_auc(*halves(fleet, seed), seed) for seed in range(12)]
+    spread = auc_spread(COUNT, COUNT)
+    assert abs(np.mean(areas) - 0.5) < 0.6 * spread
+    assert np.max(np.abs(np.array(areas) - 0.5)) < 4 * spread
+
+
+def test_p_values_of_one_fleet_are_uniform(fleet):
+    values = np.sort([permutation_p_value(*halves(fleet, seed), seed, 99) for seed in range(40)])
+    # Kolmogorov-Smirnov at 1 %: 1.63/√40
+    assert np.max(np.abs(values - (np.arange(40) + 0.5) / 40)) < 0.26
+
+
+def test_a_fifth_more_kp_is_detected():
+    source = load_fleet("pupper_v2")
+    ours, theirs = (geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2))
+    stiff = replace(theirs, kp=1.2 * theirs.kp)
+    a, b = (behaviours(PhysicalActuator(motors)).values for motors in (ours, stiff))
+    assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(2 * COUNT, 2 * COUNT)
+    assert permutation_p_value(a, b, 0) < 0.01
+
+
+def test_a_difference_of_spread_alone_is_detected():
+    a, b = normal(3), 2.0 * normal(4)
+    assert np.abs(feature_auc(a, b) - 0.5).max() < 3 * auc_spread(len(a), len(b))
+    assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))
+    assert permutation_p_value(a, b, 0) < 0.01
+
+
+def test_a_difference_of_correlation_alone_is_detected():
+    covariance = np.eye(4)
+    covariance[0, 1] = covariance[1, 0] = 0.9
+    a, b = normal(5), normal(6, covariance=covariance)
+    assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))
+
+
+def test_units_do_not_matter():
+    a, b = normal(7), normal(8) + 0.2
+    scale, shift = np.array([1e-3, 1.0, 57.3, 1e4]), np.array([0.0, -3.0, 8.0, 1e3])
+    for statistic in (energy_distance, lambda x, y: two_sample_auc(x, y, 1), lambda x, y: permutation_p_value(x, y, 1)):
+        assert statistic(a * scale + shift, b * scale + shift) == pytest.approx(statistic(a, b), rel=1e-6)
+
+
+def test_a_constant_feature_and_a_diverged_motor_do_no_harm():
+    a, b = normal(9), normal(10)
+    a[:, 0] = b[:, 0] = 3.0
+    a[0, 1] = 1e9
+    assert np.isfinite(energy_distance(a, b))
+    assert abs(two_sample_auc(a, b, 0) - 0.5) < 4 * auc_spread(len(a), len(b))
+
+
+def test_samples_of_unequal_size_are_at_chance():
+    areas = [two_sample_auc(normal(20 + seed, 160), normal(40 + seed, 32), seed) for seed in range(8)]
+    assert abs(np.mean(areas) - 0.5) < 3 * 1.4 * auc_spread(160, 32) / np.sqrt(8)
+    with pytest.raises(ValueError, match="folds"):
+        two_sample_auc(normal(0, 4), normal(1, 40), 0)
+
+
+def test_same_seed_same_answer():
+    a, b = normal(11), normal(12)
+    assert two_sample_auc(a, b, 3) == two_sample_auc(a, b, 3)
+    assert permutation_p_value(a, b, 3) == permutation_p_value(a, b, 3)
+
+
+def test_aggregate_posterior_in_closed_form():
+    mean = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    summary = aggregate_posterior_summary(mean, np.log(np.full((2, 2), 0.25)))
+    np.testing.assert_allclose(summary.mean, 0.0)
+    np.testing.assert_allclose(summary.covariance, np.diag([1.25, 0.25]))
+    assert summary.kl == pytest.approx(0.5 * (1.5 - 2 - np.log(1.25 * 0.25)))
+    shifted = aggregate_posterior_summary(np.full((3, 2), 2.0), np.zeros((3, 2)))
+    assert shifted.kl == pytest.approx(4.0)
+    assert aggregate_posterior_summary(np.zeros((5, 3)), np.zeros((5, 3))).kl == pytest.approx(0.0)

@@ -1,0 +1,108 @@
+"""A prior says how well it replays its logs, and when the motors have physics that it lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.dynamometer import run
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import bench_preset, record
+from motorprior.identification.baselines.tuned_pds import trials
+from motorprior.identification.judging.fit_quality import MEASURED, MISSING, FitQuality, fit_quality
+from motorprior.identification.judging.reference import replayed_segments
+from motorprior.identification.latents.standardise import standardised, widened
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.load import load_robot
+
+MOTORS = 3
+
+
+@pytest.fixture(scope="module")
+def log() -> MotorLog:
+    fleet = load_fleet("mixed")
+    return record(fleet.sample(MOTORS, 0), bench_preset("rollout").for_robot(load_robot(fleet.robot)), 5000, 0, fleet)
+
+
+def nominal(count: int) -> IdealPd:
+    return IdealPd.uniform(count, 12.0, 1.1, 1.6)
+
+
+def test_motors_that_made_the_log_leave_nothing(log: MotorLog):
+    found = fit_quality(load_fleet("mixed").sample(MOTORS, 0).actuator(), log)
+    assert np.median(found.motors) < 1e-9 and np.max(found.motors) < 2e-3  # dry friction amplifies rounding
+    assert not found.misses_physics and found.widening == 1.0
+    assert not any("warning" in line for line in found.lines())
+
+
+def test_a_pd_in_place_of_the_motors_lacks_physics_and_says_so(log: MotorLog):
+    found = fit_quality(nominal(MOTORS), log)
+    assert found.unexplained > MISSING and found.misses_physics and found.widening > 1.0
+    assert np.all(np.isfinite(found.motors)) and np.median(found.baseline) <= np.median(found.motors)
+    assert "physics that the model lacks" in found.lines()[-1]
+
+
+def test_the_worst_motor_and_segment_are_named():
+    found = FitQuality(
+        np.array([0.001, 0.004]), np.array([0.02, 0.02]), {"slow": 0.001, "fast": float("nan")},
+        {0: 0.001, 3: 0.005, 7: 0.002}, 8, ("hip", "knee"),
+    )  # fmt: skip
+    text = "\n".join(found.lines())
+    assert "knee with 4.0 mrad" in text and "fast" not in text
+    assert "segment 3 with 5.0 mrad (of 3 of 8 segments that were replayed);" in text
+    assert "were replayed" not in "\n".join(replace(found, num_segments=3).lines())
+
+
+def test_an_error_that_no_encoder_tells_is_no_missing_physics():
+    """A PD is as near in an easy motion; above that the share that is left begins at 0."""
+    easy = FitQuality(np.array([0.0017]), np.array([0.0017]), {"slow": 0.0017}, {0: 0.0017}, 1, ("knee",))
+    assert easy.unexplained == 0.0 and not easy.misses_physics and easy.widening == 1.0
+    above = replace(easy, motors=np.array([np.hypot(MEASURED, 0.001)]), baseline=np.array([0.004]))
+    assert above.unexplained == pytest.approx(0.25)
+    assert replace(easy, motors=np.array([0.0085]), baseline=np.array([0.009])).misses_physics
+
+
+def test_replayed_segments_are_spread_over_the_whole_log(log: MotorLog):
+    many = replace(log, segment=np.arange(log.num_rows) // 50)
+    places = replayed_segments(many)
+    assert len(places) == 20 and places[0] == 0 and places[-1] == 99 and set(np.diff(places)) <= {5, 6}
+    assert replayed_segments(log).tolist() == list(range(len(log.segment_slices())))
+    end = many.joint_pos.copy()
+    end[-50:] += 0.2  # where the first twenty segments are long over
+    found = fit_quality(nominal(MOTORS), replace(many, joint_pos=end, joint_vel=None))
+    assert max(found.segments, key=found.segments.__getitem__) == 99 and found.num_segments == 100
+
+
+def test_the_pd_follows_the_gains_that_segments_state(log: MotorLog):
+    """A PD made the log at two gains; the one beside the motors is far closer to it if the log states them."""
+    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(MOTORS)
+    told = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
+    made = [
+        run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
+        for gain, (case, _) in zip((1.0, 6.0), trials(told), strict=True)
+    ]
+    told = replace(told, joint_pos=np.concatenate(made), joint_vel=None)
+    found = fit_quality(nominal(MOTORS), told)
+    blind = fit_quality(nominal(MOTORS), replace(told, stated_kp=None, stated_kd=None))
+    assert np.median(found.baseline) < 0.3 * np.median(blind.baseline)
+    np.testing.assert_array_equal(found.motors, blind.motors)
+
+
+def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_network):
+    rng = np.random.default_rng(0)
+    network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))
+    wide, moved, log_var = widened(network, mean, np.zeros_like(mean), 1.5)
+    np.testing.assert_allclose(log_var, -2.0 * np.log(1.5))
+    np.testing.assert_allclose(wide.decoder_latents(moved), network.decoder_latents(mean), atol=1e-9)
+    draws = rng.standard_normal((2000, 3))
+    spread = wide.decoder_latents(draws).std(axis=0) / network.decoder_latents(draws).std(axis=0)
+    np.testing.assert_allclose(spread, 1.5, rtol=0.02)
+    middle, wide_middle = (np.median(each.decoder_latents(draws), axis=0) for each in (network, wide))
+    np.testing.assert_allclose(wide_middle, middle, atol=0.1)
+
+
+def test_a_motor_that_breaks_down_explains_nothing():
+    errors = np.array([float("nan"), float("inf"), 0.001])
+    found = FitQuality(errors, np.full(3, 0.02), {}, {0: 0.001}, 1, ("hip", "knee", "toe"))
+    assert found.misses_physics and found.widening == 2.0

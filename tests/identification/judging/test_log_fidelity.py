@@ -1,0 +1,155 @@
+"""A log in place of the truth: what made it replays it, other models do not, and bands hold what they promise."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS as BENCHES
+from motorprior.bench.recording import record
+from motorprior.exceptions import LogError
+from motorprior.identification.judging.log_fidelity import (
+    FREE_RUN,
+    free_run_errors,
+    free_runs,
+    known_half,
+    log_coverage,
+    log_traces,
+    whole_runs,
+    within_a_turn,
+)
+from motorprior.identification.judging.reference import LEVELS as PERCENTILES
+from motorprior.identification.judging.reference import SPEEDS
+from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.training_data.windows import TARGET, VEL, Measured, TrainingData
+from motorprior.logs.motor_log import MotorLog
+
+Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
+PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
+
+
+@pytest.fixture(scope="module")
+def log() -> MotorLog:
+    fleet = load_fleet("mixed")
+    return record(fleet.sample(3, np.random.default_rng(0)), BENCHES["rollout"], 3000, 1, fleet)
+
+
+def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network()
+    runs = WindowRuns(decoder_data(network, Z), PRESET)
+    truth, other = LatentActuator(network, Z), LatentActuator(network, Z[[1, 2, 0]])
+    models: dict[str, Actuator] = {"truth": truth, "other": other}
+    models["pd"] = IdealPd.uniform(3, 10.0, 0.5, 1.5)
+    same = runs.residuals(network, Z, np.arange(3))
+    np.testing.assert_array_equal(runs.errors(models["truth"]), same)
+    errors = free_run_errors([runs], models)
+    assert np.all(errors["truth"] < 1e-4)
+    assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
+
+
+def test_a_grey_box_is_read_where_the_logs_encoders_are(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network()
+    runs = WindowRuns(replace(decoder_data(network, Z), measured=Measured(True, at_rotor=True)), PRESET)
+    found = runs.errors(LatentActuator(network, Z))
+    np.testing.assert_array_equal(found, runs.residuals(network, Z, np.arange(3)))
+
+
+def test_the_armature_of_a_pd_joins_the_load(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET)
+    light, heavy = (
+        free_run_errors([runs], {"pd": IdealPd.uniform(3, 10.0, 0.5, 1.5, armature)})["pd"] for armature in (0.0, 0.05)
+    )
+    assert np.all(np.abs(light - heavy) > 1e-3)
+
+
+def test_what_was_recorded_is_at_the_end_of_every_step(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    data = decoder_data(grey_network(), Z)
+    found = WindowRuns(data, PRESET).recorded(VEL)
+    assert found.shape == (3, 6 * 3, 100)
+    np.testing.assert_array_equal(found[1, 0], data.series[1, PRESET.history + 1 : PRESET.history + 101, VEL])
+    np.testing.assert_array_equal(found[2, -1], data.series[2, 5 * 400 + 261 : 5 * 400 + 361, VEL])
+
+
+def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):
+    known, judged = known_half(log)
+    assert (known.num_rows, judged.num_rows) in ((1000, 2000), (2000, 1000))
+    whole = replace(log.rows(slice(0, 900)), segment=None)
+    assert [half.num_rows for half in known_half(whole)] == [450, 450]
+    runs = free_runs(judged, PRESET, "log")
+    parts = judged.segment_slices()
+    assert runs.windows == sum((part.stop - part.start - 61) // round(FREE_RUN / 0.002) for part in parts) > 0
+
+
+def test_bands_hold_what_they_promise(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    """Of motors drawn from the posterior, with a residual so small that the draws alone make the bands."""
+    network, rng = grey_network(spread=0.3), np.random.default_rng(4)
+    covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
+    true = 0.5 * rng.standard_normal((24, 3))
+    runs = WindowRuns(decoder_data(network, true, segments=3), PRESET)
+    speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in PERCENTILES for speed in SPEEDS}
+    prior: Any = SimpleNamespace(network=network, metrics=speeds)
+    central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
+    found = log_coverage(prior, central, [runs])
+    assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
+    sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), [runs])
+    assert sure[90] < 0.3
+
+
+def test_a_whole_segment_is_one_free_run_and_its_errors_are_pooled(log: MotorLog):
+    log = log.rows(slice(0, 1030))  # a segment of 1000 rows, and one that is shorter than the warm-up
+    (run,) = whole_runs(log, PRESET, "log")
+    assert run.windows == 1 and run.preset.window == 1000 - 1 - 60
+    pd = IdealPd.uniform(3, 10.0, 0.5, 1.5)
+    one, twice = (free_run_errors(runs, {"pd": pd})["pd"] for runs in ([run], [run, run]))
+    np.testing.assert_allclose(one, twice, rtol=1e-6)
+    assert np.all(one > 1e-3)
+
+
+def test_traces_are_those_of_the_longest_segment_and_the_bands_hold_them(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network(spread=0.3)
+    data = decoder_data(network, Z, segments=2)
+    runs = [
+        WindowRuns(replace(data, parts=(part,)), replace(PRESET, window=part.stop - part.start - 61))
+        for part in (slice(0, 300), slice(400, 800))
+    ]
+    speeds = {f"residual_p{level:02d}_{speed}": 1e-5 * (level - 50) for level in PERCENTILES for speed in SPEEDS}
+    prior: Any = SimpleNamespace(network=network, metrics=speeds)
+    sure = Posterior(Z, np.broadcast_to(1e-8 * np.eye(3), (3, 3, 3)), np.zeros(3), 1)
+    found = log_traces(prior, sure, runs)
+    assert found.joint_pos.shape == (400 - 61, 3) == found.model.shape
+    np.testing.assert_array_equal(found.position_target[:, 1], data.series[1, 461:800, TARGET])
+    np.testing.assert_allclose(found.model, found.joint_pos, atol=2e-3)
+    (low, high), (lower, higher) = found.bands[50], found.bands[90]
+    assert np.all(lower <= low) and np.all(low <= high) and np.all(high <= higher)
+    assert 0.8 < np.mean((lower <= found.joint_pos) & (found.joint_pos <= higher)) <= 1.0
+
+
+def test_a_simulation_that_broke_down_is_a_turn_off():
+    errors = np.array([0.0, 0.3, 2.0 * np.pi, 7.0, 1e30, np.inf, np.nan])
+    np.testing.assert_array_equal(within_a_turn(errors), [0.0, 0.3, *[2.0 * np.pi] * 5])
+
+
+def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):
+    with pytest.raises(LogError, match=r"(?s)longest segment has 300 rows.*561"):
+        free_runs(log.rows(slice(0, 300)), PRESET, "log")

@@ -1,0 +1,140 @@
+"""A log is called unlike the prior's fleet as often as is stated, however long it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.prior_bounds import LARGEST_LOSS
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS, record
+from motorprior.identification.judging.reference import (
+    LEVELS,
+    SPEEDS,
+    draw_residuals,
+    ending,
+    has_reference_metrics,
+    loss_metrics,
+    loss_p_value,
+    num_blocks,
+    reference_metrics,
+)
+from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.latents.standardise import standard_posterior
+from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.residual import without_residual
+from motorprior.identification.training_data.windows import training_data
+
+FLEET, NEW = load_fleet("mixed"), 32
+RECIPE = replace(identification_preset("rollout"), num_neurons=0)
+
+
+METRICS = {
+    "loss_mean": 0.16, "loss_log_mean": -2.0, "loss_log_std": 0.4, "loss_motors": 24.0, "loss_pieces": 18.0,
+    "loss_piece_variance": 2.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def chances():
+    """{seconds: (NEW,) chances of motors nobody trained on}, adapted to so long a log."""
+    rng = np.random.default_rng(5)
+    log = record(FLEET.sample(24, rng), PRESETS["rollout"], 5000, 0, FLEET)
+    data = training_data(log, RECIPE, "log")
+    bare = without_residual(data.scales, RECIPE)
+    fit = fit_fleet(bare, WindowRuns(data, RECIPE), (), True, 0, turns=(*TURNS[:2], *TURNS[-4:]))
+    recipe = replace(RECIPE, num_latents=len(fit.center))
+    network, mean, _ = standard_posterior(fit.network(bare), data, recipe, fit.offsets)
+    metrics = reference_metrics(network, data, recipe, mean, log)
+    new, found = FLEET.sample(NEW, rng), {}
+    for seconds in (2, 5, 10, 30):
+        log = record(new, PRESETS["adapt"], round(seconds / recipe.period), 70 + seconds, FLEET)
+        data = training_data(log, recipe, "log")
+        posterior = adapt(network, data, recipe, metrics["loss_mean"])
+        found[seconds] = loss_p_value(metrics, posterior.loss, num_blocks(posterior.windows, recipe))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [2, 5, 10, 30])
+def test_new_motors_of_the_fleet_are_rarely_called_strange_whatever_the_length_of_the_log(chances, seconds):
+    own = chances[seconds]
+    for level in (0.01, 0.05, 0.1):  # three standard errors of NEW motors
+        assert np.mean(own < level) <= level + 3 * np.sqrt(level * (1 - level) / NEW), level
+    assert 0.2 < np.median(own) < 0.8
+
+
+def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray:
+    """(motors, windows): a spread of 0.5 between motors' logarithms, pieces with a variance of 2 over mean squared."""
+    length = round(1 / num_blocks(1, RECIPE))
+    level = np.exp(-2.0 + 0.5 * rng.standard_normal((motors, 1)))
+    of_pieces = np.exp(rng.normal(-0.5 * np.log(3.0), np.sqrt(np.log(3.0)), (motors, seconds)))
+    return np.repeat(level * of_pieces, length, axis=1)
+
+
+def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
+    rng, counts = np.random.default_rng(1), (2, 5, 10, 20, 30)
+    alarms = {(count, level): [] for count in counts for level in (0.01, 0.05)}
+    as_if_long = []
+    for _ in range(100):  # priors, each trained on motors of its own
+        metrics = loss_metrics(losses_of(rng, 32, 20), RECIPE, "")
+        assert metrics["loss_pieces"] == 20.0
+        for count in counts:
+            losses = losses_of(rng, 300, count).mean(axis=1)
+            found = loss_p_value(metrics, losses, float(count))
+            for level in (0.01, 0.05):
+                alarms[count, level].append(np.mean(found < level))
+            if count == 2:
+                as_if_long.append(np.mean(loss_p_value(metrics, losses, 20.0) < 0.01))
+    for (count, level), shares in alarms.items():
+        assert 0.3 * level < np.mean(shares) < 2.0 * level, (count, level, np.mean(shares))
+    assert np.mean(as_if_long) > 0.025  # what the spread of long logs says of short ones
+
+
+def test_a_worse_log_is_never_less_surprising_and_a_longer_one_never_less_telling():
+    losses = np.exp(np.linspace(-4.0, 2.0, 50))
+    assert np.all(np.diff(loss_p_value(METRICS, losses, 5.0)) <= 0.0)
+    bad = np.exp(np.array([-0.5]))
+    by_count = [loss_p_value(METRICS, bad, count)[0] for count in (1.5, 4.0, 9.0, 18.0, 30.0)]
+    assert np.all(np.diff(by_count) <= 0.0) and by_count[-1] == by_count[-2]
+    few = loss_p_value(METRICS | {"loss_motors": 4.0}, bad, 18.0)[0]
+    assert few > by_count[-1]  # a spread known from four motors is known badly
+
+
+RESIDUALS = {f"residual_p{level:02d}_{pool}": 1e-3 * level for level in LEVELS for pool in SPEEDS}
+
+
+@pytest.mark.parametrize("name", METRICS)
+@pytest.mark.parametrize("closed_loop", [True, False])
+def test_a_prior_that_does_not_know_its_errors_is_recognised(name: str, closed_loop: bool):
+    def knows(metrics: dict[str, float]) -> bool:
+        return has_reference_metrics(metrics | RESIDUALS, closed_loop)
+
+    assert knows(METRICS)
+    assert not knows({key: value for key, value in METRICS.items() if key != name})
+    assert knows(METRICS | {"loss_log_mean": -9.0})
+    if name != "loss_log_mean":
+        assert not knows(METRICS | {name: -1.0})
+    if name in ("loss_mean", "loss_motors", "loss_pieces"):
+        assert not knows(METRICS | {name: 1e-300})  # a division by it overflows
+    assert not knows(METRICS | {f"loss_mean{ending(False)}": 0.2})  # half of what it would be judged by
+
+
+def test_a_closed_loop_prior_knows_every_percentile_of_its_residuals():
+    assert has_reference_metrics(METRICS, closed_loop=False) and not has_reference_metrics(METRICS, closed_loop=True)
+    assert np.isfinite(draw_residuals(METRICS | RESIDUALS, np.random.default_rng(0), np.linspace(-9, 9, 99))).all()
+    for name in RESIDUALS:
+        all_but_one = {key: value for key, value in RESIDUALS.items() if key != name}
+        assert not has_reference_metrics(METRICS | all_but_one, closed_loop=True), name
+
+
+def test_metrics_at_their_bounds_can_be_computed_with():
+    for extreme in (LARGEST_LOSS, 0.0):
+        spreads = {"loss_log_std": extreme, "loss_piece_variance": extreme}
+        for motors, whole in ((1.0, 1e-6), (LARGEST_LOSS, LARGEST_LOSS)):
+            metrics = METRICS | spreads | {"loss_motors": motors, "loss_pieces": whole}
+            assert has_reference_metrics(metrics, closed_loop=False)
+            found = loss_p_value(metrics, np.array([1e-9, 1.0, 1e6]), 3.0)
+            assert np.all((found >= 0.0) & (found <= 1.0)), metrics

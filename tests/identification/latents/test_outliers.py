@@ -1,0 +1,91 @@
+"""Constants in which a prior's motors do not differ, since they were held or stated, are not what a motor is judged by.
+
+No motor is simulated: residuals are linear in the decoder's latents.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t as student_t
+
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.latents import grey_box_fit
+from motorprior.identification.latents.outliers import Outliers, outliers
+from motorprior.identification.latents.standardise import standardised
+
+KNOWN, NEW, SIZE = 12, 6, len(PARAMETERS)
+NOTHING: Any = None
+
+
+class LinearRuns:
+    """In place of `WindowRuns`: residuals of motors whose latents are ``truth`` (NEW, SIZE)."""
+
+    windows, channels, num_motors = 20, 2, NEW
+
+    def __init__(self, truth: np.ndarray, hidden: int = 0):
+        rng = np.random.default_rng(7)
+        self.truth, self.shape = truth, (self.windows, self.channels, 8)
+        rows = int(np.prod(self.shape))
+        self.slopes = rng.standard_normal((SIZE, rows))
+        self.slopes[:hidden] = 0.0
+        self.noise = 0.1 * rng.standard_normal((NEW, rows))
+
+    def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
+        found = (network.decoder_latents(z) - self.truth[motor]) @ self.slopes + self.noise[motor]
+        return found.reshape(len(z), *self.shape).astype(np.float32)
+
+
+def judged(monkeypatch: pytest.MonkeyPatch, grey_network: Any, held: int, odd: float = 0.0) -> Outliers:
+    """Of new motors of which the last ``latents`` were left a little off; ``odd`` is added to one's viscous_damping."""
+    rng = np.random.default_rng(1)
+    mean, truth = 0.3 * rng.standard_normal((KNOWN, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
+    mean[:, :held] = truth[:, :held] = 0.0
+    truth[2, PARAMETERS.index("viscous_damping")] += odd
+    network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
+    network, z = standardised(network, mean)
+    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth))
+    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
+    found[:, :held] = 0.05  # of deviations that are none: 5e-8 of the logarithm of a constant
+    return outliers(network, z, found, NOTHING, NOTHING, 0.05)
+
+
+def test_a_held_constant_is_never_what_deviates_most(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
+    for odd in (0.0, 3.0):
+        found = judged(monkeypatch, grey_network, held=2, odd=odd)
+        assert not {"kp", "kd_over_kp"} & set(found.latent)
+    assert found.latent[2] == "viscous_damping" and found.p_value[2] < 1e-4 and found.deviation[2] > 5.0
+    assert np.all(np.delete(found.p_value, 2) > 0.01)
+
+
+@pytest.mark.parametrize("held", [0, 2])
+def test_the_correction_counts_the_constants_in_which_motors_differ(
+    monkeypatch: pytest.MonkeyPatch, grey_network: Any, held: int
+):
+    found = judged(monkeypatch, grey_network, held, odd=3.0)
+    alone = 2.0 * student_t.sf(np.abs(found.deviation), KNOWN - 1)
+    np.testing.assert_allclose(found.p_value, np.minimum(1.0, (SIZE - held) * alone))
+
+
+def test_where_no_constant_differs_no_motor_is_odd(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
+    assert judged(monkeypatch, grey_network, held=SIZE).p_value.tolist() == [1.0] * NEW
+
+
+@pytest.mark.parametrize("motors", [4, 5, 7])
+def test_a_constant_that_no_log_shows_calls_no_motor_odd(
+    monkeypatch: pytest.MonkeyPatch, grey_network: Any, motors: int
+):
+    """Few training motors agree in it, and new ones are believed to differ: what is found of it is far from theirs."""
+    hidden, rng, assumed = 3, np.random.default_rng(motors), np.full(SIZE, 0.3)
+    mean, truth = 0.3 * rng.standard_normal((motors, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
+    mean[:, :hidden] = 1e-7 * rng.standard_normal((motors, hidden))
+    network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
+    network, z = standardised(network, mean, assumed)
+    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth, hidden))
+    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
+    found[:, :hidden] += 0.3 * rng.standard_normal((NEW, hidden))  # as the flat valley of a real loss leaves it
+    judged = outliers(network, z, found, NOTHING, NOTHING, 0.05)
+    assert judged.p_value.min() > 0.01, (judged.p_value, judged.latent, judged.deviation)

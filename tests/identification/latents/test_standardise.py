@@ -1,0 +1,85 @@
+"""New latents, the same motors: what they are together becomes N(0, I), and draws are like them."""
+
+import numpy as np
+import pytest
+from scipy.stats import ks_2samp
+
+from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, shrunk_correlation, standardised
+
+
+def boxed(motors: int, seed: int = 0) -> np.ndarray:
+    """(motors, 3) latents of an awkward fleet: a box, a long tail, and a narrow bell far off."""
+    rng = np.random.default_rng(seed)
+    parts = rng.uniform(-1, 3, motors), np.exp(rng.standard_normal(motors)), 5 + 0.1 * rng.standard_normal(motors)
+    return np.stack(parts, axis=1)
+
+
+def test_the_training_motors_become_standard_normal(grey_network):
+    _, mean = standardised(grey_network(), boxed(64))
+    np.testing.assert_allclose(mean.mean(axis=0), 0.0, atol=0.15)
+    np.testing.assert_allclose(np.cov(mean.T), np.eye(3), atol=0.35)
+
+
+def test_draws_are_like_the_motors(grey_network):
+    network, _ = standardised(grey_network(), boxed(200))
+    drawn = network.decoder_latents(np.random.default_rng(1).standard_normal((4000, 3)))
+    for found, wanted in zip(drawn.T, boxed(4000, seed=2).T, strict=True):
+        assert ks_2samp(found, wanted).statistic < 0.12  # pyright: ignore
+    moments = np.random.default_rng(1).standard_normal((4000, 3)) * boxed(200).std(axis=0) + boxed(200).mean(axis=0)
+    assert ks_2samp(moments[:, 1], boxed(4000, seed=2)[:, 1]).statistic > 0.12  # pyright: ignore
+
+
+def test_every_motor_stays_what_it_is(grey_network):
+    network, mean = grey_network(network=0.3), boxed(24) / 5
+    new_network, new_mean = standardised(network, mean)
+    assert network.motor is not None
+    before, after = network.constants(mean), new_network.constants(new_mean)
+    for name, values in before.items():
+        np.testing.assert_allclose(after[name], values, rtol=1e-9, atol=1e-12)
+    inputs = np.random.default_rng(1).standard_normal((24, 2 * len(network.taps)))
+    np.testing.assert_allclose(new_network.torque(inputs, new_mean), network.torque(inputs, mean), atol=1e-9)
+
+
+def test_a_latent_that_is_the_same_for_all_motors_does_no_harm(grey_network):
+    mean = boxed(16)
+    mean[:, 1] = 0.25
+    network, new_mean = standardised(grey_network(), mean)
+    assert np.all(np.isfinite(new_mean))
+    np.testing.assert_allclose(network.decoder_latents(new_mean), mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("motors", [1, 4, MOTORS_AT_LEAST - 1])
+def test_draws_from_few_motors_stay_about_them(grey_network, motors):
+    # as a training without noise leaves them: on no scale at all
+    mean = 0.02 * boxed(motors)
+    network, new_mean = standardised(grey_network(), mean)
+    np.testing.assert_allclose(network.decoder_latents(new_mean), mean, atol=1e-9)
+    drawn = network.decoder_latents(np.random.default_rng(1).standard_normal((1000, 3)))
+    reach = 4.0 * mean.std(axis=0) + 1e-4
+    assert np.all(np.abs(drawn - mean.mean(axis=0)) < reach)
+
+
+def test_the_shrinkage_is_that_of_the_paper():
+    x = np.random.default_rng(4).standard_normal((9, 4))
+    standard = (x - x.mean(axis=0)) / x.std(axis=0, ddof=1)
+    total = variances = 0.0
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                w = [row[i] * row[j] for row in standard]
+                variances += 9 / 8**3 * sum((value - np.mean(w)) ** 2 for value in w)
+                total += (9 / 8 * np.mean(w)) ** 2
+    kept = 1.0 - min(1.0, variances / total)
+    expected = kept * np.corrcoef(x.T) + (1 - kept) * np.eye(4)
+    np.testing.assert_allclose(shrunk_correlation(x), expected, atol=1e-12)
+
+
+def test_correlation_is_kept_where_the_motors_show_it_and_not_where_it_is_chance():
+    rng = np.random.default_rng(3)
+    factor = np.linalg.cholesky(np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    many = shrunk_correlation(rng.standard_normal((500, 3)) @ factor.T)
+    np.testing.assert_allclose(many, factor @ factor.T, atol=0.12)
+    few = rng.standard_normal((24, 14))
+    shrunk, chance = shrunk_correlation(few) - np.eye(14), np.asarray(np.corrcoef(few.T)) - np.eye(14)
+    assert np.abs(shrunk).max() < 0.35 * np.abs(chance).max()
+    assert np.linalg.eigvalsh(shrunk + np.eye(14)).min() > 0

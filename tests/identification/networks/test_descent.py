@@ -1,0 +1,190 @@
+"""A descent that diverges begins again, slower; one that was interrupted ends at the same bytes."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import optax
+import pytest
+from series import complete
+
+from motorprior.exceptions import MotorPriorError
+from motorprior.identification.networks import descent
+from motorprior.identification.networks.descent import CHUNK, RESTARTS, SLOWER, descend
+from motorprior.identification.networks.network import Parameters, initial_parameters
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.train import _initial
+from motorprior.identification.training_data.windows import Measured, TrainingData
+
+PRESET = replace(
+    PRESETS["paper"], taps=(0, 1), num_neurons=4, num_latents=2, batch=32, steps=6 * CHUNK, learning_rate=3e-3
+)  # fmt: skip
+
+
+def data(rows: int = 300) -> TrainingData:
+    """A spring and a damper with noise."""
+    rng = np.random.default_rng(0)
+    series = complete(rng.normal(0.0, 0.3, (2, rows, 7)).astype(np.float32))
+    series[..., 3] = 2.0 * (series[..., 0] - series[..., 1]) - 0.1 * series[..., 2]
+    scales = {"error_scale": 0.4, "velocity_scale": 0.3, "torque_scale": 0.9, "torque_limit": 5.0}
+    return TrainingData(series, np.arange(rows - 1), (slice(0, rows),), scales, Measured(True))
+
+
+def start() -> Parameters:
+    return _initial(data(), PRESET, np.random.default_rng(0))
+
+
+def as_bytes(trained: Parameters) -> bytes:
+    return b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(trained))
+
+
+class Kept:
+    """Checkpoints in memory."""
+
+    def __init__(self):
+        self.state, self.count = None, 0
+
+    def load(self):
+        return self.state
+
+    def save(self, state):
+        self.state, self.count = {name: np.array(value) for name, value in state.items()}, self.count + 1
+
+
+class Interrupted(Exception):
+    """By whoever reports."""
+
+
+def test_it_descends_and_reports_every_chunk():
+    reports = []
+    _, losses = descend(start(), data(), PRESET, 0, lambda *what: reports.append(what))
+    assert losses[-1] < 0.7 * losses[0] and len(losses) == 6
+    assert [steps for steps, _ in reports] == [CHUNK] * 6
+
+
+def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np.nan, where: int = 3) -> list[float]:
+    """Replace the training so that the first ``attempts`` diverge in chunk ``where``; lists their rates."""
+    rates: list[float] = []
+
+    def compiled(data, preset, optimiser):
+        rates.append(preset.learning_rate)
+        calls = 0
+
+        def chunk(state, inputs):
+            nonlocal calls
+            calls += 1
+            return state, broken if calls == where and len(rates) <= attempts else 1.0 - 0.01 * calls, 1.0
+
+        return chunk
+
+    monkeypatch.setattr(descent, "_compiled_chunk", compiled)
+    return rates
+
+
+@pytest.mark.parametrize("where", [1, 3])
+@pytest.mark.parametrize("broken", [np.nan, np.inf, 1e30, 10.0])
+def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(
+    monkeypatch: pytest.MonkeyPatch, broken: float, where: int
+):
+    rates, reports = diverging(monkeypatch, 2, broken, where), []
+    _, losses = descend(start(), data(), PRESET, 0, lambda *what: reports.append(what))
+    assert rates == pytest.approx([PRESET.learning_rate / SLOWER**k for k in range(3)])
+    np.testing.assert_allclose(losses, 1.0 - 0.01 * np.arange(1, 7))
+    assert sum(steps for steps, _ in reports) == PRESET.steps  # what was made in vain is taken back
+    said = [text for _, text in reports if "again, slower" in text]
+    assert len(said) == 2 and f"step {where * CHUNK} " in said[0]
+
+
+def test_one_that_diverges_at_every_rate_is_an_error(monkeypatch: pytest.MonkeyPatch):
+    rates = diverging(monkeypatch, 99)
+    with pytest.raises(MotorPriorError, match="diverged") as error:
+        descend(start(), data(), PRESET, 0)
+    assert len(rates) == 1 + RESTARTS and "logs check" in str(error.value.remedy)
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf])
+def test_a_loss_that_is_no_number_from_the_first_chunk_on_is_an_error(monkeypatch: pytest.MonkeyPatch, broken: float):
+    monkeypatch.setattr(descent, "_compiled_chunk", lambda *_: lambda state, inputs: (state, broken, broken))
+    with pytest.raises(MotorPriorError, match="diverged"):
+        descend(start(), data(), PRESET, 0)
+
+
+def test_an_absurd_rate_ends_in_a_training_or_an_error_never_in_numbers_that_are_none():
+    absurd = replace(PRESET, learning_rate=1e4)
+    try:
+        trained, losses = descend(start(), data(), absurd, 0)
+    except MotorPriorError as error:
+        assert "diverged" in error.problem
+    else:
+        assert np.all(np.isfinite(losses))
+        assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(trained))
+
+
+@pytest.mark.parametrize("stop", [1, 6], ids=["before a checkpoint", "after one"])
+def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
+    kept, calls = Kept(), 0
+
+    def report(steps: int, text: str) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == stop:
+            raise Interrupted
+
+    whole, losses = descend(start(), data(), PRESET, 3)
+    with pytest.raises(Interrupted):
+        descend(start(), data(), PRESET, 3, report, kept)
+    assert kept.count == (stop > 5)
+    again, same = descend(start(), data(), PRESET, 3, checkpoints=kept)
+    assert as_bytes(again) == as_bytes(whole)
+    np.testing.assert_array_equal(same, losses)
+
+
+def test_a_descent_that_was_interrupted_after_a_restart_goes_on_at_its_rate(monkeypatch: pytest.MonkeyPatch):
+    rates, kept = diverging(monkeypatch, 1), Kept()
+    descend(start(), data(), PRESET, 0, checkpoints=kept)
+    assert kept.state is not None and int(kept.state["restart"]) == 1
+    rates.clear()
+    rates.append(0.0)  # no attempt is the first
+    _, losses = descend(start(), data(), PRESET, 0, checkpoints=kept)
+    assert rates[1:] == pytest.approx([PRESET.learning_rate / SLOWER])
+    assert len(losses) == 6
+
+
+def test_physics_that_come_first_stay_as_they_are():
+    preset = replace(
+        PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=5, window=8, batch=8, steps=20, physics_first="alone"
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    log = data()
+    series = np.abs(log.series) + np.float32(0.01)
+    trainable = {
+        "network": initial_parameters(rng, preset),
+        "mean": np.zeros((2, 14), np.float32) + np.float32(0.1),
+        "log_var": np.full((2, 14), -2.0, np.float32),
+    }
+    trained, _ = descend(trainable, replace(log, series=series, starts=np.arange(200)), preset, 0)
+    for name in ("motor_center", "motor_slope"):
+        np.testing.assert_array_equal(trained["network"][name], trainable["network"][name])
+    np.testing.assert_array_equal(trained["mean"], trainable["mean"])
+    assert np.any(np.asarray(trained["network"]["w3"]) != np.asarray(trainable["network"]["w3"]))
+
+
+def test_the_loss_before_the_first_step_is_what_a_first_chunk_is_compared_with(monkeypatch: pytest.MonkeyPatch):
+    told, compiled = [], descent._compiled_chunk
+
+    def kept(*arguments):
+        advance = compiled(*arguments)
+
+        def chunk(state, inputs):
+            first, (found, loss, before) = state, advance(state, inputs)
+            told.append((first, inputs, float(loss), float(before)))
+            return found, loss, before
+
+        return chunk
+
+    monkeypatch.setattr(descent, "_compiled_chunk", kept)
+    descend(start(), data(), replace(PRESET, steps=CHUNK), 0)
+    ((state, inputs, mean, before),) = told
+    alone = compiled(data(), replace(PRESET, steps=1), optax.adam(0.0))
+    _, loss, same = alone((state[0], optax.adam(0.0).init(state[0])), jax.tree.map(lambda each: each[:1], inputs))
+    assert before == pytest.approx(float(loss), rel=1e-5) and float(same) == float(loss) != pytest.approx(mean)

@@ -1,0 +1,66 @@
+"""The compiled latent network, sixteen motors side by side, is the one that was trained in JAX."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentActuator, scaled_torque
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.identification.networks.network import (
+    armature,
+    export,
+    initial_parameters,
+    motor_bias,
+)
+from motorprior.identification.presets import PRESETS
+
+SCALES = {"error_scale": 0.15, "velocity_scale": 3.0, "torque_scale": 0.7, "torque_limit": 50.0}
+
+
+@pytest.fixture(params=PRESETS)
+def case(request):
+    """Preset, random parameters with no zero among them, scaled inputs (B, 2T), z (B, Z)."""
+    preset, rng = PRESETS[request.param], np.random.default_rng(0)
+    parameters = initial_parameters(rng, preset)
+    for name in ("b1", "b2", "b3", "armature_slope"):
+        parameters[name] = jnp.asarray(0.5 * rng.standard_normal(parameters[name].shape), jnp.float32)
+    parameters["w3"] = jnp.asarray(rng.standard_normal(preset.num_neurons) / np.sqrt(preset.num_neurons), jnp.float32)
+    inputs = rng.normal(0.0, 1.5, (19, 2 * len(preset.taps))).astype(np.float32)
+    return preset, parameters, inputs, rng.standard_normal((19, preset.num_latents)).astype(np.float32)
+
+
+def test_the_decoded_armature_is_that_of_the_training(case):
+    preset, parameters, _, z = case
+    if preset.has_armature:
+        found = export(parameters, preset, SCALES).armature(z)
+        np.testing.assert_allclose(found, armature(parameters, jnp.asarray(z)), rtol=1e-5)
+
+
+def test_compiled_equals_jax(case):
+    preset, parameters, inputs, z = case
+    net = replace(export(parameters, preset, SCALES), motor=None)  # test_grey_box_parity has the motor of a grey box
+    # each motor's history holds its own inputs, oldest first; what lies between two taps is not seen
+    history = np.full((2, preset.taps[-1] + 1, len(z)), 9.0)
+    taps = np.array(preset.taps)
+    history[0, preset.taps[-1] - taps] = inputs[:, : len(taps)].T * net.error_scale
+    history[1, preset.taps[-1] - taps] = inputs[:, len(taps) :].T * net.velocity_scale
+    arrays, torque = LatentActuator(net, z.astype(float)).arrays(net.period), np.zeros(len(z))
+    reset_actuator(arrays, np.zeros(len(z)), np.zeros(len(z)))
+    for error, velocity in history.transpose(1, 0, 2).copy():
+        step_actuator(arrays, net.period, error, np.zeros(len(z)), velocity, torque)
+    jax_torque = 0.7 * scaled_torque(parameters, jnp.asarray(inputs), motor_bias(parameters, jnp.asarray(z)))
+    np.testing.assert_allclose(torque, jax_torque, atol=1e-5 * 0.7)
+    assert (np.std(jax_torque) > 0.05) == (preset.num_neurons > 0)
+
+
+def test_an_exported_network_says_what_it_was_trained_with(case):
+    preset, parameters, _, z = case
+    net = export(parameters, preset, SCALES)
+    assert (net.taps, net.period, net.has_armature) == (preset.taps, preset.period, preset.has_armature)
+    assert {name: getattr(net, name) for name in SCALES} == SCALES
+    assert (net.motor is not None) == preset.grey_box
+    if not preset.has_armature and not preset.grey_box:
+        np.testing.assert_array_equal(net.armature(z), 0.0)
+    assert replace(net, torque_limit=0.1).torque(np.ones((1, 2 * len(net.taps))), z[:1]) <= 0.1

@@ -1,0 +1,331 @@
+"""A fit finds the constants of motors that a decoder made, with the same bytes on any number of threads."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.physics import fleet_fit
+from motorprior.identification.physics.fleet_fit import (
+    _LEAST_SPREAD,
+    STAGES,
+    FleetFit,
+    fit_fleet,
+    fleet_belief,
+    left_open,
+)
+from motorprior.identification.physics.initial_motor import initial_center, with_motor
+from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, _sums
+from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.residual import without_residual
+from motorprior.identification.training_data.windows import Measured, TrainingData
+
+Data = Callable[..., TrainingData]
+SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
+PRESET = replace(PRESETS["per_motor"], warm_up=60)
+MOTORS = 4
+SPREAD = {"kp": 0.3, "kd_over_kp": 0.2, "delay": 0.4, "backlash": 0.4, "load_friction": 0.3, "armature": 0.3}
+"""Standard deviations of the logarithms."""
+
+
+def truth(terms: tuple[str, ...] = ()) -> np.ndarray:
+    """(MOTORS, P) decoder outputs relative to the initial motor's."""
+    rng, raw = np.random.default_rng(2), np.zeros((MOTORS, len(initial_center(terms))))
+    for name, spread in SPREAD.items():
+        raw[:, PARAMETERS.index(name)] = spread * rng.standard_normal(MOTORS) + 0.2
+    return raw
+
+
+def bare(terms: tuple[str, ...] = ()) -> LatentNetwork:
+    """The initial motor's decoder, one latent per constant."""
+    center = initial_center(terms)
+    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, terms)
+
+
+@pytest.fixture(scope="module")
+def runs(decoder_data: Data) -> WindowRuns:
+    return WindowRuns(decoder_data(bare(), truth(), segments=10, rows=400), PRESET)
+
+
+@pytest.fixture(scope="module")
+def found(runs: WindowRuns) -> FleetFit:
+    return fit_fleet(bare(), runs, (), True, 0)
+
+
+def test_the_constants_of_four_motors_are_found(found: FleetFit):
+    assert found.loss.max() < 3e-3, found.loss
+    error = np.abs(found.raw - initial_center(()) - truth())
+    within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}
+    for name, bound in within.items():
+        assert error[:, PARAMETERS.index(name)].max() < bound, (name, error[:, PARAMETERS.index(name)])
+    np.testing.assert_allclose(found.center + found.offsets, found.raw)
+    network = found.network(bare())
+    assert network.motor is not None
+    np.testing.assert_array_equal(network.motor.center, found.center)
+
+
+def test_a_gain_beyond_the_reach_of_the_initial_motor_is_found(decoder_data: Data):
+    center, kp = initial_center(()), PARAMETERS.index("kp")
+    center[kp] += np.log(0.04)
+    runs = WindowRuns(decoder_data(with_motor(bare(), center, ()), truth(), segments=5, rows=400), PRESET)
+    found = fit_fleet(bare(), runs, (), True, 0, turns=((WIDE, 5),) * 3)
+    expected = center[kp] + truth()[:, kp]  # a factor of 25 away; fits on other processors differ by 0.2
+    np.testing.assert_allclose(found.raw[:, kp], expected, atol=0.25)
+
+
+@pytest.mark.parametrize(("limit", "shown"), [(60.0, False), (1.5, True)])
+def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: float, shown: bool):
+    column, motors = PARAMETERS.index("torque_limit"), truth()
+    motors[:, column] = np.log(limit / 1.5)
+    runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
+    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
+    found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=()).raw[:, column])
+    if shown:
+        np.testing.assert_allclose(found, limit, rtol=0.1)
+    else:
+        assert np.all(found > 3.0 * asked)
+
+
+@pytest.mark.parametrize(("few", "opened"), [(1, True), (3, False)])
+def test_motors_that_show_their_limit_tell_of_the_others_if_they_are_many(decoder_data: Data, few: int, opened: bool):
+    column, motors = PARAMETERS.index("torque_limit"), truth()
+    shows = np.arange(MOTORS) < few
+    motors[:, column] = np.log(np.where(shows, 1.5, 60.0) / 1.5)
+    runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
+    begun = initial_center(()) + motors
+    begun[~shows, column] = np.log(16.0)  # of a search; nothing tells
+    found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=begun, turns=()).raw[:, column])
+    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
+    np.testing.assert_allclose(found[shows], 1.5, rtol=0.1)
+    assert np.all((found[~shows] > 3.0 * asked.max()) == opened), (found, asked)
+
+
+def test_a_motor_that_held_a_speed_has_no_limit_below_it(decoder_data: Data):
+    """In nine segments of ten it is braked to half of its speed: most windows ask for a limit that it did exceed."""
+    terms, speed = ("profile",), parameters_of(("profile",)).index("profile_speed")
+    center = initial_center(terms)
+    center[speed:] = np.log([1.0, 100.0])
+    network = with_motor(bare(terms), center, terms)
+    fast, braked = np.zeros((2, MOTORS, len(center)))
+    braked[:, speed] = np.log(0.5)
+    data, few = (decoder_data(network, z, segments=n, rows=400, seed=3) for z, n in ((braked, 9), (fast, 1)))
+    data = replace(
+        data, series=np.concatenate([data.series, few.series], axis=1), parts=(*data.parts, slice(3600, 4000))
+    )
+    runs = WindowRuns(data, PRESET)
+    found = np.exp(fit_fleet(bare(terms), runs, terms, True, 0, start=center + braked, turns=((NARROW, 3),)).raw)
+    assert np.sum(runs.held_speed > 0.8) == 3  # the fourth is never asked for more than half of it
+    assert np.all(found[:, speed] >= runs.held_speed), found[:, speed]
+
+
+def test_a_limit_of_speed_is_sought_from_what_most_motors_held(runs: WindowRuns):
+    row, other = parameters_of(("profile",)).index("profile_speed"), copy(runs)
+    begun = []
+    for held in ([1.0, 2.0, 9.0], [0.0, 0.0, 9.0]):
+        other.held_speed = np.array(held)
+        begun.append(np.exp(initial_center(("profile",), other)[row]))
+    assert 2.0 < begun[0] < 2.5 and begun[1] == pytest.approx(runs.fastest)
+
+
+def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: WindowRuns, found: FleetFit):
+    fit = MotorFit(found.network(bare()), runs)
+    at = Fit(found.offsets, found.loss, found.loss)
+    one = found.loss.mean() / fit.windows  # precision of a belief with variance 1
+    sure, unsure = (
+        left_open(fit, at, Belief(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
+        for variance in (1e-13, 1.0)
+    )
+    np.testing.assert_allclose(sure, 1e-13, rtol=0.01)  # then the log adds nothing
+    assert np.all((sure < unsure) & (unsure <= 1.0))
+    shown, hidden = (unsure[PARAMETERS.index(name)] for name in ("kp", "stribeck_torque"))
+    assert hidden > 100.0 * shown, (shown, hidden)
+    narrow, wide = (fleet_belief(at, fit.windows, left) for left in (0.0, unsure))
+    assert np.all(wide.precision <= narrow.precision)
+    np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
+
+
+def test_a_fit_counts_what_logs_leave_open_from_its_second_turn_on(
+    runs: WindowRuns, found: FleetFit, monkeypatch: pytest.MonkeyPatch
+):
+    told: list[np.ndarray | float] = []
+
+    def noted(at: Fit, windows: int, left_open: np.ndarray | float) -> Belief:
+        told.append(left_open)
+        return fleet_belief(at, windows, left_open)
+
+    monkeypatch.setattr(fleet_fit, "fleet_belief", noted)
+    fit_fleet(bare(), runs, (), True, 0, start=found.raw, turns=((NARROW, 1),) * 2)
+    first, second = told
+    assert isinstance(first, float) and first == 0.0 and isinstance(second, np.ndarray)
+    assert second[PARAMETERS.index("stribeck_torque")] > second[PARAMETERS.index("kp")] > 0.0
+
+
+def spread_of(z: np.ndarray) -> np.ndarray:
+    """(Z,) variance of one more motor around the median of M, from their distances to it."""
+    return (len(z) + 1) / (len(z) - 1) * np.mean((z - np.median(z, axis=0)) ** 2, axis=0)
+
+
+def test_losses_are_those_of_the_network_that_is_stored(runs: WindowRuns, found: FleetFit):
+    np.testing.assert_array_equal(MotorFit(found.network(bare()), runs).losses(found.offsets), found.loss)
+
+
+def test_motors_beyond_the_decoders_reach_are_stored_as_they_were_fitted(
+    runs: WindowRuns, monkeypatch: pytest.MonkeyPatch
+):
+    def far(self: MotorFit, start: np.ndarray, *others: object) -> Fit:
+        z = np.array([-4.0, -1.0, 2.0, 6.0])[:, None] * np.ones(start.shape[1])
+        return Fit(z, np.zeros(len(z)), self.losses(z))
+
+    monkeypatch.setattr(MotorFit, "polish", far)
+    monkeypatch.setattr(fleet_fit, "UNSEEN", 0.0)  # no limit counts as unseen
+    stored = fit_fleet(bare(), runs, (), False, 0, turns=())
+    assert np.abs(stored.offsets).max() <= LOG_REACH
+    np.testing.assert_allclose(
+        stored.raw - initial_center((), runs),
+        np.clip(np.array([-4.0, -1.0, 2.0, 6.0]), -LOG_REACH, LOG_REACH)[:, None] * np.ones(stored.offsets.shape[1]),
+    )
+    np.testing.assert_array_equal(MotorFit(stored.network(bare()), runs).losses(stored.offsets), stored.loss)
+
+
+def test_a_recipe_may_lack_a_friction(decoder_data: Data):
+    preset = replace(PRESET, lacks=("load_friction",))
+    runs = WindowRuns(decoder_data(bare(), truth(), segments=5, rows=300), preset)
+    raw = fit_fleet(bare(), runs, (), True, 0, turns=((WIDE, 2),)).raw
+    np.testing.assert_allclose(np.exp(raw[:, PARAMETERS.index("load_friction")]), 1e-9)
+    assert np.ptp(raw[:, PARAMETERS.index("coulomb")]) > 1e-3
+
+
+def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
+    terms = ("profile",)
+    row, raw = parameters_of(terms).index("profile_acceleration"), truth(terms)
+    raw[:, row] = np.log(20.0) - initial_center(terms)[row]
+    data, losses = decoder_data(bare(terms), raw, segments=5, rows=400), []
+    for stated in (20.0, 60.0):  # the motors' own, and another
+        runs = WindowRuns(data, replace(PRESET, firmware=(("profile_acceleration", stated),)))
+        found = fit_fleet(bare(), runs, terms, True, 0, turns=((WIDE, 3),))
+        np.testing.assert_allclose(np.exp(found.raw[:, row]), stated, rtol=1e-12)
+        losses.append(found.loss)
+    assert np.all(losses[0] < 0.5 * losses[1]), losses
+
+
+def test_a_stated_limit_that_no_log_shows_is_not_opened(decoder_data: Data):
+    terms, stated = ("profile",), 20.0
+    runs = WindowRuns(decoder_data(bare(terms), truth(terms), segments=5, rows=400), PRESET)
+    assert stated < fleet_fit.ROOM * runs.fastest
+    runs.preset = replace(PRESET, firmware=(("profile_speed", stated),))
+    found = fit_fleet(bare(), runs, terms, True, 0, turns=((WIDE, 3),))
+    np.testing.assert_allclose(np.exp(found.raw[:, parameters_of(terms).index("profile_speed")]), stated, rtol=1e-12)
+
+
+def test_one_motor_is_fitted_alone(decoder_data: Data):
+    runs = WindowRuns(decoder_data(bare(), truth()[:1], segments=5, rows=300), PRESET)
+    together, alone = (fit_fleet(bare(), runs, (), way, 0, turns=((WIDE, 2),) * 2) for way in (True, False))
+    np.testing.assert_array_equal(together.raw, alone.raw)
+
+
+def test_what_encoders_on_the_rotors_do_not_show_is_left_alone(decoder_data: Data):
+    data = decoder_data(bare(), truth(), segments=5, rows=300)
+    seen = WindowRuns(replace(data, measured=Measured(False, at_rotor=True)), PRESET)
+    stored = fit_fleet(bare(), seen, (), False, 0, turns=((WIDE, 2),))
+    hidden = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
+    np.testing.assert_array_equal(stored.offsets[:, hidden], 0.0)
+    assert np.ptp(stored.offsets[:, PARAMETERS.index("kp")]) > 0.01
+
+
+def test_sums_are_those_of_a_matrix_product():
+    rng = np.random.default_rng(0)
+    slopes, pulls, weights = (rng.standard_normal(shape).astype(np.float32) for shape in ((5, 4000), 4000, 4000))
+    gradient, matrix = _sums(slopes, pulls, weights)
+    exact = slopes.astype(np.float64)
+    np.testing.assert_allclose(gradient, exact @ pulls, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(matrix, (exact * weights) @ exact.T, rtol=1e-3, atol=1e-2)
+    np.testing.assert_array_equal(matrix, matrix.T)
+
+
+def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
+    few = ((WIDE, 2), (NARROW, 2))
+    results = []
+    for threads in (1, 3):
+        monkeypatch.setattr(runs, "_threads", ThreadPoolExecutor(threads))
+        one = fit_fleet(bare(), runs, (), True, 5, turns=few)
+        results.append(b"".join(part.tobytes() for part in (one.center, one.offsets, one.loss)))
+    assert results[0] == results[1]
+    other = fit_fleet(bare(), runs, (), True, 6, turns=few)
+    assert other.offsets.tobytes() not in results[0]
+
+
+def test_alone_most_motors_are_found_as_well(runs: WindowRuns):
+    fit = fit_fleet(bare(), runs, (), False, 0, turns=((NARROW, 5),) * 6)
+    error = np.abs(fit.raw - initial_center(()) - truth())[:, PARAMETERS.index("kp")]
+    assert np.median(fit.loss) < 5e-3 and np.median(error) < 0.05
+
+
+def test_a_fit_begins_where_it_is_told_to_and_ends_no_worse(runs: WindowRuns, found: FleetFit):
+    again = fit_fleet(bare(), runs, (), True, 1, start=found.raw, turns=())
+    assert np.all(again.loss <= found.loss * (1 + 1e-6) + 1e-6)
+    reports = []
+    fit_fleet(bare(), runs, (), True, 1, start=found.raw, turns=((WIDE, 1),), report=lambda: reports.append(0))
+    assert len(reports) == 1 + fleet_fit.RESTARTS + 1
+    assert 1 + fleet_fit.RESTARTS + len(fleet_fit.TURNS) == STAGES
+
+
+def test_only_the_chosen_windows_count(decoder_data: Data):
+    data = decoder_data(bare(), truth(), segments=2, rows=300)
+    series = data.series.copy()
+    series[:, 300:, 1] += np.linspace(0.0, 3.0, 300, dtype=np.float32)  # the second segment is no motor's
+    runs = WindowRuns(replace(data, series=series), PRESET)
+    seen, z = runs.groups() == 0, truth()
+    fit = MotorFit(bare(), runs, seen)
+    assert fit.losses(z).max() < 1e-4 < 0.1 < MotorFit(bare(), runs).losses(z).min()
+    nowhere = Belief(np.zeros(14), np.full(14, 1e-6))
+    assert np.abs(fit.polish(z, nowhere, 3).z - z).max() < 0.1
+
+
+# Steps of a fit.
+
+
+def test_losses_are_those_of_the_windows(runs: WindowRuns):
+    fit, z = MotorFit(bare(), runs), 0.5 * truth()
+    np.testing.assert_allclose(fit.losses(z), fit.window_losses(z).mean(axis=1), rtol=1e-4)
+    several = np.stack([z, truth()], axis=1)
+    np.testing.assert_allclose(fit.losses(several)[:, 0], fit.losses(z), rtol=1e-6)
+    assert fit.losses(several).shape == (MOTORS, 2) and np.all(fit.losses(several)[:, 1] < 1e-4)
+
+
+def test_a_polish_never_ends_higher_than_it_began_and_follows_a_strong_belief(runs: WindowRuns):
+    fit, rng = MotorFit(bare(), runs), np.random.default_rng(4)
+    start = truth() + 0.2 * rng.standard_normal(truth().shape)
+    weak = Belief(np.zeros(14), np.full(14, 1e-4))
+    before = fit.losses(start) + weak.energy(start)
+    steps = [fit.polish(start, weak, count) for count in (1, 4)]
+    assert np.all(steps[0].energy <= before) and np.all(steps[1].energy <= steps[0].energy)
+    np.testing.assert_allclose(steps[1].energy, steps[1].loss + weak.energy(steps[1].z), rtol=1e-9)
+    sure = Belief(np.full(14, 0.1), np.full(14, 1e6))
+    held = fit.polish(start, sure, 8)
+    np.testing.assert_allclose(held.z, 0.1, atol=1e-3)
+
+
+def test_curvatures_are_those_of_the_loss_at_the_truth(runs: WindowRuns):
+    """Where residuals are 0 the Gauss-Newton matrix is the Hessian; kp is well seen, the zero of an encoder not."""
+    fit, row = MotorFit(bare(), runs), PARAMETERS.index("kp")
+    found, reach = fit.curvatures(truth(), NARROW), NARROW
+    ahead, behind = truth(), truth()
+    ahead[:, row] += reach
+    behind[:, row] -= reach
+    second = (fit.losses(ahead) + fit.losses(behind) - 2 * fit.losses(truth())) / reach**2
+    assert np.median(found[:, row, row] / second) == pytest.approx(1.0, rel=0.5)
+    assert np.all(np.linalg.eigvalsh(found)[:, 0] > -1e-5 * np.abs(found).max())
+
+
+def test_motors_that_cannot_be_simulated_lose_and_break_nothing(runs: WindowRuns):
+    fit, wild = MotorFit(bare(), runs), np.tile(truth()[:, None], (1, 3, 1))
+    wild[:, 1, PARAMETERS.index("gear_stiffness")] = 200.0
+    wild[:, 2, PARAMETERS.index("armature")] = -200.0
+    best = fit.best_of(wild, Belief(np.zeros(14), np.zeros(14)))
+    np.testing.assert_allclose(best, truth())

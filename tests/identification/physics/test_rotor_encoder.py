@@ -1,0 +1,128 @@
+"""Logs of encoders on the rotors, as a Pupper's: the joint behind the gear's play is hidden."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from series import complete
+
+from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.identification.judging.reference import measured_pos
+from motorprior.identification.networks.network import export, initial_parameters
+from motorprior.identification.networks.objectives import rollout_objective
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.training_data.windows import Measured
+from motorprior.logs.motor_log import MotorLog
+
+PRESET = replace(PRESETS["rollout"], window=100)
+SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}
+MOTORS, DT = 3, PRESET.period
+INERTIA = np.array([0.0008, 0.002, 0.004])
+PLAY, ZERO, KP = (PARAMETERS.index(name) for name in ("backlash", "encoder_zero", "kp"))
+AT_ROTOR, AT_JOINT = Measured(torque=False, at_rotor=True), Measured(torque=False)
+HIDDEN, UNUSED = ("backlash", "encoder_zero"), ("torque_limit",)
+"""What a rotor's encoder does not show, and what these motions do not need."""
+
+
+@pytest.fixture(scope="module")
+def parameters():
+    """A silent network: the physics are all there is."""
+    return initial_parameters(np.random.default_rng(0), PRESET)
+
+
+@pytest.fixture(scope="module")
+def z() -> np.ndarray:
+    """Motors of the central play, which is what a rotor's encoder is taken to hide; their zeros differ."""
+    drawn = 0.3 * np.random.default_rng(2).standard_normal((MOTORS, len(PARAMETERS)))
+    drawn[:, PLAY] = 0.0
+    return drawn
+
+
+@pytest.fixture(scope="module")
+def windows(parameters, z) -> jnp.ndarray:
+    """(MOTORS, rows, 6) what the rotors' encoders saw of these motors, each under a load."""
+    rng, rows = np.random.default_rng(1), PRESET.history + PRESET.window
+    targets = np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0)
+    external = np.cumsum(rng.normal(0.0, 0.01, (rows, MOTORS)), axis=0)
+    network = export(parameters, PRESET, SCALES)
+    arrays = LatentActuator(network, z).arrays(DT)
+    zero = network.constants(z)["encoder_zero"]
+    assert np.abs(zero).max() > 0.005, "zeros that would be seen"
+    q, dq, torque, seen = targets[0] - zero, np.zeros(MOTORS), np.zeros(MOTORS), []
+    reset_actuator(arrays, targets[0], q)
+    for row in range(rows):
+        motor = arrays.memory[1:]
+        seen.append((motor[ROTOR_POS] + zero, motor[ROTOR_VEL].copy()))
+        step_actuator(arrays, DT, targets[row], q, dq, torque)
+        dq = (dq + DT * (torque + external[row]) / INERTIA) / (1.0 + DT * arrays.damping / INERTIA)
+        q = q + DT * dq
+    pos, vel = np.array(seen).transpose(1, 0, 2)
+    channels = (targets, pos, vel, np.zeros_like(pos), external, np.broadcast_to(INERTIA, pos.shape))
+    return jnp.asarray(complete(np.stack(channels, axis=-1).transpose(1, 0, 2)), jnp.float32)
+
+
+@cache
+def compiled(measured: Measured):
+    return jax.jit(rollout_objective(PRESET, SCALES, measured, bounded=False).loss)
+
+
+def loss(parameters, windows, z, measured: Measured) -> float:
+    return float(compiled(measured)(parameters, windows, jnp.asarray(z, jnp.float32)))
+
+
+def test_a_perfect_model_replays_what_the_rotors_did(parameters, windows, z):
+    """Read as the joint's, the same angles cost a hundred times as much."""
+    assert loss(parameters, windows, z, AT_ROTOR) < 1e-5
+    assert loss(parameters, windows, z, AT_JOINT) > 1e-3
+
+
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if name not in UNUSED])
+def test_a_rotor_says_nothing_of_zero_and_play_and_something_of_the_rest(parameters, windows, z, name: str):
+    moved = z.copy()
+    moved[:, PARAMETERS.index(name)] += 0.5
+    before, after = (loss(parameters, windows, one, AT_ROTOR) for one in (z, moved))
+    assert (after == before) if name in HIDDEN else (after > before)
+
+
+def test_what_is_hidden_has_no_gradient_either(parameters, windows, z):
+    objective = rollout_objective(PRESET, SCALES, AT_ROTOR, bounded=True)
+    latents = jnp.asarray(z + 0.1, jnp.float32)
+    of_both = jax.grad(lambda given, latents: objective.loss(given, windows, latents), argnums=(0, 1))
+    of_all, slope = of_both(parameters, latents)
+    assert np.all(np.asarray(slope)[:, [PLAY, ZERO]] == 0.0)
+    assert np.all(np.asarray(slope)[:, KP] != 0.0)
+    center = np.asarray(of_all["motor_center"])
+    assert np.all(center[[PLAY, ZERO]] == 0.0) and center[KP] != 0.0, "what all motors have in common"
+
+
+def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):
+    preset = replace(PRESETS["one_network"], window=100, warm_up=PRESET.warm_up)
+    given = initial_parameters(np.random.default_rng(0), preset)
+    nothing = jnp.zeros((MOTORS, 0), jnp.float32)
+    one, other = (
+        float(rollout_objective(preset, SCALES, seen, False).loss(given, windows, nothing))
+        for seen in (AT_ROTOR, AT_JOINT)
+    )
+    assert one == other
+
+
+@pytest.mark.parametrize(("encoder", "place"), [("rotor", "encoder_pos"), ("joint", "joint_pos")])
+def test_a_prior_is_compared_with_a_log_where_the_log_measures(parameters, z, encoder: str, place: str):
+    rng, rows = np.random.default_rng(1), 300
+    trial = Trial(
+        np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0), np.zeros((rows, MOTORS)), INERTIA, DT
+    )  # fmt: skip
+    simulated = run(LatentActuator(export(parameters, PRESET, SCALES), z), trial)
+    assert np.abs(simulated.encoder_pos - simulated.joint_pos).max() > 0.005, "zero and play lie between"
+    log = MotorLog(
+        time=DT * np.arange(rows), position_target=trial.position_target, joint_pos=simulated.joint_pos,
+        joint_names=("a", "b", "c"), robot="bench", motor="m", source="test", encoder=encoder,
+    )  # fmt: skip
+    np.testing.assert_array_equal(measured_pos(simulated, log), getattr(simulated, place))

@@ -1,0 +1,183 @@
+"""Compiled free runs are those that a training differentiates, and motors that made a log replay it."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Event
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.servo_terms import TERMS
+from motorprior.identification.latents.latent_fit import tiled_windows
+from motorprior.identification.networks.network import import_parameters
+from motorprior.identification.networks.objectives import rollout_objective
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.training_data.windows import (
+    EXTERNAL,
+    POS,
+    SECONDS,
+    STIFFNESS,
+    TARGET,
+    Measured,
+    TrainingData,
+)
+
+Networks = Callable[..., LatentNetwork]
+Data = Callable[..., TrainingData]
+PRESET = replace(PRESETS["rollout"], taps=(0, 2, 5), own_latents=False, num_latents=3, warm_up=60, window=32)
+SERVO = ("dead_zone", "integral", "torque_speed", "current", "asymmetry", "presliding", "output_damping", "heat")
+CASES = pytest.mark.parametrize("terms", [(), ("profile",), ("output_encoder",), SERVO, tuple(TERMS)], ids=len)
+Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
+MOTORS = np.arange(len(Z))
+
+
+@CASES
+def test_motors_that_made_a_log_replay_it(grey_network: Networks, decoder_data: Data, terms: tuple[str, ...]):
+    network = grey_network(terms=terms, network=0.3)
+    data = decoder_data(network, Z)
+    runs = WindowRuns(data, PRESET)
+    found = runs.residuals(network, Z, MOTORS)
+    assert found.shape == (3, 6 * ((400 - 1 - 60) // 32), 3, 32) == (3, runs.windows, runs.channels, 32)
+    # rows are float32, and what touches, sticks or slips within rounding is one step off: no window but a few
+    assert np.mean(np.abs(found)) < 1e-3 and np.quantile(np.abs(found), 0.99) < 0.01
+    others = runs.residuals(network, Z[[1, 2, 0]], MOTORS)
+    assert np.mean(np.abs(others)) > 0.1
+
+
+@CASES
+def test_they_are_the_runs_of_the_rollout_objective(grey_network: Networks, decoder_data: Data, terms: tuple[str, ...]):
+    """Of windows whose warm-up is all of the past: later ones begin as the observer of the whole segment has it."""
+    network, count = grey_network(terms=terms, network=0.3), 4
+    preset, data = replace(PRESET, terms=terms), decoder_data(network, Z, segments=count, rows=200)
+    series = data.series.copy()
+    series[..., SECONDS] = 3.0  # a rollout is as warm as its window, free runs are as warm as their segment
+    data, z = replace(data, series=series), Z + 0.2
+    runs = WindowRuns(data, preset)
+    found = runs.residuals(network, z, MOTORS)[:, :: runs.windows // count, :, :-1]  # a rollout ends a row before
+    scales = {name: getattr(network, name) for name in data.scales}
+    objective = rollout_objective(preset, scales, data.measured, bounded=False)
+    length = preset.history + preset.window
+    windows = np.stack([series[:, part.start : part.start + length] for part in data.parts], axis=1).reshape(
+        3 * count, length, -1
+    )
+    latents = jnp.asarray(np.repeat(z, count, axis=0), jnp.float32)
+    theirs = np.asarray(objective.residuals(import_parameters(network), jnp.asarray(windows), latents))
+    theirs = theirs.reshape(3, 31, 3, count).transpose(2, 3, 0, 1)
+    apart = np.mean(np.abs(found - theirs), axis=(2, 3)) / np.mean(np.abs(theirs), axis=(2, 3))
+    assert np.median(apart) < 1e-3 and np.quantile(apart, 0.8) < 0.05, apart
+
+
+def test_windows_are_those_of_a_fit_and_do_not_cross_segments(grey_network: Networks, decoder_data: Data):
+    network = grey_network()
+    data = decoder_data(network, Z, segments=3, rows=200)
+    # the middle segment is of another machine: neighbours must not see it
+    broken = replace(data, series=data.series.copy())
+    broken.series[:, 200:400] += 1.0
+    before, after = (WindowRuns(one, PRESET).residuals(network, Z, MOTORS) for one in (data, broken))
+    same = WindowRuns(data, PRESET).groups() != 1
+    np.testing.assert_array_equal(before[:, same], after[:, same])
+    short = replace(data, parts=(slice(0, 200), slice(200, 250), slice(250, 600)))
+    runs = WindowRuns(short, PRESET)
+    np.testing.assert_array_equal(runs.groups(), [0] * 4 + [1] * 9)  # a segment without a window counts for nothing
+
+
+def test_lanes_are_each_others_neighbours_and_nothing_else(grey_network: Networks, decoder_data: Data):
+    """Bytes of a motor's runs do not depend on how many are simulated together, or on how many threads."""
+    network = grey_network(terms=("profile", "presliding"), network=0.3)
+    runs, rng = WindowRuns(decoder_data(network, Z, segments=2, rows=200), PRESET), np.random.default_rng(0)
+    z, motor = rng.standard_normal((600, 3)), rng.integers(0, 3, 600)
+    many = runs.residuals(network, z, motor)
+    for lane in (0, 255, 256, 599):
+        np.testing.assert_array_equal(many[lane], runs.residuals(network, z[[lane]], motor[[lane]])[0])
+    for threads in (1, 3):
+        runs._threads = ThreadPoolExecutor(threads)
+        np.testing.assert_array_equal(runs.residuals(network, z, motor), many)
+
+
+def test_a_log_of_a_few_motors_is_that_of_these(grey_network: Networks, decoder_data: Data):
+    network = grey_network()
+    data = decoder_data(network, Z, segments=2, rows=200)
+    some = WindowRuns(data, PRESET, np.array([2, 0]))
+    assert some.num_motors == 2
+    every = WindowRuns(data, PRESET).residuals(network, Z[[2, 0]], np.array([2, 0]))
+    np.testing.assert_array_equal(some.residuals(network, Z[[2, 0]], np.array([0, 1])), every)
+
+
+def test_without_torques_there_are_two_channels(grey_network: Networks, decoder_data: Data):
+    network = grey_network()
+    data = decoder_data(network, Z, segments=2, rows=200)
+    every = WindowRuns(data, PRESET).residuals(network, Z, MOTORS)
+    blind = WindowRuns(replace(data, measured=Measured(False)), PRESET).residuals(network, Z, MOTORS)
+    np.testing.assert_array_equal(blind, every[:, :, :2])
+
+
+def test_the_target_of_a_window_is_heard_with_the_motors_delay(grey_network: Networks, decoder_data: Data):
+    """The delayed commands that a free run begins with are the observer's: a later change is not seen before."""
+    network = grey_network(spread=0.0, delay=0.02)
+    data = decoder_data(network, Z, segments=1, rows=200)
+    later = replace(data, series=data.series.copy())
+    first = PRESET.history + 2 * PRESET.window
+    later.series[:, first:, TARGET] += 0.3
+    before, after = (WindowRuns(one, PRESET).residuals(network, Z, MOTORS) for one in (data, later))
+    np.testing.assert_array_equal(before[:, :2], after[:, :2])
+    np.testing.assert_array_equal(before[:, 2, :, :9], after[:, 2, :, :9])  # 0.02 s are ten steps
+    assert np.all(np.abs(before - after)[:, 2, 1, 12] > 0.01)
+
+
+def test_tiled_windows_and_free_runs_cover_the_same_rows(grey_network: Networks, decoder_data: Data):
+    network = grey_network()
+    data = decoder_data(network, Z, segments=3, rows=200)
+    length = PRESET.history + PRESET.window
+    starts = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in data.parts])
+    windows = tiled_windows(replace(data, starts=starts), PRESET)
+    found = WindowRuns(data, PRESET).recorded(POS)
+    assert found.shape[1] in (windows.shape[1], windows.shape[1] - len(data.parts))
+    per_part = found.shape[1] // len(data.parts)
+    for part in range(len(data.parts)):
+        theirs = windows[:, part * windows.shape[1] // len(data.parts)][:, PRESET.history + 1 :, POS]
+        np.testing.assert_array_equal(found[:, part * per_part, :-1], theirs)
+
+
+def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_network: Networks, decoder_data: Data):
+    """A spring on the joint, once as a torque over time, once as a stiffness about the recorded angle."""
+    network, z = grey_network(), np.zeros((1, 3))
+    data = decoder_data(network, z)
+    sprung = data.series.copy()
+    sprung[..., STIFFNESS] = -2.0
+    sprung[..., EXTERNAL] += 2.0 * sprung[..., POS]
+    same, other = (
+        WindowRuns(replace(data, series=series), PRESET).residuals(network, where, np.array([0]))[:, :, 0]
+        for series, where in ((sprung, z), (sprung, z + 1.0))
+    )
+    plain = WindowRuns(data, PRESET).residuals(network, z + 1.0, np.array([0]))[:, :, 0]
+    assert np.abs(same).max() < 0.03, "on the recording the spring does nothing"
+    assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2)), "and off it, it pulls back"
+
+
+def test_what_a_beat_raises_ends_the_runs_and_begins_no_others(
+    grey_network: Networks, decoder_data: Data, monkeypatch: pytest.MonkeyPatch
+):
+    ended, begun = Event(), []
+
+    def beat() -> None:
+        if begun:
+            ended.set()
+            raise KeyboardInterrupt
+
+    def run(*task: object) -> None:
+        begun.append(task)
+        if len(begun) > 1:
+            ended.wait(60.0)
+
+    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET, beat=beat)
+    threads = ThreadPoolExecutor(1)
+    monkeypatch.setattr(runs, "_threads", threads)
+    monkeypatch.setattr(runs, "_run", run)
+    with pytest.raises(KeyboardInterrupt):
+        runs.residuals(grey_network(), Z, MOTORS)
+    threads.shutdown(wait=True)
+    assert len(begun) <= 2 < len(runs.segments), "the one that was under way, and no other"
