@@ -34,7 +34,7 @@ from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.transfer_study.condition import Condition, fleet_of
 from motorprior.pipeline.transfer_study.study_cells import walk_table
-from motorprior.pipeline.transfer_study.study_settings import Study
+from motorprior.pipeline.transfer_study.study_settings import OWN_MOTORS, Study
 from motorprior.report.plots_style import MODEL_COLORS, describe, new_figure, panels, png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -153,8 +153,8 @@ def walks(settings: Settings, priors: dict[str, Path]) -> WalkTable:
     searches = {(grade.iterations, grade.validation) for grade in map(GRADES.__getitem__, priors)}
     for iterations, validation in sorted(searches, key=str):
         study = Study(
-            settings.out, seeds=settings.seeds, draws=settings.draws, iterations=iterations, validation=validation,
-            seed=settings.seed, workers=settings.workers,
+            settings.out, seeds=settings.seeds, draws=settings.draws, iterations=iterations,
+            validation=validation or OWN_MOTORS, seed=settings.seed, workers=settings.workers,
         )  # fmt: skip
         cells = [
             (Condition(name, MotorChoice("prior", path, latent_spread=GRADES[name].spread, name=name)), seed)

@@ -74,7 +74,8 @@ def test_the_rival_has_the_spread_whose_policies_stand_longest(done: Study):
     found, chosen = told["tried"], told["chosen"]
     assert (told["fleet"], set(found)) == ("mixed", {"0.1", "0.2", "0.3", "0.4"})
     assert found[f"{chosen:g}"] == max(found.values(), key=lambda walked: (walked["upright"], walked["speed"]))
-    assert read_json(done.out / "study.json")["spread"] == str(chosen)
+    settings = read_json(done.out / "study.json")
+    assert (settings["spread"], settings["validation"]) == (str(chosen), "mixed")
     header = Policy.load(done.out / "walk" / "pd_randomised_0" / "policy.safetensors").provenance
     assert header["motors"]["spread"] == chosen
 
@@ -109,7 +110,7 @@ def test_ray_walks_to_the_same_bytes(done: Study):
 def test_ray_walks_contests_of_a_validation_fleet_too(done: Study):
     pytest.importorskip("ray", reason="Ray is not installed: pip install 'motorprior[ray]'")
     for kind in ("threads", "ray"):
-        study = replace(done, executor=kind, validation="mixed", draws=1, out=done.out.parent / kind)
+        study = replace(done, executor=kind, draws=1, out=done.out.parent / kind)
         pd = Condition("pd", MotorChoice("pd", name="pd"), twins=("fleet",))
         walk_table(study.sized(), [(pd, 0)]).save(done.out.parent / f"{kind}.csv")
     assert (done.out.parent / "ray.csv").read_bytes() == (done.out.parent / "threads.csv").read_bytes()

@@ -14,10 +14,10 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.transfer_study import study_spreads
+from motorprior.pipeline.transfer_study import study_settings, study_spreads
 from motorprior.pipeline.transfer_study.condition import Condition
 from motorprior.pipeline.transfer_study.study_conditions import conditions
-from motorprior.pipeline.transfer_study.study_settings import FITS, Study
+from motorprior.pipeline.transfer_study.study_settings import FITS, OWN_MOTORS, Study
 from motorprior.pipeline.transfer_study.study_spreads import with_spread
 from motorprior.pipeline.transfer_study.transfer import walker_of
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
@@ -185,8 +185,18 @@ def test_the_width_whose_policies_stand_longest_is_kept_the_faster_of_two(
         ({"validation": "foreign_servo"}, "foreign_servo"),
     ],
 )
-def test_a_spread_is_chosen_on_a_fleet_that_no_twin_has(tmp_path: Path, change: dict, fleet: str):
-    assert replace(Study(tmp_path), **change).sized().fleet_for_width(PUPPER_V2) == fleet
+def test_width_and_policies_are_chosen_on_a_fleet_that_no_twin_has(tmp_path: Path, change: dict, fleet: str):
+    told = replace(Study(tmp_path), **change).sized()
+    assert told.fleet_for_width(PUPPER_V2) == told.fleet_of_contests(PUPPER_V2) == fleet
+
+
+def test_the_motors_of_training_choose_policies_if_they_are_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    told = Study(tmp_path, validation=OWN_MOTORS).sized()
+    assert told.fleet_of_contests(PUPPER_V2) is None and told.fleet_for_width(PUPPER_V2) == "mixed"
+    monkeypatch.setattr(study_settings, "_FLEETS", ("foreign_direct",))  # a twin's
+    assert Study(tmp_path).fleet_of_contests(PUPPER_V2) is None
+    with pytest.raises(ConfigError, match="that no twin has, and none is known"):
+        Study(tmp_path).sized()
 
 
 def test_a_quick_study_is_small():

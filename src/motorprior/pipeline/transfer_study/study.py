@@ -13,7 +13,7 @@ from motorprior.pipeline.transfer_study.condition import Condition
 from motorprior.pipeline.transfer_study.study_cells import walk_table
 from motorprior.pipeline.transfer_study.study_conditions import adapt_robots, conditions, learn
 from motorprior.pipeline.transfer_study.study_report import STUDY, TRACES, WALKS
-from motorprior.pipeline.transfer_study.study_settings import Study
+from motorprior.pipeline.transfer_study.study_settings import OWN_MOTORS, Study
 from motorprior.pipeline.transfer_study.study_spreads import with_spread
 from motorprior.robots.load import load_robot
 from motorprior.transfer.study_results import study_results
@@ -40,7 +40,8 @@ def run_study(config: Study, progress: Progress = SILENT) -> Summary:
         table = walk_table(config, cells, progress)
         table.save(config.out / WALKS)
         _keep_traces(config, cells)
-        settings = asdict(config) | {"speed": config.told(robot)}
+        contests = config.fleet_of_contests(robot) or OWN_MOTORS
+        settings = asdict(config) | {"speed": config.told(robot), "validation": contests}
         for where in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
             del settings[where]
         write_json(config.out / STUDY, {name: str(value) for name, value in settings.items()})

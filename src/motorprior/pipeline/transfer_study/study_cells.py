@@ -64,7 +64,7 @@ def _cell(
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
         episode_steps=_EPISODE_STEPS,
-        validation=config.validation, randomization=condition.randomization,
+        validation=config.fleet_of_contests(robot), randomization=condition.randomization,
         search=ArsConfig(seed=SEEDS_APART * config.seed + seed), robot=config.robot,
         workers=config.episodes_at_a_time, executor=config.executor, ray_address=config.ray_address,
     )  # fmt: skip

@@ -29,7 +29,9 @@ _QUICK = {
 _QUICK_MOTORS = 16
 """Or more, if the robot has more joints."""
 _FLEETS = ("mixed", "foreign_servo", "foreign_direct")
-"""On whose motors the width of the randomised PD is chosen: the first of the robot's that is none of the twins'."""
+"""On whose motors it is chosen what is compared: the first of the robot's that is none of the twins'."""
+OWN_MOTORS = "own"
+"""In place of a validation fleet: policies are kept by how they walk on the motors of their training."""
 _MOST_SEEDS = 900
 """Policies from this number on are those that choose the width of the randomised PD, see `study_spreads`."""
 
@@ -55,14 +57,15 @@ class Study:
     speed: float | None = None
     """Commanded straight on, in training and at every place [m/s]; if not given, half as fast again as the robot
     usually walks: slower, its gait does most of the walking, whatever the motors."""
-    iterations: int = 50
+    iterations: int = 100
     """ARS iterations per policy, the same for every condition."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept; on those of
-    training if not given. None of the twins'."""
+    """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept. None of the
+    twins': if not given, the first of the robot's fleets that no twin has. Where there is none, or `own` is given, the
+    motors of training decide."""
     spread: float | None = None
     """Width of the randomised PD: the share by which its constants vary [-]; if not given, policies of several widths
-    walk on a fleet that no twin has, and the best one is kept."""
+    walk on the validation fleet, and the best one is kept."""
     latent_spread: float = 1.0
     """Factor on the standard deviation of z where motors are drawn from the prior [-]; 1 is as far as the bench's
     motors differ. The paper's priors and the adapted one keep 1."""
@@ -94,22 +97,31 @@ class Study:
         """What a policy is told, in training and wherever it walks."""
         return Commands.steady(self.told(robot))
 
+    def fleet_of_contests(self, robot: Robot) -> str | None:
+        """Fleet on whose motors it is decided which policy of a search is kept; None: on those of its training."""
+        return None if self.validation == OWN_MOTORS else self._fleet_of_no_twin(robot)
+
     def fleet_for_width(self, robot: Robot) -> str:
-        """Fleet on whose motors the width of the randomised PD is chosen: of no twin.
+        """Fleet on whose motors the width of the randomised PD is chosen.
 
         Raises:
             ConfigError: none is given, and none of ours is of this robot.
         """
-        if self.validation is not None:
+        fleet = self._fleet_of_no_twin(robot)
+        if fleet is None:
+            raise ConfigError(
+                f"the width of {PD_RANDOMISED} is chosen on a fleet of {robot.name!r} that no twin has, and none is "
+                "known", argument="validation", remedy="give such a fleet as validation, or the width as spread",
+            )  # fmt: skip
+        return fleet
+
+    def _fleet_of_no_twin(self, robot: Robot) -> str | None:
+        """The one that is given, or the first of ours."""
+        if self.validation not in (None, OWN_MOTORS):
             return self.validation
         twins = [fleet.name for fleet in self._fleets_of_twins(robot)]
-        for name in _FLEETS:
-            if name not in twins and load_fleet(name).robot == robot.name:
-                return name
-        raise ConfigError(
-            f"the width of {PD_RANDOMISED} is chosen on a fleet of {robot.name!r} that no twin has, and none is known",
-            argument="validation", remedy="give such a fleet as validation, or the width as spread",
-        )  # fmt: skip
+        ours = (name for name in _FLEETS if name not in twins and load_fleet(name).robot == robot.name)
+        return next(ours, None)
 
     def _fleets_of_twins(self, robot: Robot) -> tuple[Fleet, Fleet]:
         """Whose motors the twins have, on which nothing may be chosen."""
@@ -123,7 +135,7 @@ class Study:
                 f"foreign {self.foreign!r} has the motors of the bench's fleet", argument="foreign",
                 remedy="give a fleet of other motors: these twins ask what transfers to motors unlike the bench's",
             )  # fmt: skip
-        if self.validation is None:
+        if self.validation in (None, OWN_MOTORS):
             return
         if load_robot_fleet(robot, self.validation).name in (own.name, foreign.name):
             raise ConfigError(

@@ -13,7 +13,7 @@ from motorprior.artifacts import write_json
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.transfer_study.study_cells import walk_table
 from motorprior.pipeline.transfer_study.study_conditions import randomised_pd
-from motorprior.pipeline.transfer_study.study_settings import SPREADS, Study
+from motorprior.pipeline.transfer_study.study_settings import OWN_MOTORS, SPREADS, Study
 from motorprior.robots.load import load_robot
 from motorprior.transfer.places import ABROAD
 from motorprior.transfer.statistics import estimate
@@ -38,7 +38,7 @@ def with_spread(config: Study, progress: Progress = SILENT) -> Study:
     # Watched on the motors of the validation fleet only. Which policy of a search is kept is decided at home, even
     # where the study decides that on the validation fleet: or its motors would be in the search that they judge.
     conditions = [replace(condition, twins=(ABROAD,)) for condition in made.values()]
-    there = replace(config, out=config.out / "spreads", foreign=fleet, validation=None)
+    there = replace(config, out=config.out / "spreads", foreign=fleet, validation=OWN_MOTORS)
     progress.note(f"width of the randomised PD: the best is chosen on the fleet {fleet!r}")
     table = walk_table(there, [(condition, seed) for seed in seeds for condition in conditions], progress)
     found = {width: _found(table, condition.name) for width, condition in made.items()}
