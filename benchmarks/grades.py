@@ -6,8 +6,8 @@ Priors of few and of many motors, of a narrow excitation, of other motors; z dra
 shorter and longer training, judged on its own motors or on a validation fleet. Policies are trained and watched as by
 `motorprior transfer --study`. Writes figures.json with GRADE/POPULATION/fidelity [rad], of motors of the robot's fleet
 and of foreign ones, and GRADE/PLACE/MEASURE; rank_correlation/PLACE/MEASURE, of error and measure over the grades that
-walk at home; walks.csv of every walk, tables.md, and grades.png. Finished stages are kept. An hour on two cores;
-`--grades` picks some.
+walk at home; walks.csv of every walk, tables.md, and grades.png. Finished stages are kept. An hour and a half on two
+cores; `--grades` picks some.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ import numpy as np
 import tyro
 from scipy.stats import rankdata
 
+from motorprior.actuator.actuator import Factors
+from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bounds import require_count
@@ -32,12 +34,13 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.transfer_study.condition import Condition, fleet_of
+from motorprior.pipeline.transfer_study.condition import NOTHING, Condition, fleet_of
 from motorprior.pipeline.transfer_study.study_cells import walk_table
 from motorprior.pipeline.transfer_study.study_settings import OWN_MOTORS, Study
 from motorprior.report.plots_style import MODEL_COLORS, describe, new_figure, panels, png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
+from motorprior.simulation.randomization import Randomization, Range
 from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 from motorprior.transfer.robot_fidelity import robot_fidelity
 from motorprior.transfer.statistics import estimate, ratio
@@ -55,6 +58,7 @@ LEAST_SPEED = 0.1
 APART = 0.9
 """Between letters of grades with the same error [mrad]."""
 COLOR = MODEL_COLORS["rollout"]
+DRAWS_OF_FRICTION = 1000
 ROBOTS = range(10_000, 10_004)
 """Numbers of the robots that fidelity is measured on; no study walks them."""
 
@@ -70,6 +74,7 @@ class Grade:
         spread: factor on the standard deviation of z where policies are trained.
         iterations: of their search.
         validation: fleet that decides which policy is kept.
+        friction_alone: of the motors only dry friction differs, by what the middle 90 % of the prior's draws have.
     """
 
     motors: int = 32
@@ -78,6 +83,7 @@ class Grade:
     spread: float = 1.0
     iterations: int = 50
     validation: str | None = None
+    friction_alone: bool = False
 
     @property
     def bench(self) -> str:
@@ -98,8 +104,12 @@ GRADES = {
     "iterations_20": Grade(iterations=20),
     "iterations_200": Grade(iterations=200),
     "iterations_200_validated": Grade(iterations=200, validation="mixed"),
+    "friction_alone": Grade(spread=0.0, friction_alone=True),
+    "iterations_600": Grade(iterations=600),
+    "iterations_600_validated": Grade(iterations=600, validation="mixed"),
 }
-"""Each differs from the first in one thing; the last from the one before it."""
+"""Each differs from the first in one thing, those that are validated from the one before them; friction_alone is the
+mean motor, z × 0, whose friction differs."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +140,20 @@ def prior_of(settings: Settings, grade: Grade) -> Path:
     return folder / PRIOR
 
 
-def fidelity(settings: Settings, path: Path, spread: float, population: str) -> float:
+def friction_of(prior: MotorPrior) -> Range:
+    """Between which factors on the central motor's dry friction the middle 90 % of a prior's draws are [-]."""
+    drawn = prior.sample(DRAWS_OF_FRICTION, np.random.default_rng([HELD_OUT_SEED, FIDELITY_STREAM])).z
+    coulomb, central = (prior.network.constants(z)["coulomb"] for z in (drawn, 0.0 * drawn[:1]))
+    low, high = np.percentile(coulomb / central, [5.0, 95.0])
+    return float(low), float(high)
+
+
+def randomization_of(grade: Grade, path: Path) -> Randomization:
+    """What differs between episodes besides z."""
+    return Randomization(coulomb=friction_of(MotorPrior.load(path))) if grade.friction_alone else NOTHING
+
+
+def fidelity(settings: Settings, path: Path, grade: Grade, population: str) -> float:
     """Median error of a standing robot's joint angles [rad]: drawn motors against those of unseen robots.
 
     Neither knows the other: robots of a fleet differ, so that even its own motors, drawn again, have an error.
@@ -139,12 +162,27 @@ def fidelity(settings: Settings, path: Path, spread: float, population: str) -> 
     robot, prior = load_robot(study.robot), MotorPrior.load(path)
     fleet = load_robot_fleet(robot, fleet_of(study, population))
     rng = np.random.default_rng([HELD_OUT_SEED, settings.seed, FIDELITY_STREAM])
-    models = {"prior": lambda index: prior.sample(len(index), rng, spread=spread)}
+    friction = randomization_of(grade, path).coulomb
+
+    def drawn(index: np.ndarray) -> LatentActuator:
+        motors = prior.sample(len(index), rng, spread=grade.spread)
+        if not grade.friction_alone:
+            return motors
+        return motors.with_factors(Factors.ones(len(index))._replace(coulomb=rng.uniform(*friction, len(index))))
+
     errors = [
-        robot_fidelity(robot, motors_of_robot(robot, fleet, number), models, hung=False, seed=number).rmse["prior"]
+        robot_fidelity(robot, motors_of_robot(robot, fleet, number), {"prior": draw}, hung=False, seed=number).rmse[
+            "prior"
+        ]
         for number in ROBOTS
     ]
     return float(np.median(np.concatenate(errors)))
+
+
+def condition_of(name: str, path: Path) -> Condition:
+    """What the policies of a grade are trained on."""
+    motors = MotorChoice("prior", path, latent_spread=GRADES[name].spread, name=name)
+    return Condition(name, motors, randomization_of(GRADES[name], path))
 
 
 def walks(settings: Settings, priors: dict[str, Path]) -> WalkTable:
@@ -157,7 +195,7 @@ def walks(settings: Settings, priors: dict[str, Path]) -> WalkTable:
             validation=validation or OWN_MOTORS, seed=settings.seed, workers=settings.workers,
         )  # fmt: skip
         cells = [
-            (Condition(name, MotorChoice("prior", path, latent_spread=GRADES[name].spread, name=name)), seed)
+            (condition_of(name, path), seed)
             for seed in range(settings.seeds)
             for name, path in priors.items()
             if (GRADES[name].iterations, GRADES[name].validation) == (iterations, validation)
@@ -253,7 +291,7 @@ def main() -> None:
     with taken(settings.out):
         priors = {name: prior_of(settings, GRADES[name]) for name in settings.grades}
         faithful = {
-            (name, population): fidelity(settings, path, GRADES[name].spread, population)
+            (name, population): fidelity(settings, path, GRADES[name], population)
             for name, path in priors.items()
             for population in (HOME, ABROAD)
         }

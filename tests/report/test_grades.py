@@ -1,14 +1,17 @@
 """Tables and picture of graded priors, on walks that nobody measured."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from study_walks import PLACES, invented
 
 import grades
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import load_fleet
+from motorprior.simulation.randomization import Randomization
 from motorprior.transfer.walk_table import WalkRow, WalkTable
 
 NAMES = tuple(grades.GRADES)
@@ -66,6 +69,22 @@ def test_every_grade_names_fleets_that_there_are_and_differs_from_the_reference_
     reference = grades.GRADES["reference"]
     for name, grade in grades.GRADES.items():
         changed = [key for key, value in vars(grade).items() if value != getattr(reference, key)]
-        assert len(changed) == (0 if name == "reference" else 2 if name.endswith("validated") else 1)
+        two = name.endswith("validated") or grade.friction_alone
+        assert len(changed) == (0 if name == "reference" else 2 if two else 1)
         for fleet in (grade.fleet, grade.validation):
             assert fleet is None or load_fleet(fleet).family in FAMILIES
+
+
+def test_friction_alone_differs_by_what_the_prior_draws(grey_network: Any, tmp_path: Path):
+    z = np.zeros((1, 3))
+    prior = MotorPrior(grey_network(), z, z, "pace", "pupper_v2", "m", {}, {})
+    drawn = prior.network.constants(np.random.default_rng(0).standard_normal((4000, 3)))["coulomb"]
+    low, high = grades.friction_of(prior)
+    central = prior.network.constants(z)["coulomb"]
+    assert np.mean((drawn > low * central) & (drawn < high * central)) == pytest.approx(0.9, abs=0.03)
+    prior.save(tmp_path / "prior.safetensors")
+    alone, others = (
+        grades.condition_of(name, tmp_path / "prior.safetensors") for name in ("friction_alone", "spread_0")
+    )
+    assert alone.randomization == Randomization(coulomb=(low, high)) and others.randomization == Randomization()
+    assert alone.motors.latent_spread == others.motors.latent_spread == 0.0
