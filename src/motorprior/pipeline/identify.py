@@ -45,8 +45,9 @@ class Identify:
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
-    """Recipe: rollout (closed loop, grey box), long_runs (the same, for slow servos), paper (torque regression), or one
-    of the baselines one_motor, per_motor, latent_network, one_network, actuator_net, paper_wide."""
+    """Recipe: rollout (closed loop, grey box), long_runs (the same over runs of a second, for real servos), first_look
+    (long_runs without a search for terms of a servo's firmware: quick), paper (torque regression), or one of the
+    baselines one_motor, per_motor, latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None

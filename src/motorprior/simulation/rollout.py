@@ -73,7 +73,7 @@ class Episode:
         steps: control steps until the fall or the time limit.
         speed_error: mean over the steps of |filtered forward speed - commanded speed| [m/s].
         displacement: (2,) forward and left [m].
-        fault: 0 or a key of `world.FAULTS`.
+        fault: 0 or a key of `world_step.FAULTS`.
         count: observations; mean and m2 (observations,) are their Welford statistics.
         mean: see count.
         m2: see count.
