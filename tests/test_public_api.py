@@ -8,6 +8,7 @@ import inspect
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -221,6 +222,14 @@ def hinge_model(timestep: float = 0.002) -> mujoco.MjModel:
     )
 
 
+@pytest.mark.parametrize(("integrator", "taken"), [("implicit", True), ("implicitfast", True), ("RK4", False)])
+def test_driven_joints_need_an_integrator_that_damps_implicitly(prior: mp.MotorPrior, integrator: str, taken: bool):
+    model = hinge_model()
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    with nullcontext() if taken else pytest.raises(mp.ConfigError, match="does not damp its joints implicitly"):
+        mp.DrivenJoints(model, mujoco.MjData(model), prior.sample(1, seed=3), ["hinge"])
+
+
 def driven_to(target: float, steps: int, model: mujoco.MjModel, data: mujoco.MjData, driven: mp.DrivenJoints) -> list:
     found = []
     for _ in range(steps):
@@ -343,5 +352,18 @@ def test_what_does_not_fit_a_robot_is_refused(prior: mp.MotorPrior):
         mp.simulate(ROBOT, prior, np.zeros((1, 3)))
     with pytest.raises(mp.ConfigError, match="no policies given"):
         mp.compare(ROBOT, {}, {"twin": prior})
+    fleet = mp.load_fleet("pupper_v2")
+    for wrong, words in (
+        (lambda rng: mp.IdealPd.uniform(1, 7.0, 0.8, 1.3), "1 for the 12 joints"),
+        (lambda rng: fleet.sample(12, rng), "set of motors or function that draws one"),
+    ):
+        with pytest.raises(mp.ConfigError, match=words):
+            mp.train_policy(ROBOT, wrong, iterations=1)
+
+
+def test_a_function_may_draw_physical_motors():
+    fleet = mp.load_fleet("pupper_v2")
+    found = mp.simulate(ROBOT, lambda rng: fleet.sample(12, rng).actuator(), np.tile(ROBOT.nominal_pose, (5, 1)))
+    assert np.all(np.isfinite(found.joint_pos))
     with pytest.raises(mp.ConfigError, match="workers 0"):
         mp.train_policy(ROBOT, prior, workers=0)

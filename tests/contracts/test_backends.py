@@ -1,5 +1,6 @@
 """What every backend promises; each new one joins the list."""
 
+import time
 from collections.abc import Callable
 from dataclasses import astuple, replace
 
@@ -96,6 +97,21 @@ class _Owned(SerialBackend):
     def close(self) -> None:
         super().close()
         self._end()
+
+
+@pytest.mark.real_time
+def test_a_target_after_a_late_step_is_held_as_long_as_others():
+    backend, control_dt = virtual_robot(None), PUPPER_V2.control_dt
+    try:
+        backend.reset(0)
+        for pause in (0.0, 0.0, 5.0 * control_dt, 0.0, 0.9 * control_dt, 0.0):
+            time.sleep(pause)
+            began = time.monotonic()
+            backend.step(spec.NOMINAL_POSE)
+            held = time.monotonic() - began
+            assert held > 0.4 * control_dt
+    finally:
+        backend.close()
 
 
 SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_rough]

@@ -262,6 +262,13 @@ def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, am
         assert np.abs(np.diff(smooth, axis=0)).max() <= speed * spec.CONTROL_DT + 1e-9
 
 
+def test_a_slow_gait_is_the_same_gait():
+    fast, slow = (
+        excitation_targets(PUPPER_V2, "gait", range(12), 8.0, 0.4, speed, 0) - spec.NOMINAL_POSE for speed in (8.0, 2.0)
+    )
+    np.testing.assert_allclose(slow * np.abs(fast).max(), fast * np.abs(slow).max(), atol=1e-9)
+
+
 def test_a_varied_excitation_moves_all_joints_and_then_one_after_the_other():
     targets = excitation_targets(PUPPER_V2, "varied", joints_of(PUPPER_V2, "all"), 24.0, 0.4, 40.0, 0)
     together, alone = np.split(np.abs(targets - spec.NOMINAL_POSE) > 0.0, 2)

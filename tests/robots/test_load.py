@@ -12,10 +12,13 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.load import load_robot
+from motorprior.robots.model_files import model_files
 from motorprior.robots.robot import Gait, Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.build_model import FLOOR, build_model
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.skeleton import skeleton
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -315,6 +318,59 @@ def test_a_model_that_changed_since_it_was_loaded_is_refused(tmp_path: Path):
     (tmp_path / "arm.xml").write_text(ARM.replace("0.4", "0.5"), encoding="utf-8")
     with pytest.raises(ArtifactError, match="the model is gone or has changed"):
         World(WorldConfig.of(arm))
+
+
+def test_what_a_model_includes_is_part_of_it(tmp_path: Path):
+    """Meshes, too: their shape may be their inertia."""
+    path = written(tmp_path, ARM_TOML, "arm", '<mujoco><include file="parts/upper.xml"/></mujoco>')
+    corners = "0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"
+    part = ARM.replace("<worldbody>", f'<asset><mesh name="m" vertex="{corners}"/></asset><worldbody>', 1)
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "upper.xml").write_text(part)
+    arm = load_robot(path)
+    assert [file.name for file in arm.files] == ["arm.toml", "arm.xml", "upper.xml"]
+    build_model(arm)
+    (tmp_path / "parts" / "upper.xml").write_text(part.replace('mass="0.4"', 'mass="4"'))
+    with pytest.raises(ArtifactError, match=r"arm\.xml: the model is gone or has changed -> load the robot again"):
+        build_model(arm)
+    assert load_robot(path).weight > 2.0 * arm.weight
+
+
+def test_meshes_are_found_where_the_compiler_looks_for_them(tmp_path: Path):
+    (tmp_path / "meshes").mkdir()
+    for name in ("a.stl", "meshes/b.stl"):
+        (tmp_path / name).write_text("solid")
+    urdf = '<robot name="r"><mesh filename="package://somewhere/b.stl"/><mesh filename="gone.stl"/></robot>'
+    (tmp_path / "arm.urdf").write_text(urdf.replace("<mesh", '<mujoco><compiler meshdir="meshes"/></mujoco><mesh', 1))
+    (tmp_path / "arm.xml").write_text('<mujoco><model file="arm.urdf"/><asset><mesh file="a.stl"/></asset></mujoco>')
+    assert {file.name for file in model_files(tmp_path / "arm.xml")} == {"arm.xml", "arm.urdf", "a.stl", "b.stl"}
+
+
+def test_a_floor_sensors_and_contacts_of_the_models_own_are_no_trouble(tmp_path: Path):
+    own = """<contact><pair geom1="floor" geom2="FR"/></contact>
+  <actuator><motor name="m" joint="FR_k"/></actuator><sensor><actuatorfrc actuator="m"/></sensor></mujoco>"""
+    xml = quadruped().replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>', 1)
+    toml = LEGS_TOML.replace('base = "free"', 'base = "free"\nactuators = "remove"')
+    model = build_model(load_robot(written(tmp_path, toml, "dog", xml.replace("</mujoco>", own))))
+    assert (model.npair, model.nsensor, model.nu) == (4, 0, 0)
+
+
+def test_a_model_that_cannot_be_changed_is_an_error_of_its_file(tmp_path: Path):
+    xml = quadruped().replace("<worldbody>", f'<worldbody><geom name="{FLOOR}" size="1"/>', 1)
+    dog = load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
+    with pytest.raises(ArtifactError, match=r"dog\.xml: MuJoCo cannot read it .*repeated name"):
+        build_model(dog)
+
+
+def test_a_base_without_a_shape_is_drawn_around_its_legs(tmp_path: Path):
+    bare = quadruped().replace(
+        '<geom type="box" size="0.2 0.1 0.05" mass="3"/>', '<inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/>'
+    )
+    dog = load_robot(written(tmp_path, LEGS_TOML, "dog", bare))
+    pose = np.concatenate([[0.0, 0.0, dog.standing_height, 1.0, 0.0, 0.0, 0.0], dog.nominal_pose])
+    (chassis,) = skeleton(dog, pose[None]).chassis
+    np.testing.assert_allclose(np.ptp(chassis, axis=0), [0.4, 0.2, 0.04], atol=1e-9)
+    np.testing.assert_allclose(chassis.mean(axis=0), pose[:3], atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "joints"), [("go2", 12), ("so101", 6)])

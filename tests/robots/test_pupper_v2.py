@@ -11,7 +11,7 @@ import pytest
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.simulation.build_model import build_model
+from motorprior.simulation.build_model import FLOOR, build_model
 
 LINKS = [f"{leg}_{link}" for leg in spec.LEGS for link in ("abduction_link", "thigh", "shank")]
 
@@ -123,7 +123,7 @@ def test_inertias_could_be_of_a_real_body():
 def test_only_the_feet_can_touch_and_only_the_floor(model):
     pairs = zip(model.pair_geom1, model.pair_geom2, strict=True)
     names = {frozenset((model.geom(a).name, model.geom(b).name)) for a, b in pairs}
-    assert names == {frozenset(("floor", f"{leg}_foot")) for leg in spec.LEGS}
+    assert names == {frozenset((FLOOR, f"{leg}_foot")) for leg in spec.LEGS}
     assert not model.geom_contype.any() and not model.geom_conaffinity.any()
 
 

@@ -150,6 +150,7 @@ def test_returns_that_would_spoil_the_search_are_refused_and_change_nothing():
     [
         {"num_top_directions": 17},
         {"num_top_directions": 0},
+        {"num_top_directions": 2.5},
         {"step_size": 0.0},
         {"delta_std": -1.0},
         {"seed": -1},

@@ -114,6 +114,17 @@ def test_draws_fill_their_ranges():
     assert np.abs([draw.com for draw in draws]).max() <= 0.01
 
 
+def test_what_the_motors_get_depends_on_nothing_else():
+    """Walks of several settings are compared on the same motors."""
+    motors = Randomization(kp=(0.8, 1.2), strength=(0.7, 1.0))
+    pushed = replace(motors, push=0.3, command_jitter=0.004)
+    wanted = motors.conditions(PUPPER_V2, 7, 500)
+    for other, steps in ((motors, 1000), (pushed, 500), (pushed, 1000)):
+        found = other.conditions(PUPPER_V2, 7, steps)
+        np.testing.assert_array_equal(found.factors, wanted.factors)
+        np.testing.assert_array_equal(found.strength, wanted.strength)
+
+
 def test_mass_friction_and_gravity_reach_mujoco():
     conditions, world = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(WorldConfig.of(PUPPER_V2))
     plain = World(WorldConfig.of(PUPPER_V2)).model

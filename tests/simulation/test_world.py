@@ -223,3 +223,9 @@ def test_a_physics_step_that_does_not_divide_the_control_step_is_refused(physics
 def test_a_hung_robot_is_not_asked_to_walk():
     with pytest.raises(ConfigError, match="hung"):
         MujocoBackend(lambda rng: PD, HUNG)
+
+
+@pytest.mark.parametrize("count", [1, 3, 13])
+def test_motors_of_another_number_never_reach_compiled_code(count: int):
+    with pytest.raises(ConfigError, match=f"motors: {count} for the 12 joints"):
+        World(WorldConfig.of(PUPPER_V2)).reset(IdealPd.uniform(count, 7.0, 0.8, 1.3))

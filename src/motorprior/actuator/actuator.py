@@ -73,6 +73,21 @@ def require_step(physics_dt: float, longest: float = np.inf) -> None:
         )
 
 
+def require_motors(actuator: object, count: int) -> None:
+    """Refuse all but an actuator of ``count`` motors: compiled code would read and write beyond its arrays.
+
+    Raises:
+        ConfigError: no actuator, or of another number.
+    """
+    given = getattr(actuator, "num_motors", None)
+    if given != count or not hasattr(actuator, "kind"):
+        text = f"{str(actuator)[:40]!r} is no prior, posterior, fleet, set of motors or function that draws one"
+        raise ConfigError(
+            text if given is None or given == count else f"motors: {given} for the {count} joints of the robot",
+            remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
+        )  # fmt: skip
+
+
 def empty_arrays(
     kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, renewal: int, damping: np.ndarray | None = None
 ) -> ActuatorArrays:

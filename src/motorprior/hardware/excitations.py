@@ -120,7 +120,7 @@ def _away(
     away *= amplitude / largest if kind == "gait" else _scale(away, amplitude)
     away *= fade
     if kind != "steps":
-        fastest = np.abs(np.diff(away, axis=0)).max(axis=0) / control_dt
+        fastest = np.abs(np.diff(away, axis=0)).max(axis=None if kind == "gait" else 0) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
 

@@ -71,15 +71,18 @@ class SerialBackend:
         """Send (joints,) targets [rad] and wait out the control period.
 
         The gate may slow a target down or bring it inside the limits. A fault makes the robot idle and stands in the
-        state.
+        state. A step that comes so late that its target would hardly act begins a period of its own.
         """
+        now = time.monotonic()
+        if self._deadline - now < 0.5 * self._period:
+            self._deadline = now + self._period
         try:
             self._link.send(position_target, Mode.WALK)
             self._link.receive(self._deadline)
             self._last = self._link.check()
         except RobotFault as fault:
             self._give_up(fault)
-        self._deadline = max(self._deadline + self._period, time.monotonic())
+        self._deadline += self._period
         return self._state()
 
     def close(self) -> None:

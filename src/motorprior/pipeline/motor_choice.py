@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.actuator import Actuator, require_motors
 from motorprior.actuator.friction_pd import FRICTION_PD, FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
@@ -33,6 +33,8 @@ _OF_A_PD = ("kp", "kd", "torque_limit", "armature", "delay", "coulomb", "spread"
 _OF_A_PRIOR, _OF_A_POSTERIOR = ("latent_spread",), ("limit_follows_gain",)
 _OF_SOME = (*_OF_A_PD, *_OF_A_PRIOR, *_OF_A_POSTERIOR)
 WIDEST, WIDEST_LATENT = 0.9, 10.0
+_TRIED = 0
+"""Seed of the draw that shows what a function draws."""
 _LATE = 0.02
 """Delay that counts as the whole of a spread [s]: that of a PD may be fitted to 0, of which no share is a delay."""
 _LARGEST_OF_A_PD = {"kp": 1e9, "kd": 1e9, "torque_limit": 1e9, "armature": 1e3}
@@ -84,7 +86,7 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
 
     Args:
         motors: a prior, a posterior or a fleet, which every episode draws from; motors, the same in every episode; or a
-            function.
+            function, which is tried once: of its motors the physics step is told.
         robot: that they drive.
 
     Raises:
@@ -101,16 +103,10 @@ def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
     if isinstance(motors, Fleet):
         physics_dt = robot.physics_step(motors.kind.longest_step)
         return (lambda rng: motors.sample(count, rng, of_one_robot=True).actuator()), physics_dt
-    if callable(motors):
-        return motors, robot.physics_dt
-    given = getattr(motors, "num_motors", None)
-    if given != count:
-        problem = f"{str(motors)[:40]!r} is no prior, posterior, fleet or set of motors"
-        raise ConfigError(
-            problem if given is None else f"motors: {given} for the {count} joints of {robot.name}",
-            remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
-        )  # fmt: skip
-    return (lambda rng: motors), robot.physics_step(motors.kind.longest_step)
+    draw = motors if callable(motors) else (lambda rng: motors)
+    drawn = draw(np.random.default_rng(_TRIED))
+    require_motors(drawn, count)
+    return draw, robot.physics_step(drawn.kind.longest_step)
 
 
 @dataclass(frozen=True)

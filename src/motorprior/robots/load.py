@@ -23,7 +23,6 @@ of `Gait`.
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import fields, replace
 from pathlib import Path
@@ -33,6 +32,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.outside_files import read_toml
+from motorprior.robots.model_files import files_digest, model_files
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
@@ -167,13 +167,14 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         key: float(table.get(key, default)) for key, default in ({"foot_friction": 0.6} | _CLOCKS).items()
     }
     _require_clocks(others, where)
+    files = model_files(file)
     typical = _USUAL_LOAD * sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
         name=table["name"],
         motor=table["motor"],
         joints=joints,
         base=base,
-        model=ModelFile(file.resolve(), hashlib.sha256(file.read_bytes()).hexdigest()),
+        model=ModelFile(files, files_digest(files)),
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
         legs=made,
@@ -182,7 +183,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         load_inertia=_loads(table["load_inertia"], where)
         if "load_inertia" in table
         else model.load_inertia(pose, len(made), height),
-        files=(path, file),
+        files=(path, *files),
         weight=GRAVITY * model.mass,
         standing_height=height,
         lowest=_LOWEST * height,

@@ -31,9 +31,14 @@ class ModelFile:
     """A user's MJCF or URDF.
 
     Attributes:
-        path: of the file; meshes are looked for beside it, as MuJoCo does.
-        sha256: digest of the file when the robot was loaded.
+        files: of the model: its own first, then what it includes and the meshes that it names.
+        sha256: digest of these files when the robot was loaded, see `model_files.files_digest`.
     """
 
-    path: Path
+    files: tuple[Path, ...]
     sha256: str
+
+    @property
+    def path(self) -> Path:
+        """Of the model's own file."""
+        return self.files[0]

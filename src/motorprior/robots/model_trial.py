@@ -69,7 +69,7 @@ def _tried(path: Path, changed: int, size: int) -> None:
         raise ArtifactError(problem, where=path, remedy="make it smaller")
 
 
-def cannot_read(path: Path, said: str) -> ArtifactError:
+def cannot_read(path: Path | None, said: str) -> ArtifactError:
     """What MuJoCo said of a model."""
     words = " ".join(said.split())[:300]
     return ArtifactError(f"MuJoCo cannot read it ({words})", where=path, remedy="correct the model")

@@ -148,7 +148,7 @@ class Robot:
         foot_friction: sliding friction of the feet [-].
         load_inertia: least and most inertia that one of its motors carries [kg·m²], from a bare last link to the
             standing robot; a bench draws its loads between them.
-        files: of a user's robot, its description and its model.
+        files: of a user's robot, its description and those of its model.
         fleets: (name, path) of the shipped populations of its motors, the default first.
         physics_dt: MuJoCo's step in training [s].
         control_dt: period of the policy [s].

@@ -50,7 +50,8 @@ class ArsConfig:
     def __post_init__(self) -> None:
         """Refuse settings out of range, or that do not fit together."""
         require_count("search.num_directions", self.num_directions, 1, MOST_DIRECTIONS)
-        if not 1 <= self.num_top_directions <= self.num_directions:
+        require_count("search.num_top_directions", self.num_top_directions, 1, MOST_DIRECTIONS)
+        if self.num_top_directions > self.num_directions:
             raise ConfigError(
                 f"num_top_directions {self.num_top_directions} not in 1..num_directions {self.num_directions}",
                 remedy="use at most as many top directions as directions",

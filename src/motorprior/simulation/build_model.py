@@ -4,27 +4,29 @@ Explicit foot-floor pairs are the only contacts: knees and body of a robot that 
 the episode ends. A longer step leaves more bounce in a contact: its damping ratio grows with the step, so that the same
 motors trot alike at 1 and 2 ms (``benchmarks/floors.py``). Constraint islands are off, the Jacobian dense and the
 integrator Euler with implicit joint damping, which is fastest for a robot of this size. Armature, damping and dry
-friction of the joints are the motors', so the model's own are taken out.
+friction of the joints are the motors', so the model's own are taken out, with its contact pairs and its sensors.
 """
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import mujoco
 
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.robots.model_files import files_digest
 from motorprior.robots.model_source import GeneratedModel
+from motorprior.robots.model_trial import cannot_read
 from motorprior.robots.robot import GRAVITY, Robot
 
 CONTACT_TIME = 0.02
 """Time constant of a foot's contact [s], MuJoCo's default."""
 CONTACT_DT = 0.001
 """Longest physics step at which a foot's contact is critically damped [s]."""
-FLOOR = "floor"
+FLOOR = "floor of the simulation"
+"""Name of its geom; a model may have a floor of its own."""
 
 
 def build_model(robot: Robot, physics_dt: float | None = None, hung: bool = False) -> mujoco.MjModel:
@@ -37,11 +39,19 @@ def build_model(robot: Robot, physics_dt: float | None = None, hung: bool = Fals
 
     Raises:
         ConfigError: a robot with a fixed base cannot be hung.
-        ArtifactError: the model file is gone, or is not the one that the robot was loaded from.
+        ArtifactError: a file of the model is gone, or not as it was when the robot was loaded; or the model cannot be
+            compiled with a floor and without actuators.
     """
     if hung and robot.base == "fixed":
         raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="only a free robot hangs: use hung=False")
-    physics_dt = robot.physics_dt if physics_dt is None else physics_dt
+    try:
+        return _built(robot, robot.physics_dt if physics_dt is None else physics_dt, hung)
+    except ValueError as error:
+        where = None if isinstance(robot.model, GeneratedModel) else robot.model.path
+        raise cannot_read(where, str(error)) from error
+
+
+def _built(robot: Robot, physics_dt: float, hung: bool) -> mujoco.MjModel:
     spec = _read(robot)
     option = spec.option
     option.timestep, option.gravity = physics_dt, [0.0, 0.0, -GRAVITY]
@@ -52,7 +62,7 @@ def build_model(robot: Robot, physics_dt: float | None = None, hung: bool = Fals
     for joint in spec.joints:
         joint.armature = joint.frictionloss = 0.0
         joint.damping = 0.0 * joint.damping  # a number in MuJoCo 3, coefficients of a polynomial in 4
-    for element in (*spec.keys, *spec.actuators):
+    for element in (*spec.keys, *spec.sensors, *spec.actuators, *spec.pairs):
         spec.delete(element)
     if robot.base == "free":
         _place(spec, robot, hung)
@@ -64,7 +74,7 @@ def _read(robot: Robot) -> Any:
     source = robot.model
     if isinstance(source, GeneratedModel):
         return mujoco.MjSpec.from_string(source.mjcf())
-    if not source.path.is_file() or hashlib.sha256(source.path.read_bytes()).hexdigest() != source.sha256:
+    if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
         raise ArtifactError("the model is gone or has changed", where=source.path, remedy="load the robot again")
     return mujoco.MjSpec.from_file(str(source.path))
 

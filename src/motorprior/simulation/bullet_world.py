@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, with_factors
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.torque_law import (
     make_explicit,
     measure_joint_pos,
@@ -90,6 +90,7 @@ class BulletWorld:
         """
         joint_pos = self._robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal if conditions is None else conditions
+        require_motors(actuator, self.config.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
         self._disconnect()
         self._joints = None

@@ -14,7 +14,9 @@ from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError
 
 _OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-_INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+_INTEGRATORS = (
+    mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+)  # fmt: skip
 
 
 class DrivenJoints:
@@ -85,7 +87,7 @@ def _require_integrator(model: mujoco.MjModel) -> None:
     if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & flags:
         raise ConfigError(
             "the model's integrator does not damp its joints implicitly",
-            remedy='use <option integrator="implicitfast"/> or "Euler" without the flag eulerdamp="disable"',
+            remedy='use <option integrator="implicitfast"/>, "implicit", or "Euler" with no flag eulerdamp="disable"',
         )
 
 

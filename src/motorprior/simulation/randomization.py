@@ -19,7 +19,7 @@ from motorprior.robots.robot import GRAVITY, Robot
 
 LONGEST_DELAY = 0.2
 """Largest delay of sensors and commands [s]."""
-_STREAM, _SENSOR_STREAM = 0xD12A, 0x5E50
+_STREAM, _SENSOR_STREAM, _MOTOR_STREAM = 0xD12A, 0x5E50, 0x307A
 Range = tuple[float, float]
 
 
@@ -110,7 +110,7 @@ class Randomization:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
         if self == _NOTHING:
             return nominal_conditions(robot)
-        rng = np.random.default_rng([_STREAM, seed])
+        rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
         return Conditions(
             armature=rng.uniform(*self.armature, joints),
@@ -123,12 +123,12 @@ class Randomization:
             command_delay=float(rng.uniform(*self.command_delay)),
             push=self._pushes(rng, robot.control_dt, episode_steps),
             command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
-            strength=rng.uniform(*self.strength, joints),
+            strength=motors.uniform(*self.strength, joints),
             factors=Factors(
-                kp=rng.uniform(*self.kp, joints),
-                kd=rng.uniform(*self.kd, joints),
-                torque_limit=rng.uniform(*self.torque_limit, joints),
-                coulomb=rng.uniform(*self.coulomb, joints),
+                kp=motors.uniform(*self.kp, joints),
+                kd=motors.uniform(*self.kd, joints),
+                torque_limit=motors.uniform(*self.torque_limit, joints),
+                coulomb=motors.uniform(*self.coulomb, joints),
             ),
         )
 

@@ -14,6 +14,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import build_model
 
+_THINNEST = 0.02
+"""Half of the least extent of a base that has no geom [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
@@ -58,19 +61,31 @@ def skeleton(robot: Robot, qpos: np.ndarray) -> Skeleton:
     model = build_model(robot)
     data = mujoco.MjData(model)
     bodies, feet = _leg_ids(model, robot)
-    box = model.body(1).geomadr[0]
-    corners = np.array(list(product((-1.0, 1.0), repeat=3))) * model.geom_size[box]
+    corners = _corners(model, data, bodies[:, 0])
     legs, chassis = np.empty((len(qpos), len(robot.legs), 4, 3)), np.empty((len(qpos), 8, 3))
     for frame, row in enumerate(qpos):
         data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
         legs[frame, :, :3] = data.xpos[bodies]
         legs[frame, :, 3] = data.geom_xpos[feet]
-        chassis[frame] = data.geom_xpos[box] + corners @ data.geom_xmat[box].reshape(3, 3).T
+        chassis[frame] = data.xpos[1] + corners @ data.xmat[1].reshape(3, 3).T
     data.qpos[:] = model.qpos0
     mujoco.mj_kinematics(model, data)
     is_right = tuple(bool(y < 0.0) for y in data.xpos[bodies[:, 1], 1])
     return Skeleton(legs, chassis, is_right, robot.legs[0].foot_radius, robot.standing_height)
+
+
+def _corners(model: mujoco.MjModel, data: mujoco.MjData, legs: np.ndarray) -> np.ndarray:
+    """(8, 3) corners of the box of the base's first geom, in the base's frame [m]; one around the legs (L,) if none."""
+    ends, box = np.array(list(product((-1.0, 1.0), repeat=3))), model.body(1).geomadr[0]
+    if box >= 0:
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, model.geom_quat[box])
+        return model.geom_pos[box] + (ends * model.geom_size[box]) @ turned.reshape(3, 3).T
+    mujoco.mj_kinematics(model, data)
+    begun = (data.xpos[legs] - data.xpos[1]) @ data.xmat[1].reshape(3, 3)
+    low, high = begun.min(axis=0), begun.max(axis=0)
+    return 0.5 * (low + high) + ends * np.maximum(0.5 * (high - low), _THINNEST)
 
 
 def _leg_ids(model: mujoco.MjModel, robot: Robot) -> tuple[np.ndarray, np.ndarray]:

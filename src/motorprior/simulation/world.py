@@ -7,7 +7,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, with_factors
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.torque_law import reset_actuator
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.fatal_errors import install_handler
@@ -82,6 +82,7 @@ class World:
         """
         joint_pos = self.config.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal_conditions if conditions is None else conditions
+        require_motors(actuator, self.config.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
         self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)

@@ -16,7 +16,7 @@ from motorprior.transfer.twin import DURATION_STEPS
 
 DRAWS = 24
 STUDY_SEED = 90_000_000
-"""First seed of the study's episodes, outside the range of the training episodes' seeds."""
+"""First seed of the study's episodes; those of trainings are hashes, which are hardly ever among so few."""
 
 
 @dataclass(frozen=True)

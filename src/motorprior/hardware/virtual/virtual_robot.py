@@ -59,7 +59,7 @@ class VirtualRobot:
         )
         self.firmware = self._switch_on()
         self._to_host, self._to_robot, self._cutter = to_host or NoisyLine(), to_robot or NoisyLine(), CommandCutter()
-        self._period = 1e-3 * config.telemetry_period
+        self._period = config.telemetry_period
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -92,8 +92,8 @@ class VirtualRobot:
         """Wait for bytes or for the next telemetry, and bring the robot up to date."""
         if self._lasts("restart") > 0.0:
             self._restart()
-        ahead = self._period - (1e-3 * self.firmware.now) % self._period
-        wake = self._switched_on + 1e-3 * self.firmware.now + ahead
+        ahead = self._period - self.firmware.now % self._period  # in whole milliseconds: no remainder of a rounding
+        wake = self._switched_on + 1e-3 * (self.firmware.now + ahead)
         wake = min(wake, self._to_host.due(), self._to_robot.due())
         readers = [self._master] if self._plugged and not self._lasts("deaf") else []
         ready, _, _ = select.select(readers, [], [], max(0.0, wake - time.monotonic()))

@@ -57,7 +57,7 @@ class Study:
     speed: float | None = None
     """Commanded straight on, in training and at every place [m/s]; if not given, half as fast again as the robot
     usually walks: slower, its gait does most of the walking, whatever the motors."""
-    iterations: int = 100
+    iterations: int = 50
     """ARS iterations per policy, the same for every condition."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose motors it is decided which policy of a search is kept. None of the

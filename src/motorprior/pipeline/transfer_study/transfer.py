@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -78,9 +79,13 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     wanted = description("transfer", __file__, settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
         told = straight_ahead(together(robot, policies))
-        walkers = [walker_of(path, robot, config.engine, commands=told) for path in files]
-        with working(config.out, wanted):
-            _evaluate_all(config, walkers, fleet, told, progress)
+        walkers: list[Walker] = []
+        with ExitStack() as simulators:
+            for path in files:
+                walkers.append(walker_of(path, robot, config.engine, commands=told))
+                simulators.callback(walkers[-1].own.close)
+            with working(config.out, wanted):
+                _evaluate_all(config, walkers, fleet, told, progress)
     return read_results(config.out)
 
 

@@ -19,6 +19,9 @@ TWIN_STREAM = 0x7710
 def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
     """The motors of virtual robot number ``seed``, whose firmware sets their gains over the wire.
 
+    Each is drawn for itself: what is not known of the fleet's centre averages out over a robot, so that virtual robots
+    differ from each other by less than half as much as the twins of a transfer study.
+
     Raises:
         ConfigError: a fleet of another family than the geared motors.
     """
