@@ -170,10 +170,9 @@ def fidelity(settings: Settings, path: Path, grade: Grade, population: str) -> f
             return motors
         return motors.with_factors(Factors.ones(len(index))._replace(coulomb=rng.uniform(*friction, len(index))))
 
+    models = {"prior": drawn}
     errors = [
-        robot_fidelity(robot, motors_of_robot(robot, fleet, number), {"prior": draw}, hung=False, seed=number).rmse[
-            "prior"
-        ]
+        robot_fidelity(robot, motors_of_robot(robot, fleet, number), models, hung=False, seed=number).rmse["prior"]
         for number in ROBOTS
     ]
     return float(np.median(np.concatenate(errors)))
