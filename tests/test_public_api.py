@@ -358,7 +358,7 @@ def test_what_does_not_fit_a_robot_is_refused(prior: mp.MotorPrior):
         (lambda rng: fleet.sample(12, rng), "set of motors or function that draws one"),
     ):
         with pytest.raises(mp.ConfigError, match=words):
-            mp.train_policy(ROBOT, wrong, iterations=1)
+            mp.train_policy(ROBOT, wrong, iterations=1)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_function_may_draw_physical_motors():
