@@ -111,20 +111,15 @@ def _away(
         away = np.stack([_SIGNALS[kind](rng, steps, control_dt) for _ in names], axis=1)
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
-    largest = float(np.abs(away).max())
-    if largest == 0.0:
+    if not away.any():
         still = ", ".join(names[joint] for joint in joints)
         raise ConfigError(f"{kind} does not move {still}", remedy="choose another joint, or a sine", argument="joint")
     time = np.arange(steps) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    away *= amplitude / largest if kind == "gait" else _scale(away, amplitude)
+    over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are each joint's own
+    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
     away *= fade
     if kind != "steps":
-        fastest = np.abs(np.diff(away, axis=0)).max(axis=None if kind == "gait" else 0) / control_dt
+        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
-
-
-def _scale(away: np.ndarray, amplitude: float) -> np.ndarray:
-    """Per joint, the factor that brings its largest value to the amplitude."""
-    return amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))

@@ -80,31 +80,6 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
 
-class Heard:
-    """Another `Progress`, and what its notes warned of.
-
-    Attributes:
-        warnings: so far.
-
-    Args:
-        progress: the other.
-    """
-
-    def __init__(self, progress: Progress):
-        self._progress = progress
-        self.warnings: list[str] = []
-
-    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
-        """See `Progress.start`."""
-        return self._progress.start(name, total)
-
-    def note(self, text: str) -> None:
-        """See `Progress.note`."""
-        if text.startswith(WARNING):
-            self.warnings.append(text.removeprefix(WARNING))
-        self._progress.note(text)
-
-
 class WithoutNotes:
     """Shows the work of another `Progress`, and none of its notes: what is said of a baseline is not of the user's own.
 
@@ -121,6 +96,27 @@ class WithoutNotes:
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
+
+
+class Heard(WithoutNotes):
+    """Another `Progress` with its notes, and what these warned of.
+
+    Attributes:
+        warnings: so far.
+
+    Args:
+        progress: the other.
+    """
+
+    def __init__(self, progress: Progress):
+        super().__init__(progress)
+        self.warnings: list[str] = []
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+        if text.startswith(WARNING):
+            self.warnings.append(text.removeprefix(WARNING))
+        self._progress.note(text)
 
 
 SILENT = Silent()

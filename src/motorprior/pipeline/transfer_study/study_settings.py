@@ -29,7 +29,8 @@ _QUICK = {
 _QUICK_MOTORS = 16
 """Or more, if the robot has more joints."""
 _FLEETS = ("mixed", "foreign_servo", "foreign_direct")
-"""On whose motors it is chosen what is compared: the first of the robot's that is none of the twins'."""
+"""The first of these that is the robot's and no twin's decides which policies are kept, and the width of the
+randomised PD."""
 OWN_MOTORS = "own"
 """In place of a validation fleet: policies are kept by how they walk on the motors of their training."""
 _MOST_SEEDS = 900
