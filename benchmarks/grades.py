@@ -171,9 +171,10 @@ def fidelity(settings: Settings, path: Path, grade: Grade, population: str) -> f
         return motors.with_factors(Factors.ones(len(index))._replace(coulomb=rng.uniform(*friction, len(index))))
 
     models = {"prior": drawn}
+    robots = {number: motors_of_robot(robot, fleet, settings.seed, number) for number in ROBOTS}
     errors = [
-        robot_fidelity(robot, motors_of_robot(robot, fleet, number), models, hung=False, seed=number).rmse["prior"]
-        for number in ROBOTS
+        robot_fidelity(robot, motors, models, hung=False, seed=number).rmse["prior"]
+        for number, motors in robots.items()
     ]
     return float(np.median(np.concatenate(errors)))
 

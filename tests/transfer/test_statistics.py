@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from scipy.stats import permutation_test, trim_mean
 
+from motorprior.transfer.permutation_tests import holm, permutation_p, sign_p
 from motorprior.transfer.statistics import (
     Comparison,
     Estimate,
     compare_on_robots,
+    compare_pairs,
     compare_scores,
     estimate,
-    holm,
     improvement,
     iqm,
     iqms,
     means,
-    permutation_p,
     profile,
     ratio,
 )
@@ -229,3 +229,29 @@ def test_what_cannot_be_compared_is_refused():
         compare_scores(np.zeros((1, 1)), np.zeros((0, 0)), shared=False)
     with pytest.raises(ValueError, match="2 draws against 3"):
         compare_scores(np.zeros((1, 2)), np.zeros((1, 3)))
+
+
+def test_signs_of_pairs_are_changed_in_all_ways():
+    """Of 2^3 ways to give signs to 1, 2 and 3 two have a sum of 6 or -6; four of 2^2 of 1 and 1 with an unknown one."""
+    assert sign_p(np.array([1.0, 2.0, 3.0])) == 2 / 8
+    assert sign_p(np.array([1.0, np.nan, 1.0])) == 2 / 4
+    assert sign_p(np.array([1.0, -1.0])) == 1.0
+    assert sign_p(np.array([np.nan])) == 1.0
+
+
+def test_of_many_pairs_some_ways_are_enough():
+    differences = np.random.default_rng(3).standard_normal(40)
+    exact = permutation_test((differences,), np.sum, permutation_type="samples", n_resamples=100_000, rng=0)
+    assert sign_p(differences) == pytest.approx(exact.pvalue, abs=0.02)
+    assert sign_p(differences + 2.0) == 1 / 20_000, "only the way they are"
+
+
+def test_robots_that_differ_more_than_policies_hide_nothing_from_a_comparison_of_pairs():
+    rng = np.random.default_rng(5)
+    robots = rng.standard_normal((8, 1)) + 0.01 * rng.standard_normal((8, 16))
+    better = robots + 0.1 + 0.01 * rng.standard_normal((8, 16))
+    paired, apart = compare_pairs(better, robots), compare_scores(better, robots)
+    assert paired.p == 2 / 256 and paired.difference.low > 0.05 and paired.improvement == 1.0
+    assert apart.p > 0.5
+    with pytest.raises(ValueError, match="against"):
+        compare_pairs(better, robots[:4])

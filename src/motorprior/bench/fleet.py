@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.true_motors import TrueMotors
@@ -25,7 +26,7 @@ _LARGEST_LOG_SPREAD = 3.0
 """A lognormal parameter varies by a factor of exp(3) = 20."""
 _KEYS = {
     "constant": ("center",),
-    "uniform": ("low", "high"),
+    "uniform": ("low", "high", "shared"),
     "normal": ("center", "spread", "center_uncertainty", "minimum"),
     "lognormal": ("center", "spread", "center_uncertainty"),
 }
@@ -38,6 +39,10 @@ class Distribution:
 
     constant: center. uniform: [low, high]. normal: center + s·ε, not below ``minimum``.
     lognormal: center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit).
+
+    The motors of one robot have ε's part of center_uncertainty in common. Of a uniform range they have ``shared`` in
+    common, 0 if it is not given: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor), which is
+    uniform again.
     """
 
     kind: str
@@ -55,7 +60,7 @@ class Distribution:
         if self.kind == "constant":
             return np.full(count, self.center)
         if self.kind == "uniform":
-            return rng.uniform(self.values["low"], self.values["high"], count)
+            return self._uniform(rng, count, of_one_robot)
         spread, uncertainty = self.values["spread"], self.values["center_uncertainty"]
         if of_one_robot:
             noise = spread * rng.standard_normal(count) + uncertainty * rng.standard_normal()
@@ -64,6 +69,13 @@ class Distribution:
         if self.kind == "lognormal":
             return self.center * np.exp(noise)
         return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
+
+    def _uniform(self, rng: np.random.Generator, count: int, of_one_robot: bool) -> np.ndarray:
+        low, high, shared = self.values["low"], self.values["high"], self.values.get("shared", 0.0)
+        if not (of_one_robot and shared):
+            return rng.uniform(low, high, count)
+        robot, motors = rng.standard_normal(), rng.standard_normal(count)
+        return low + (high - low) * ndtr(np.sqrt(shared) * robot + np.sqrt(1.0 - shared) * motors)
 
 
 @dataclass(frozen=True)
@@ -87,8 +99,8 @@ class Fleet:
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
-            of_one_robot: what is not known of the fleet's center is the same for all of them; otherwise it is drawn for
-                every motor, so that it averages out over a robot.
+            of_one_robot: what is not known of the fleet's center, and what a robot's motors have in common of a range,
+                is the same for all of them; otherwise it is drawn for every motor, and averages out over a robot.
 
         Raises:
             ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or a motor cannot be simulated.
@@ -188,6 +200,7 @@ def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
     share = kind == "lognormal"  # relative to the center, like the spread of a logarithm
     spread = number(0.0, _LARGEST_LOG_SPREAD, unit="of the center") if share else number(0.0, most, unit=unit)
     shape = {"spread": spread, "center_uncertainty": spread, "minimum": number(least, most, unit=unit)}
+    shape["shared"] = number(0.0, 1.0)
     return {key: shape.get(key, center) for key in _KEYS[kind]}
 
 
@@ -204,7 +217,7 @@ def _distribution(
     kind = table.get(kind_key)
     require(kind_key, kind, one_of(*_KEYS), where, remedy)
     numbers = _number_fields(str(kind), name, family)
-    schema = Schema({kind_key: TEXT, **others, **numbers}, remedy, optional=frozenset({"minimum"}))
+    schema = Schema({kind_key: TEXT, **others, **numbers}, remedy, optional=frozenset({"minimum", "shared"}))
     schema.check(table, where)
     values = {key: float(table[key]) for key in numbers if key in table}
     if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:

@@ -16,20 +16,22 @@ from motorprior.simulation.rollout import Episode
 
 WARM_UP = 1.0
 """Time from standing to an even gait that no measure counts [s]."""
+FALLING = 0.5
+"""Time before a fall that no measure counts, since who tumbles does not walk [s]."""
 TOUCHING = 0.0005
 """A foot whose lowest point is below this height [m] is on the ground."""
 _LEAST_WAY = 0.05
 """Way below which nothing is told per metre [m]."""
 _LEAST_TIME = 1.0
-"""Time after the first second below which only upright is told [s]."""
+"""Of a walk, without its beginning and its fall; below it only upright is told [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class GaitQuality:
-    """Measures of one walk, of its part after the first second; NaN where they are not known.
+    """Measures of one walk, after its first second and, if it fell, before its last half second; NaN if not known.
 
-    A walk of less than two seconds is upright or not, and no more is known of it, but that who fell in that time got
-    nowhere. Of less than 5 cm of way nothing is told per metre.
+    Where this leaves less than a second, a walk is upright or not, and no more is known of it, but that who fell in
+    that time got nowhere. Of less than 5 cm of way nothing is told per metre.
 
     Attributes:
         upright: 1 if it did not fall, else 0.
@@ -80,11 +82,12 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     """
     dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
     upright = float(lasted(episode, steps))
-    if len(episode.trace) < begin + round(_LEAST_TIME / dt):
+    end = len(episode.trace) - (0 if upright else round(FALLING / dt))
+    if end < begin + round(_LEAST_TIME / dt):
         return _of_a_short_walk(upright, len(robot.legs))
-    heading = headings(episode.trace)
+    heading = headings(episode.trace[:end])
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
-    qpos, moved = episode.trace[begin:], episode.motion[begin:]
+    qpos, moved = episode.trace[begin:end], episode.motion[begin:end]
     qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
     roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
     yaw, time = heading[begin:], dt * (len(qpos) - 1)

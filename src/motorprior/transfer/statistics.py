@@ -6,29 +6,24 @@ published bootstrap resamples policies within every task alone, which takes the 
 independent and gives narrower intervals than there are.
 
 No p value comes from a bootstrap: of eight policies its tails are too light, twenty-five times at p = 0.0002, and a
-correction for many comparisons lives in the tails. Tests permute policies, see `permutation_p`.
+correction for many comparisons lives in the tails. Tests permute policies, see `permutation_tests`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import combinations
-from math import comb
-from typing import TypeVar
 
 import numpy as np
 
+from motorprior.transfer.permutation_tests import permutation_p, sign_p
+
 RESAMPLES = 2000
-SPLITS = 20_000
-"""Most ways to deal the policies of two conditions that a test tries; of more it draws so many."""
 LEVEL, SURE = 0.95, 0.05
 """Of intervals; p value below which a difference is no accident."""
 _SEED = 0x57A7
 _CHUNK = 1000
 """Resamples in memory at a time."""
-Key = TypeVar("Key", bound=Hashable)
 Statistic = Callable[[np.ndarray], np.ndarray]
 """(..., scores) -> (...), what is known of them; NaN where nothing is."""
 Sampled = Callable[[np.random.Generator, int], np.ndarray]
@@ -166,41 +161,30 @@ def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statis
     return Comparison(difference, _share_better(adapted[:, :, None] - others.T[:, None, :]), p)
 
 
-def permutation_p(one: np.ndarray, other: np.ndarray) -> float:
-    """Two-sided p of no difference between two conditions, by dealing their policies anew (Pitman 1937).
+def compare_pairs(one: np.ndarray, other: np.ndarray, statistic: Statistic = iqms) -> Comparison:
+    """Compare policies of two conditions that walk the same robot each.
 
-    The share of all ways to deal the policies to the conditions in which the means differ by at least as much as they
-    do. Exact, however few policies there are and whatever their distribution: of eight against eight it is 2 / 12870 at
-    least, of two against two 1 / 3. 1 where a condition has no score.
+    The interval resamples robots and draws, the same ones of both. The test changes the signs of the robots'
+    differences in all ways: of eight robots p is 2 / 256 at least.
 
     Args:
-        one: (policies,) a score of every policy of the first condition; NaN where it is not known.
-        other: likewise of the second.
+        one: (robots, draws) scores of the policy of every robot.
+        other: likewise, of the same robots and draws.
+        statistic: whose difference is told.
+
+    Raises:
+        ValueError: no scores, or other numbers of robots or draws.
     """
-    one, other = one[np.isfinite(one)], other[np.isfinite(other)]
-    if not len(one) or not len(other):
-        return 1.0
-    scores, taken = np.concatenate([one, other]), _splits(len(one), len(other))
-    differences = (taken @ scores) / len(one) - (~taken @ scores) / len(other)
-    least = abs(one.mean() - other.mean()) * (1.0 - 1e-9) - 1e-12  # sums round differently
-    return float(np.mean(np.abs(differences) >= least))
+    _require_scores(one, other)
+    if one.shape != other.shape:
+        raise ValueError(f"{one.shape} robots and draws against {other.shape}")
 
+    def sampled(rng: np.random.Generator, count: int) -> np.ndarray:
+        robots, draws = _places(rng, count, len(one)), _places(rng, count, one.shape[1])
+        return statistic(_taken(one, robots, draws)) - statistic(_taken(other, robots, draws))
 
-@lru_cache
-def _splits(first: int, second: int) -> np.ndarray:
-    """(ways, first + second) which scores a way gives to the first condition; row 0 is how they are.
-
-    All ways, or SPLITS of them.
-    """
-    size = first + second
-    if comb(size, first) <= SPLITS:
-        chosen = np.array(list(combinations(range(size), first)))
-    else:
-        rng = np.random.default_rng(_SEED)
-        chosen = np.array([np.arange(first), *(rng.permutation(size)[:first] for _ in range(SPLITS - 1))])
-    taken = np.zeros((len(chosen), size), dtype=bool)
-    np.put_along_axis(taken, chosen, True, axis=1)
-    return taken
+    difference = _with_interval(statistic(one.ravel()) - statistic(other.ravel()), _bootstrap(sampled, RESAMPLES))
+    return Comparison(difference, _share_better(one - other), sign_p(statistic(one) - statistic(other)))
 
 
 def ratio(there: np.ndarray, own: np.ndarray, least: float, resamples: int = RESAMPLES) -> Estimate:
@@ -245,15 +229,6 @@ def _share_better(gain: np.ndarray) -> float:
     """Share of the known gains that are above 0, and half of those that are 0."""
     known = gain[np.isfinite(gain)]
     return float(np.mean((known > 0.0) + 0.5 * (known == 0.0))) if len(known) else float("nan")
-
-
-def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:
-    """P values corrected for their number by the step-down procedure of Holm, by the same keys."""
-    corrected, largest = {}, 0.0
-    for rank, key in enumerate(sorted(p_values, key=p_values.__getitem__)):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[key]))
-        corrected[key] = largest
-    return {key: corrected[key] for key in p_values}
 
 
 def profile(scores: np.ndarray, thresholds: np.ndarray) -> np.ndarray:

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
+from motorprior.transfer.permutation_tests import holm
 from motorprior.transfer.statistics import (
     Comparison,
     Estimate,
     compare_on_robots,
+    compare_pairs,
     compare_scores,
     estimate,
-    holm,
     iqm,
     means,
     ratio,
@@ -28,6 +29,7 @@ from motorprior.transfer.study_verdicts import (
     CONDITIONS,
     LEAST_SPEED,
     LEAST_UPRIGHT,
+    OF_ONE_ROBOT,
     ORACLE,
     PRIOR,
     RIVALS,
@@ -191,24 +193,33 @@ def _pairings(one: str, cells: Cells, measures: Iterable[str] = COMPARED) -> lis
 
 
 def _compare(pairing: Pairing, cells: Cells) -> Comparison:
-    """On the same draws where both walked them; the adapted prior has others, though of the same numbers."""
+    """On the same draws where both walked them; policies OF_ONE_ROBOT have others, though of the same numbers."""
     place, one, other, measure = pairing
     mine, theirs, statistic = cells[place, one], cells[place, other], statistic_of(measure)
-    shared = ADAPTED not in (one, other) and mine.distinct("draw") == theirs.distinct("draw")
-    if one == ADAPTED:
+    if {one, other} <= OF_ONE_ROBOT:
+        mine, theirs = _of_the_same_robots(mine, theirs)
+        return compare_pairs(mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic)
+    if other in OF_ONE_ROBOT:
+        return _compare(Pairing(place, other, one, measure), cells).turned()
+    shared = one not in OF_ONE_ROBOT and mine.distinct("draw") == theirs.distinct("draw")
+    on_robots = one in OF_ONE_ROBOT and bool(_common_robots(mine, theirs))
+    if on_robots:
         mine, theirs = _on_the_same_robots(mine, theirs)
-    elif other == ADAPTED:
-        theirs, mine = _on_the_same_robots(theirs, mine)
     first, second = mine.scores(place, one, measure), theirs.scores(place, other, measure)
-    if one == ADAPTED and _common_robots(mine, theirs):
+    if on_robots:
         return compare_on_robots(first, second, statistic)
-    if other == ADAPTED and _common_robots(theirs, mine):
-        return compare_on_robots(second, first, statistic).turned()
     return compare_scores(first, second, shared, statistic)
 
 
+def _of_the_same_robots(one: WalkTable, other: WalkTable) -> tuple[WalkTable, WalkTable]:
+    """Those of the walks of two conditions OF_ONE_ROBOT that are on robots of both."""
+    robots = set(one.distinct("seed")) & set(other.distinct("seed"))
+    mine, theirs = (WalkTable.of(walk for walk in each.walks if walk.seed in robots) for each in (one, other))
+    return mine, theirs
+
+
 def _common_robots(adapted: WalkTable, others: WalkTable) -> set[int]:
-    """Seed k of the adapted prior walks robot k, and so does draw k of everybody else."""
+    """Seed k of what was adapted walks robot k, and so does draw k of everybody else."""
     return set(adapted.distinct("seed")) & set(others.distinct("draw"))
 
 

@@ -124,7 +124,7 @@ def _either(each_holds: list[bool | None]) -> bool | None:
 
 
 def _against_a_rival(facts: Facts, rival: str, measure: str, twins: list[str]) -> Verdict:
-    """One of the two ways of using the prior must be better on enough of DECIDING, worse on no twin, beyond doubt."""
+    """One of the two ways of using the prior must be better beyond doubt on enough of DECIDING, and worse on none."""
     met = {
         name: [each for place in twins if (each := Pairing(place, name, rival, measure)) in facts.comparisons]
         for name in (PRIOR, ADAPTED)
@@ -144,7 +144,7 @@ def _why_not_better(facts: Facts, met: Mapping[str, list[Pairing]], has: str) ->
     for name, pairings in met.items():
         won = [each.place for each in pairings if _is_win(facts, each)]
         lost = [each.place for each in pairings if _is_loss(facts, each)]
-        less = f" (less on {_listed(lost)}, uncorrected)" if lost else ""
+        less = f" (less on {_listed(lost)})" if lost else ""
         ways.append(f"{IN_WORDS[name]} on {_listed(won)}{less}")
     asked = f"{TWINS_WON} of {', '.join(DECIDING)} are asked, where the rival has {has}"
     return f"beyond doubt {'; '.join(ways)}; {asked}"
@@ -181,8 +181,9 @@ def _is_sure(facts: Facts, pairing: Pairing) -> bool:
 
 
 def _is_loss(facts: Facts, pairing: Pairing) -> bool:
-    """Whether the first of a pair is worse, before any correction."""
-    return _gain(facts, pairing) < 0.0 and facts.comparisons[pairing].p < SURE
+    """Whether the first of a pair is worse, before any correction, or by so much that it counts whatever its p."""
+    gain = _gain(facts, pairing)
+    return gain < -COMPARED[pairing.measure].loss or (gain < 0.0 and facts.comparisons[pairing].p < SURE)
 
 
 def _gain(facts: Facts, pairing: Pairing) -> float:

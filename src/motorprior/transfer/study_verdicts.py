@@ -25,10 +25,13 @@ PAPER, PAPER_WIDE, ONE_NETWORK = "paper", "paper_wide", "one_network"
 BASELINE, TUNED_PD = "ideal_pd", "tuned_pd"
 RIVALS = PD_FRICTION, PD_RANDOMISED = "pd_friction", "pd_randomised"
 """Conditions that the prior must beat."""
+PD_ADAPTED = "pd_adapted"
+OF_ONE_ROBOT = frozenset({ADAPTED, PD_ADAPTED})
+"""Conditions whose policy of seed k was made for robot k, and walks on it alone."""
 UNTRAINED = "untrained"
 """The gait itself: one policy, which nothing trained."""
 CONDITIONS = (
-    UNTRAINED, BASELINE, TUNED_PD, *RIVALS, ONE_NETWORK, PAPER, PAPER_WIDE,
+    UNTRAINED, BASELINE, TUNED_PD, *RIVALS, PD_ADAPTED, ONE_NETWORK, PAPER, PAPER_WIDE,
     PRIOR_MEAN, PRIOR, ADAPTED, ROBUST_PRIOR, ORACLE,
 )  # fmt: skip
 """Of a study, in the order of every table and picture."""
@@ -39,13 +42,20 @@ NOT_MEASURED = "not measured"
 
 
 class Compared(NamedTuple):
-    """How a measure is told. Attributes: more of it in words; its unit."""
+    """How a measure is told.
+
+    Attributes:
+        more: of it, in words.
+        unit: in words.
+        loss: difference that counts as a loss whatever its p [SI unit], since few policies would hide it.
+    """
 
     more: str
     unit: str
+    loss: float
 
 
-COMPARED = {"speed": Compared("faster", "m/s"), "upright": Compared("upright for longer", "points")}
+COMPARED = {"speed": Compared("faster", "m/s", 0.05), "upright": Compared("upright for longer", "points", 0.05)}
 """Measures that conditions are compared by. Drift is none: it is known of who does not fall."""
 
 
@@ -60,6 +70,7 @@ STEPS = (
     (PRIOR_MEAN, PRIOR, "samples in place of the mean"),
     (PRIOR, ADAPTED, "10 s of the robot's own log"),
     (ADAPTED, ORACLE, "true motors of other robots"),
+    (PD_ADAPTED, ADAPTED, "the prior in place of a PD, after the same log"),
 )
 """What each step from the tuned PD to the oracle changes: from, to, what it is."""
 IN_WORDS = {

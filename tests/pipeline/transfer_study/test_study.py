@@ -20,9 +20,9 @@ from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
 pytestmark = pytest.mark.slow
 EVERYWHERE = {
     "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "one_network", "paper", "paper_wide", "prior_mean", "prior",
-    "prior_adapted", "prior_robust", "oracle",
+    "prior_adapted", "prior_robust", "oracle", "pd_adapted",
 }  # fmt: skip
-FIXED = {"ideal_pd", "tuned_pd", "pd_friction", "prior_mean", "one_network"}
+FIXED = {"ideal_pd", "tuned_pd", "pd_friction", "pd_adapted", "prior_mean", "one_network"}
 DRAWS = 2
 
 
@@ -46,7 +46,7 @@ def test_every_policy_walks_every_draw_where_it_belongs(done: Study):
         for condition in EVERYWHERE:
             draws = 1 if place == OWN and condition in FIXED else DRAWS
             assert table.scores(place, condition, "speed").shape == (done.seeds, draws)
-    assert set(table.at(OWN_ABROAD).distinct("condition")) == {"oracle", "prior_adapted"}
+    assert set(table.at(OWN_ABROAD).distinct("condition")) == {"oracle", "prior_adapted", "pd_adapted"}
 
 
 def test_figures_have_intervals(done: Study):

@@ -6,10 +6,13 @@ from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from motorprior.artifacts import read_json
 from motorprior.bench.recording import bench_preset, record
 from motorprior.exceptions import ConfigError
 from motorprior.logs.formats.parquet_io import write_log
+from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -17,17 +20,19 @@ from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Progress, Task
 from motorprior.pipeline.side_by_side import side_by_side
 from motorprior.pipeline.transfer_study.condition import NOTHING, Condition, fleet_of
-from motorprior.pipeline.transfer_study.study_pds import FITTED, fit_pds
+from motorprior.pipeline.transfer_study.study_pds import FITTED, ROBOT_PD, fit_pds, fit_robot_pd
 from motorprior.pipeline.transfer_study.study_settings import FITS, Study
 from motorprior.robots.load import load_robot
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 from motorprior.transfer.study_verdicts import (
     ADAPTED,
+    OF_ONE_ROBOT,
     ONE_NETWORK,
     ORACLE,
     PAPER,
     PAPER_WIDE,
+    PD_ADAPTED,
     PD_FRICTION,
     PD_RANDOMISED,
     PRIOR_MEAN,
@@ -38,6 +43,8 @@ from motorprior.transfer.study_verdicts import PRIOR as SAMPLED
 
 LOG_SECONDS = 10.0
 """Log of a robot that its policy is adapted to [s]."""
+LOG_STREAM = 0x20B2
+"""Tag of the random stream of the excitation and the noise of such a log, of no bench."""
 _OTHER_PRESETS = (PAPER, PAPER_WIDE, ONE_NETWORK)
 """Conditions that have the name of the preset of their prior; those of the prior are identified by rollout."""
 
@@ -87,6 +94,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
     made = {
         ORACLE: [partial(_oracle, config, population) for population in (ABROAD, HOME)],
         ADAPTED: [partial(_adapted, config, population, seed) for population in (ABROAD, HOME)],
+        PD_ADAPTED: [partial(_adapted_pd, config, population, seed) for population in (ABROAD, HOME)],
         SAMPLED: [partial(_sampled_prior, config, z, SAMPLED)],
         ROBUST_PRIOR: [partial(_sampled_prior, config, z, ROBUST_PRIOR, ROBUST)],
         PRIOR_MEAN: [partial(_sampled_prior, config, 0.0, PRIOR_MEAN)],
@@ -141,30 +149,47 @@ def _oracle(config: Study, population: str) -> Condition:
 
 
 def _adapted(config: Study, population: str, seed: int) -> Condition:
-    posterior = _posterior(config, population, seed) / POSTERIOR
+    posterior = _folder(config, population, seed) / POSTERIOR
     motors = MotorChoice("prior", _prior(config, "rollout"), posterior, config.fleet, name=ADAPTED)
     return Condition(ADAPTED, motors, twins=_twins_of(population), robot=seed, population=population)
 
 
-def _posterior(config: Study, population: str, seed: int) -> Path:
-    return config.out / "robots" / f"{population}_{seed}"
+def _adapted_pd(config: Study, population: str, seed: int) -> Condition:
+    constants = read_json(_folder(config, population, seed, PD_ADAPTED) / ROBOT_PD)["constants"]
+    motors = MotorChoice("pd", fleet=config.fleet, name=PD_ADAPTED, **constants)
+    return Condition(PD_ADAPTED, motors, twins=_twins_of(population), robot=seed, population=population)
+
+
+def _folder(config: Study, population: str, seed: int, fit: str = "") -> Path:
+    """Of what was fitted to the log of a robot: the prior, or another fit."""
+    return config.out / "robots" / "_".join(filter(None, (population, str(seed), fit)))
 
 
 def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
-    """Record LOG_SECONDS of the motors of the robot of every seed and population, and adapt the prior to them."""
-    if ADAPTED not in config.conditions:
+    """Record LOG_SECONDS of the motors of the robot of every seed and population, and fit to them what is needed."""
+    if not _needs(config, OF_ONE_ROBOT):
         return
     robots = [(population, seed) for seed in range(config.seeds) for population in (HOME, ABROAD)]
-    with progress.start(f"adapt the prior to {len(robots)} robots", len(robots)) as task:
+    with progress.start(f"adapt to {len(robots)} robots", len(robots)) as task:
         side_by_side([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)
 
 
 def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:
-    robot, folder = load_robot(config.robot), _posterior(config, population, seed)
-    fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
+    folder = _folder(config, population, seed)
     log = folder.parent / f"{folder.name}.parquet"
     folder.parent.mkdir(parents=True, exist_ok=True)
-    steps = round(LOG_SECONDS / preset.period)
-    write_log(log, record(motors_of_robot(robot, fleet, seed), preset, steps, seed, fleet))
-    run_adapt(Adapt(_prior(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
+    write_log(log, _log_of(config, population, seed))
+    if ADAPTED in config.conditions:
+        run_adapt(Adapt(_prior(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
+    if PD_ADAPTED in config.conditions:
+        fit_robot_pd(config, log, _folder(config, population, seed, PD_ADAPTED))
     task.advance(1, folder.name)
+
+
+def _log_of(config: Study, population: str, seed: int) -> MotorLog:
+    """LOG_SECONDS of the motors of a robot on a bench: under known loads, with their torque measured."""
+    robot = load_robot(config.robot)
+    fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
+    excitation = int(np.random.SeedSequence([LOG_STREAM, config.seed, seed]).generate_state(1, np.uint32)[0])
+    motors = motors_of_robot(robot, fleet, config.seed, seed)
+    return record(motors, preset, round(LOG_SECONDS / preset.period), excitation, fleet)

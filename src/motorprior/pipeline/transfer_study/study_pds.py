@@ -1,11 +1,13 @@
-"""The three PDs of a study, fitted to the log of its bench."""
+"""The PDs of a study: three fitted to the log of its bench, and one to the log of each robot."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import read_bench
+from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.pipeline.motor_choice import load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.stage import description, is_finished, working
@@ -16,16 +18,37 @@ from motorprior.transfer.study_verdicts import BASELINE, PD_FRICTION, TUNED_PD
 FITTED = (BASELINE, TUNED_PD, PD_FRICTION)
 
 
+ROBOT_PD = "pd.json"
+"""Name of the file of the PD of one robot."""
+
+
+def fit_robot_pd(config: Study, log: Path, folder: Path) -> None:
+    """Fit a PD with friction to the log of one robot, as `fit_pds` does to that of the bench; pd.json is alike."""
+    from motorprior.identification.baselines.pd_fit import fit_to_the_end
+    from motorprior.identification.baselines.tuned_pds import FRICTION  # here: they import scipy
+
+    robot, start = load_robot(config.robot), _start(config)
+    wanted = description("study", __file__, {"start": start, "kinds": FRICTION}, [log, *robot.files])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            fit = fit_to_the_end(read_parquet(log), start, FRICTION, lambda _: None)
+            write_json(folder / ROBOT_PD, asdict(fit))
+
+
+def _start(config: Study) -> dict[str, float]:
+    """Gains and limit that every fit begins with."""
+    nominal = nominal_pd(load_robot_fleet(load_robot(config.robot), config.fleet), 1)
+    return {name: float(getattr(nominal, name)[0]) for name in ("kp", "kd", "torque_limit")}
+
+
 def fit_pds(config: Study, progress: Progress) -> None:
     """Fit the three PDs to the bench's log, each until it has converged; fits.json has constants, error and effort."""
     from motorprior.identification.baselines.pd_fit import MOST_EVALUATIONS, fit_to_the_end
     from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS  # here: they import scipy
 
     robot = load_robot(config.robot)
-    fleet, folder = load_robot_fleet(robot, config.fleet), config.out / "fits"
+    folder, start = config.out / "fits", _start(config)
     log = config.out / "bench" / "rollout" / "log.parquet"
-    nominal = nominal_pd(fleet, 1)
-    start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
     kinds = dict(zip(FITTED, (GAINS, EVERYTHING, FRICTION), strict=True))
     wanted = description("study", __file__, {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):

@@ -138,7 +138,8 @@ class Study:
             )  # fmt: skip
         if self.validation in (None, OWN_MOTORS):
             return
-        if load_robot_fleet(robot, self.validation).name in (own.name, foreign.name):
+        told = load_robot_fleet(robot, self.validation)
+        if any(replace(told, name=fleet.name) == fleet or told.name == fleet.name for fleet in (own, foreign)):
             raise ConfigError(
                 f"validation {self.validation!r} is the fleet of a twin", argument="validation",
                 remedy="give another fleet: what a policy is judged on must not choose it",

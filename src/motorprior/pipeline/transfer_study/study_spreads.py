@@ -35,10 +35,10 @@ def with_spread(config: Study, progress: Progress = SILENT) -> Study:
     seeds = range(_FIRST_SEED, _FIRST_SEED + min(_SEEDS, config.seeds))
     fleet = config.fleet_for_width(load_robot(config.robot))
     made = {width: randomised_pd(config, width, f"{PD_RANDOMISED}_{width:g}") for width in _WIDTHS}
-    # Watched on the motors of the validation fleet only. Which policy of a search is kept is decided at home, even
-    # where the study decides that on the validation fleet: or its motors would be in the search that they judge.
+    # Watched on robots of the validation fleet only; which policy of a search is kept is decided as in the study.
     conditions = [replace(condition, twins=(ABROAD,)) for condition in made.values()]
-    there = replace(config, out=config.out / "spreads", foreign=fleet, validation=OWN_MOTORS)
+    kept_by = config.fleet_of_contests(load_robot(config.robot)) or OWN_MOTORS
+    there = replace(config, out=config.out / "spreads", foreign=fleet, validation=kept_by)
     progress.note(f"width of the randomised PD: the best is chosen on the fleet {fleet!r}")
     table = walk_table(there, [(condition, seed) for seed in seeds for condition in conditions], progress)
     found = {width: _found(table, condition.name) for width, condition in made.items()}

@@ -61,7 +61,7 @@ def watched(
     here = tuple(twin for twin in condition.twins if twin in twins)
     settings = {
         "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.told(robot),
-        "condition": condition.name, "one_draw_is_all": condition.one_draw_is_all,
+        "study": config.seed, "condition": condition.name, "one_draw_is_all": condition.one_draw_is_all,
     }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
     wanted = description("study", __file__, settings | {"robot": condition.robot}, [policy, *fleets, *robot.files])
@@ -89,14 +89,14 @@ class _Watch:
         """The walks at its own place and at the twins; the trace of the walk of median speed at each."""
         own = OWN_ABROAD if self._condition.population == ABROAD else OWN
         walk = WalkConfig(self._steps, commands=self._config.commands(self._robot), gait=self._policy.gait)
-        rows, traces, places = [], {}, {}
+        rows, traces, places, study = [], {}, {}, self._config.seed
         if self._condition.name != UNTRAINED:
             mine = replace(walk, randomization=self._condition.randomization)
-            places[own] = partial(OwnWalks, own_scene(self._policy, self._path, self._robot, mine))
+            places[own] = partial(OwnWalks, own_scene(self._policy, self._path, self._robot, mine), study)
         for name in twins:
             twin = TWINS[name]
             fleet = load_robot_fleet(self._robot, fleet_of(self._config, twin.population))
-            places[name] = partial(NumberedWalks, self._robot, twin, fleet, walk, self._condition.robot)
+            places[name] = partial(NumberedWalks, self._robot, twin, fleet, walk, study, self._condition.robot)
         for place, walks in places.items():
             found, traces[place] = self._at(place, walks)
             rows += found
