@@ -13,7 +13,10 @@ from motorprior.transfer.gait_quality import WARM_UP, headings, lasted, way_alon
 
 TURNS = "commanded/"
 """Beginning of the names of these quantities."""
-COMMANDS = ((0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0))
+COMMANDS = (
+    (0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.1, 0.0),
+    (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),
+)  # fmt: skip
 """Commanded speed as a share of the robot's fastest, forward or, below 0, backward; and yaw rate as a share of its
 fastest turn, to the left."""
 UNITS = {"upright": "1", "speed": "m/s", "yaw_rate": "rad/s"}

@@ -349,18 +349,20 @@ def test_keys_change_speed_and_turn_by_tenths_and_space_stands_still(steered):
 def test_keys_do_not_leave_what_the_robot_is_built_for(steered):
     pilot, type_in, _, _ = steered
     for keys, command in (
-        (b"w" * 40 + b"a" * 40, (0.5, 0.6)), (b"s" * 40 + b"d" * 40, (-0.2, -0.6)), (b"w", (-0.15, -0.6)),
+        (b"w" * 40, (0.5, 0.0)), (b"w" * 40 + b"a" * 40, (0.3, 0.6)),
+        (b"s" * 40 + b"d" * 40, (-0.2, -0.6)), (b"w", (-0.15, -0.6)),
     ):  # fmt: skip
         type_in(keys)
         assert pilot.command() == pytest.approx(command)
 
 
-def test_the_stick_gives_its_share_of_the_whole_range(steered):
+def test_the_stick_gives_its_share_of_the_whole_range_but_less_speed_in_turns(steered):
     pilot, _, push, _ = steered
     push(event(-16384, 2 | AT_START, STICK))
     assert pilot.command() == (0.0, 0.0), "an event at the start says where the stick is, nobody pushed it"
     for stick, turn, command in (
-        (-32767, 0, (0.5, 0.0)), (-16384, 32767, (0.25, -0.6)), (32767, -16384, (-0.2, 0.3)), (0, 0, (0.0, 0.0)),
+        (-32767, 0, (0.5, 0.0)), (-32767, 32767, (0.3, -0.6)), (-32767, -16384, (0.4, 0.3)),
+        (-16384, 32767, (0.25, -0.6)), (32767, -16384, (-0.2, 0.3)), (0, 0, (0.0, 0.0)),
     ):  # fmt: skip
         push(event(stick, 2, STICK) + event(turn, 2, TURN_STICK) + event(9999, 2, 5))
         assert pilot.command() == pytest.approx(command, abs=1e-4)

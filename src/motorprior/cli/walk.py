@@ -8,8 +8,9 @@ from typing import Annotated
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
+from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_seeds import PICTURE, run_walk_seeds
 
 
@@ -28,9 +29,23 @@ def walk(config: WalkCommand) -> None:
     if config.seeds == 1:
         if not run_walk(one, TERMINAL):
             TERMINAL.note(f"{config.out} is finished with these settings: nothing was trained")
+        print(_kept(config))
         return
     results = run_walk_seeds(one, config.seeds, TERMINAL)
     rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
-    where = "in their own simulation" if config.validation is None else f"on validation motors ({config.validation})"
-    table(f"Best policies {where}", ("seed", "mean return [m]"), rows)
+    table(f"Best policies {_judged_on(config)}", ("seed", "mean return [m]"), rows)
     print(config.out / PICTURE)
+
+
+def _kept(config: WalkCommand) -> str:
+    """Which policy of the search is in the folder, and how to see it walk."""
+    found = Policy.load(config.out / POLICY).provenance
+    score = f"mean return {found['own_return']:.2f} m {_judged_on(config)}"
+    return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: motorprior play {config.out}"
+
+
+def _judged_on(config: WalkCommand) -> str:
+    """Where it is decided which policy of a search is kept."""
+    if config.validation is None:
+        return "in its own simulation"
+    return f"on validation motors ({config.validation})"

@@ -24,6 +24,8 @@ _DEAD = 0.06
 """Share of a stick's way that means nothing: a released stick does not rest at exactly 0."""
 _STICK, _TURN_STICK, _FULL = 1, 0, 32767.0
 """Numbers of the left stick's axes, vertical (-32767 is forward) and horizontal (-32767 is left)."""
+SLOWER_IN_TURNS = 0.4
+"""Share of the fastest speed that the sharpest turn takes: policies told both at once fall (docs/training.md)."""
 ALONE = 0.3
 """Speed of a robot that nobody steers [m/s], if it can walk so fast."""
 _ARROWS = {b"\x1b[A": b"w", b"\x1b[B": b"s", b"\x1b[D": b"a", b"\x1b[C": b"d"}
@@ -44,7 +46,10 @@ class Pilot:
         self._forward, self._yaw_rate = command
 
     def command(self) -> tuple[float, float] | None:
-        """Speed [m/s] and yaw rate [rad/s]; None to stop: q, a button of the gamepad, or one of both that is gone."""
+        """Speed [m/s], slower in turns, and yaw rate [rad/s]; None to stop.
+
+        It stops at q, at a button of the gamepad, and where one of both is gone.
+        """
         for file, obey in ((self._keyboard, self._type), (self._gamepad, self._push)):
             if file is None or not select.select([file], [], [], 0.0)[0]:
                 continue
@@ -54,7 +59,11 @@ class Pilot:
                 return None
             if not data or not obey(data):
                 return None
-        return self._forward, self._yaw_rate
+        return min(self._forward, self._fastest_in_this_turn()), self._yaw_rate
+
+    def _fastest_in_this_turn(self) -> float:
+        """[m/s]; between the fastest straight on and SLOWER_IN_TURNS of it less in the sharpest turn."""
+        return round((1.0 - SLOWER_IN_TURNS * abs(self._yaw_rate) / self._gait.yaw_rate) * self._gait.forward[1], 4)
 
     def _type(self, data: bytes) -> bool:
         """Obey keys; False to stop."""

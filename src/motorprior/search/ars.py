@@ -53,8 +53,9 @@ class ArsConfig:
         require_count("search.num_top_directions", self.num_top_directions, 1, MOST_DIRECTIONS)
         if self.num_top_directions > self.num_directions:
             raise ConfigError(
-                f"num_top_directions {self.num_top_directions} not in 1..num_directions {self.num_directions}",
-                remedy="use at most as many top directions as directions",
+                f"search.num_top_directions {self.num_top_directions} is more than search.num_directions "
+                f"{self.num_directions}",
+                remedy="give at most as many top directions as directions",
             )
         for name in ("step_size", "delta_std"):
             require_number(f"search.{name}", getattr(self, name), _LEAST_STEP, _LARGEST_STEP)

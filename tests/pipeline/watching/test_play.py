@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import motorprior as mp
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.pipeline.folder_lock import taken
@@ -63,6 +64,16 @@ def test_policies_are_told_what_all_of_them_were_trained_for(gait_walk: Path, tm
     assert speeds["one"] > speeds["both"] + 0.05, "told 0.7 and 0.5 m/s"
     with pytest.raises(ConfigError, match=r"forward 0\.7"):
         run_play(Play((fast.out, gait_walk), tmp_path / "c", forward=0.7, film="drawn"))
+
+
+def test_a_policy_that_names_no_motors_walks_on_a_twin(tmp_path: Path, no_encoder: None):
+    """Those of `train_policy` name none: their motors are no file."""
+    file = tmp_path / "policy.safetensors"
+    mp.train_policy(PUPPER_V2, mp.load_fleet("mixed"), iterations=1, episode_steps=5, workers=1).save(file)
+    config = Play((file,), tmp_path / "out", place="twin", seconds=0.5, film="drawn")
+    assert run_play(config).results.value(quantity="upright") == 1.0
+    with pytest.raises(ArtifactError, match=r"which motors it walked on .* let it walk on a twin"):
+        run_play(replace(config, place="own"))
 
 
 def test_a_schedule_of_one_command_is_that_command(gait_walk: Path, tmp_path: Path, no_encoder: None):

@@ -120,16 +120,25 @@ def walker_of(
         ArtifactError, ConfigError: a damaged policy, one of another control period, motors that are gone, or an engine
             that is not installed.
     """
-    policy = Policy.load(path)
-    policy.require_robot(robot, path)
-    policy.require_clock(robot.control_dt, path)
-    robot = policy.commanded(robot)
+    policy, robot = policy_for(path, robot)
     if walk is None:
         told = commands or straight_ahead(robot)
         walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=told)
     choice = choice_from_json(policy.provenance.get("motors"), path)
     scene = own_scene(policy, path, robot, walk, engine)
     return Walker(path.parent.name, robot, policy, choice.condition(), scene.simulator())
+
+
+def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
+    """A policy of this robot, and the robot as the policy commands it.
+
+    Raises:
+        ArtifactError, ConfigError: a damaged policy, of another robot or another control period.
+    """
+    policy = Policy.load(path)
+    policy.require_robot(robot, path)
+    policy.require_clock(robot.control_dt, path)
+    return policy, policy.commanded(robot)
 
 
 def own_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine: Engine | None = None) -> Scene:

@@ -69,7 +69,10 @@ def choice_from_json(data: Any, policy: Path) -> MotorChoice:
         ConfigError: a file is gone, is not the one the policy was trained on, or there is no digest of it.
     """
     if not isinstance(data, dict):
-        raise ArtifactError("it does not say which motors it walked on", where=policy, remedy=_REMEDY)
+        raise ArtifactError(
+            "it does not say which motors it walked on", where=policy,
+            remedy="train it with `motorprior walk`, which says so, or let it walk on a twin",
+        )  # fmt: skip
     _CHOICE.check(data, policy)
     defaults = {field.name: field.default for field in fields(MotorChoice)}
     data = dict.fromkeys(_KEYS) | defaults | data

@@ -104,6 +104,8 @@ class Training:
         search, champion, curve = self.checkpoint.load(self.config) or self._new()
         if search.iteration == 0:  # what nothing improves on is kept
             champion = contest(search, self.shape, self.judge, champion)
+        else:
+            progress.note(f"{name}: goes on after iteration {search.iteration}")
         latest, iterations = _state(search, champion), self.extent.iterations
         metrics = Metrics(self.checkpoint.folder, curve, self.extent, also)
         saved, took = time.monotonic(), 0.0

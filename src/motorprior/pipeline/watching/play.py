@@ -18,7 +18,7 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import write_results
-from motorprior.pipeline.transfer_study.transfer import walker_of
+from motorprior.pipeline.transfer_study.transfer import own_scene, policy_for
 from motorprior.pipeline.walking.walk import POLICY
 from motorprior.pipeline.watching.schedule_file import read_schedule
 from motorprior.pipeline.watching.walk_film import Look, Scenes, write_film
@@ -157,15 +157,16 @@ def _names(policies: Sequence[Path]) -> dict[str, Path]:
 
 
 def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
-    walker = walker_of(path, robot, walk=walk)
-    simulator = walker.own
-    if config.place in _TWINS:
-        other = replace(walk, randomization=_TWINS[config.place], gait=walker.policy.gait)
-        simulator = twin_of(walker.robot, load_robot_fleet(robot, config.fleet), other)
+    policy, robot = policy_for(path, robot)
+    if config.place in _TWINS:  # whatever motors it was trained on, which it may not name
+        other = replace(walk, randomization=_TWINS[config.place], gait=policy.gait)
+        simulator = twin_of(robot, load_robot_fleet(robot, config.fleet), other)
+    else:
+        simulator = own_scene(policy, path, robot, walk).simulator()
     try:
-        return simulator.run(walker.policy.arrays(), STUDY_SEED + config.seed, trace=True)
+        return simulator.run(policy.arrays(), STUDY_SEED + config.seed, trace=True)
     finally:
-        walker.own.close()
+        simulator.close()
 
 
 def _measured(config: Play, robot: Robot, name: str, episode: Episode, told: np.ndarray) -> Results:
