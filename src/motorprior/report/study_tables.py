@@ -46,7 +46,7 @@ def headline_caption() -> str:
         "Speed [m/s], interquartile mean of policies and draws, share of the time upright, both with 95 % intervals, "
         "and how far to the side of its way a walk ends [m], interquartile mean. "
         f"{LESS} less, {MORE} more than that of the sampled prior there: p < {SURE:g}, corrected, and 0 outside of "
-        "the difference's interval; the adapted prior is compared on the robots that it was adapted to, the gait not "
+        "the difference's interval; what was adapted is compared on the robots that it was adapted to, the gait not "
         "at all. The way to the side is that of walks without a fall, and not compared: who falls more keeps easier "
         "walks."
     )
@@ -92,11 +92,11 @@ def twin_table(summary: Summary, twin: str) -> Table:
     rows = tuple((_name(name), *_twin_cells(summary, twin, name)) for name in _conditions_at(summary, twin))
     caption = (
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: of that where it was "
-        "trained; oracle and adapted prior were trained for the twin's own population. Behind: how much slower it is. "
+        "trained; oracle and what was adapted were trained for the twin's own population. Behind: how much slower it is. "
         "Slower walks: chance that a walk is slower than one of the sampled prior on the same draw. p: two-sided, of "
         "no difference from the sampled prior, by permutation of the policies, after Holm over its family: what "
         "targets ask, the steps of “What counts”, or all other conditions. "
-        "The adapted prior is compared on the robots that it was adapted to."
+        "What was adapted is compared on the robots that it was adapted to."
     )
     return Table(columns, rows, caption)
 

@@ -175,5 +175,5 @@ def number_text(value: float, form: str) -> str:
 
 
 def percent_text(value: float) -> str:
-    """A share in per cent, to a tenth."""
-    return f"{100.0 * value:.1f} %" if np.isfinite(value) else "unknown"
+    """A share in per cent, rounded down to a tenth: what misses a bound does not look as if it met it."""
+    return f"{np.floor(1000.0 * value + 1e-6) / 10.0:.1f} %" if np.isfinite(value) else "unknown"
