@@ -105,7 +105,8 @@ def _speeds(table: WalkTable, summary: Summary) -> Section:
         ]
     body = (
         "Every policy walks the same draws of motors and conditions at a place, but those of the adapted prior and of "
-        "the adapted PD, which meet the robot that they were adapted to. An interval resamples policies and draws together.",
+        "the adapted PD, which meet the robot that they were adapted to. An interval resamples policies and draws "
+        "together.",
     )
     standing = (standing_table(summary),) if summary.standing else ()
     tables = (headline_table(summary), *standing, *(twin_table(summary, twin) for twin in twins))
