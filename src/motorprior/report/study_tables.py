@@ -93,8 +93,8 @@ def twin_table(summary: Summary, twin: str) -> Table:
     caption = (
         f"Twin “{place_title(twin)}”: interquartile means with 95 % intervals. Of its own speed: of that where it was "
         "trained; oracle and what was adapted were trained for the twin's own population. Behind: how much slower it "
-        "is. Slower walks: chance that a walk is slower than one of the sampled prior on the same draw. p: two-sided, of "
-        "no difference from the sampled prior, by permutation of the policies, after Holm over its family: what "
+        "is. Slower walks: chance that a walk is slower than one of the sampled prior on the same draw. p: two-sided, "
+        "of no difference from the sampled prior, by permutation of the policies, after Holm over its family: what "
         "targets ask, the steps of “What counts”, or all other conditions. "
         "What was adapted is compared on the robots that it was adapted to."
     )
