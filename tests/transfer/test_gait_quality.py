@@ -150,6 +150,8 @@ def test_a_walk_that_fell_is_measured_up_to_the_fall_and_one_that_fell_at_once_g
     fell = measured(gliding(0.3, steps=300))
     assert fell.upright == 0.0 and fell.speed == pytest.approx(0.3)
     assert measured(replace(gliding(), fault=1)).upright == 0.0
+    late, early = measured(gliding(0.3, steps=250)), measured(gliding(0.3, steps=249))
+    assert (late.speed, early.speed) == (pytest.approx(0.3), 0.0), "a second is left, and a little less"
     tumbles = gliding(0.3, steps=300)
     tumbles.motion[-45:, 3:5] = 9.0
     assert measured(tumbles).body_rate == pytest.approx(fell.body_rate), "who tumbles does not walk"

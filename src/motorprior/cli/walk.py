@@ -12,6 +12,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_seeds import PICTURE, run_walk_seeds
+from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ def _kept(config: WalkCommand) -> str:
     """Which policy of the search is in the folder, and how to see it walk."""
     found = Policy.load(config.out / POLICY).provenance
     score = f"mean return {found['own_return']:.2f} m {_judged_on(config)}"
-    return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: motorprior play {config.out}"
+    play = f"motorprior play {config.out}" + (f" --robot {config.robot}" if config.robot != DEFAULT_ROBOT else "")
+    return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: {play}"
 
 
 def _judged_on(config: WalkCommand) -> str:

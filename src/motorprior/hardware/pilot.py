@@ -63,7 +63,8 @@ class Pilot:
 
     def _fastest_in_this_turn(self) -> float:
         """[m/s]; between the fastest straight on and SLOWER_IN_TURNS of it less in the sharpest turn."""
-        return round((1.0 - SLOWER_IN_TURNS * abs(self._yaw_rate) / self._gait.yaw_rate) * self._gait.forward[1], 4)
+        sharp = abs(self._yaw_rate) / self._gait.yaw_rate if self._yaw_rate else 0.0
+        return round((1.0 - SLOWER_IN_TURNS * sharp) * self._gait.forward[1], 4)
 
     def _type(self, data: bytes) -> bool:
         """Obey keys; False to stop."""

@@ -24,7 +24,7 @@ def effort_section(fits: Mapping[str, Any], widths: Mapping[str, Any] | None) ->
         KeyError, TypeError: the files are not what a study writes.
     """
     open_ends = [name for name, fit in fits.items() if not fit["converged"]]
-    lead = "Every PD was fitted to the bench's log until its search had converged."
+    lead = "Every PD of the bench was fitted to its log until its search had converged."
     if open_ends:
         lead = f"The fit of {', '.join(open_ends)} had not converged when its evaluations were used up."
     tables = (_fits_table(fits),) if widths is None else (_fits_table(fits), _widths_table(widths))

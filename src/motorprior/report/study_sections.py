@@ -128,9 +128,10 @@ def own_speeds(table: WalkTable, twin: str) -> dict[str, float]:
 
 def _steps(summary: Summary) -> list[Section]:
     body = (
-        "Rows go from a tuned PD to the oracle. What changes from one to the next is what the motors of training are; "
-        "the oracle's, besides, are simulated at the physics step of the twins, which is shorter than the others'. "
-        "The last two compare walks on the robots that the adapted policies were adapted to.",
+        "Rows but the last go from a tuned PD to the oracle. What changes from one to the next is what the motors of "
+        "training are; the oracle's, besides, are simulated at the physics step of the twins, which is shorter than the "
+        "others'. The last three compare walks on the robots that policies were adapted to. The last stands aside: two ways to "
+        "use the same log, compared robot by robot.",
     )
     lead = "What each step from a tuned PD to true motors adds where no policy was trained."
     tables = tuple(step_tables(summary))
@@ -141,17 +142,16 @@ def _measures(summary: Summary, legs: list[str]) -> Section:
     tables = [table for place in summary.places() for table in measure_tables(summary, place, legs)]
     body = (
         "Per metre means per metre walked. What is measured along the way leaves out walks that fell within the first "
-        "two seconds.",
+        "two and a half seconds.",
     )
     return Section("How they walk", "What else an owner sees.", body, tables=tuple(tables))
 
 
 def _claims(summary: Summary) -> Section:
     caption = (
-        "Policies of the paper's recipe against those of the ideal PD. How the robot steps and shakes is told, where "
-        "the recipe's robot does not walk at home, of the paper's loss on our data, or else of the sampled prior, "
-        "another learned actuator. P values by permutation of the "
-        "policies, after Holm over the claims."
+        "Policies of the paper's recipe against those of the ideal PD. Where the recipe's robot does not walk at home, "
+        "all are told of the paper's loss on our data, or else of the sampled prior, another learned actuator. "
+        "P values by permutation of the policies, after Holm over the claims."
     )
     table = verdict_table(summary.claims, "the paper says", caption)
     return Section("The paper's claims", "What the paper says of its learned motors.", tables=(table,))

@@ -46,7 +46,7 @@ class Comparison:
     Attributes:
         difference: of the statistic, one less the other.
         improvement: see `improvement`.
-        p: two-sided, see `permutation_p`.
+        p: two-sided, see `permutation_p` and, of pairs, `sign_p`.
     """
 
     difference: Estimate

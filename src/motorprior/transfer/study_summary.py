@@ -168,17 +168,21 @@ def _compared(cells: Cells) -> tuple[dict[Pairing, Comparison], dict[Pairing, fl
     return comparisons, corrected
 
 
-def families(cells: Cells) -> tuple[list[Pairing], list[Pairing], list[Pairing]]:
+def families(cells: Cells) -> list[list[Pairing]]:
     """What is compared, on every twin where both walked, and what is corrected together.
 
     First what targets are judged by: the prior, sampled or adapted, with its RIVALS. Then each of STEPS with the one
-    before it. Then the sampled prior with all other conditions that were trained.
+    before it. Then the sampled prior with all other conditions that were trained. What was made for the same robots is
+    compared in a family per measure: of eight pairs no p is below 2 / 256, which a larger family would hide.
     """
     steps = {(after, before) for before, after, _ in STEPS}
     targeted = [each for one in (PRIOR, ADAPTED) for each in _pairings(one, cells) if each.other in RIVALS]
-    stepped = [each for _, one, _ in STEPS for each in _pairings(one, cells) if (each.one, each.other) in steps]
+    found = [each for _, one, _ in STEPS for each in _pairings(one, cells) if (each.one, each.other) in steps]
+    found = list(dict.fromkeys(found))
+    stepped = [each for each in found if not {each.one, each.other} <= OF_ONE_ROBOT]
+    paired = [[each for each in found if each not in stepped and each.measure == measure] for measure in COMPARED]
     told = {*RIVALS, UNTRAINED, *(other for one, other in steps if one == PRIOR), ADAPTED}
-    return targeted, stepped, [each for each in _pairings(PRIOR, cells) if each.other not in told]
+    return [targeted, stepped, [each for each in _pairings(PRIOR, cells) if each.other not in told], *paired]
 
 
 def _pairings(one: str, cells: Cells, measures: Iterable[str] = COMPARED) -> list[Pairing]:

@@ -144,7 +144,7 @@ def _why_not_better(facts: Facts, met: Mapping[str, list[Pairing]], has: str) ->
     for name, pairings in met.items():
         won = [each.place for each in pairings if _is_win(facts, each)]
         lost = [each.place for each in pairings if _is_loss(facts, each)]
-        less = f" (less on {_listed(lost)})" if lost else ""
+        less = f" (less on {_listed(lost)}, however unsure)" if lost else ""
         ways.append(f"{IN_WORDS[name]} on {_listed(won)}{less}")
     asked = f"{TWINS_WON} of {', '.join(DECIDING)} are asked, where the rival has {has}"
     return f"beyond doubt {'; '.join(ways)}; {asked}"

@@ -72,7 +72,7 @@ STEPS = (
     (ADAPTED, ORACLE, "true motors of other robots"),
     (PD_ADAPTED, ADAPTED, "the prior in place of a PD, after the same log"),
 )
-"""What each step from the tuned PD to the oracle changes: from, to, what it is."""
+"""What each step from the tuned PD to the oracle changes, and last, aside, two ways to use one log: from, to, what."""
 IN_WORDS = {
     PRIOR: "sampled", ADAPTED: "adapted", PD_FRICTION: "a PD with friction", PD_RANDOMISED: "a randomised PD",
 }  # fmt: skip

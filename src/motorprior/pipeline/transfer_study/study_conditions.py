@@ -182,7 +182,7 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
     if ADAPTED in config.conditions:
         run_adapt(Adapt(_prior(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
     if PD_ADAPTED in config.conditions:
-        fit_robot_pd(config, log, _folder(config, population, seed, PD_ADAPTED))
+        fit_robot_pd(config, log, _folder(config, population, seed, PD_ADAPTED), progress)
     task.advance(1, folder.name)
 
 

@@ -22,7 +22,7 @@ ROBOT_PD = "pd.json"
 """Name of the file of the PD of one robot."""
 
 
-def fit_robot_pd(config: Study, log: Path, folder: Path) -> None:
+def fit_robot_pd(config: Study, log: Path, folder: Path, progress: Progress) -> None:
     """Fit a PD with friction to the log of one robot, as `fit_pds` does to that of the bench; pd.json is alike."""
     from motorprior.identification.baselines.pd_fit import fit_to_the_end
     from motorprior.identification.baselines.tuned_pds import FRICTION  # here: they import scipy
@@ -32,6 +32,8 @@ def fit_robot_pd(config: Study, log: Path, folder: Path) -> None:
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             fit = fit_to_the_end(read_parquet(log), start, FRICTION, lambda _: None)
+            if not fit.converged:
+                progress.note(f"note: the fit of {folder.name} had not converged when its evaluations were used up")
             write_json(folder / ROBOT_PD, asdict(fit))
 
 
