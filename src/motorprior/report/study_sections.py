@@ -129,9 +129,9 @@ def own_speeds(table: WalkTable, twin: str) -> dict[str, float]:
 def _steps(summary: Summary) -> list[Section]:
     body = (
         "Rows but the last go from a tuned PD to the oracle. What changes from one to the next is what the motors of "
-        "training are; the oracle's, besides, are simulated at the physics step of the twins, which is shorter than the "
-        "others'. The last three compare walks on the robots that policies were adapted to. The last stands aside: two ways to "
-        "use the same log, compared robot by robot.",
+        "training are; the oracle's, besides, are simulated at the physics step of the twins, which is shorter. "
+        "The last three compare walks on the robots that policies were adapted to. The last row stands aside: two "
+        "ways to use the same log, compared robot by robot.",
     )
     lead = "What each step from a tuned PD to true motors adds where no policy was trained."
     tables = tuple(step_tables(summary))
