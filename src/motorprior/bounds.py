@@ -77,6 +77,11 @@ def generator_of(seed: int | np.random.Generator) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
+def seed_of(*words: int) -> int:
+    """A seed of 32 bits that depends on all of some whole numbers, such as a stream's tag, a seed and a count."""
+    return int(np.random.SeedSequence(words).generate_state(1, np.uint32)[0])
+
+
 def _refuse(name: str, value: Any, kind: str, least: str, most: str | None) -> None:
     bounds = f"a {kind} of at least {least}" if most is None else f"a {kind} from {least} to {most}"
     raise ConfigError(f"{name} {spelled(value)} is not {bounds}", remedy=f"give {bounds}", argument=name)

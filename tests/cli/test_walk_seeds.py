@@ -20,7 +20,7 @@ def test_one_seed_is_the_training_of_the_library(motorprior: Callable[..., Any],
 
 def test_several_seeds_have_a_folder_each_and_one_picture(motorprior: Callable[..., Any], tmp_path: Path):
     done = motorprior(*SMALL, "--out", tmp_path, "--seeds", 2, "--search.seed", 7)
-    assert done.code == 0 and "seeds.png" in done.out and "in its own simulation" in " ".join(done.out.split())
+    assert done.code == 0 and "seeds.png" in done.out and "in their own simulation" in " ".join(done.out.split())
     assert {path.parent.name for path in tmp_path.glob("*/policy.safetensors")} == {"seed_7", "seed_8"}
     judged = motorprior(*SMALL, "--out", tmp_path, "--seeds", 2, "--validation", "mixed")
     assert "Best policies on validation motors (mixed)" in " ".join(judged.out.split())

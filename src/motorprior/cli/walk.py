@@ -34,20 +34,20 @@ def walk(config: WalkCommand) -> None:
         return
     results = run_walk_seeds(one, config.seeds, TERMINAL)
     rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
-    table(f"Best policies {_judged_on(config)}", ("seed", "mean return [m]"), rows)
+    table(f"Best policies {_judged_on(config, 'their')}", ("seed", "mean return [m]"), rows)
     print(config.out / PICTURE)
 
 
 def _kept(config: WalkCommand) -> str:
     """Which policy of the search is in the folder, and how to see it walk."""
     found = Policy.load(config.out / POLICY).provenance
-    score = f"mean return {found['own_return']:.2f} m {_judged_on(config)}"
+    score = f"mean return {found['own_return']:.2f} m {_judged_on(config, 'its')}"
     play = f"motorprior play {config.out}" + (f" --robot {config.robot}" if config.robot != DEFAULT_ROBOT else "")
     return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: {play}"
 
 
-def _judged_on(config: WalkCommand) -> str:
+def _judged_on(config: WalkCommand, whose: str) -> str:
     """Where it is decided which policy of a search is kept."""
     if config.validation is None:
-        return "in its own simulation"
+        return f"in {whose} own simulation"
     return f"on validation motors ({config.validation})"

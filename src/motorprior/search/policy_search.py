@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from motorprior.bounds import seed_of
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.search.ars import Ars, ArsConfig, Candidate, perturbed
 from motorprior.search.executor import Executor
@@ -113,7 +114,7 @@ def run_task(simulator: Any, shared: Round, task: Task) -> EpisodeLike:
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
     """Seed of an episode's motors; both signs of a direction walk on the same motors."""
-    return int(np.random.SeedSequence([seed, iteration, direction, 7]).generate_state(1, np.uint32)[0])
+    return seed_of(seed, iteration, direction, 7)
 
 
 def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:

@@ -19,6 +19,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.fleet import Fleet
+from motorprior.bounds import seed_of
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
 from motorprior.simulation.engines import Engine, Scene
@@ -62,7 +63,7 @@ def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> True
 
 def walk_seed(study: int, draw: int) -> int:
     """Seed of the sensors, floor and pushes of walk ``draw`` of the study with seed ``study``."""
-    return int(np.random.SeedSequence([DRAW_STREAM, study, draw]).generate_state(1, np.uint32)[0])
+    return seed_of(DRAW_STREAM, study, draw)
 
 
 class NumberedWalks:

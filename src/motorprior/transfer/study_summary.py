@@ -177,8 +177,8 @@ def families(cells: Cells) -> list[list[Pairing]]:
     """
     steps = {(after, before) for before, after, _ in STEPS}
     targeted = [each for one in (PRIOR, ADAPTED) for each in _pairings(one, cells) if each.other in RIVALS]
-    found = [each for _, one, _ in STEPS for each in _pairings(one, cells) if (each.one, each.other) in steps]
-    found = list(dict.fromkeys(found))
+    ones = dict.fromkeys(one for _, one, _ in STEPS)
+    found = [each for one in ones for each in _pairings(one, cells) if (each.one, each.other) in steps]
     stepped = [each for each in found if not {each.one, each.other} <= OF_ONE_ROBOT]
     paired = [[each for each in found if each not in stepped and each.measure == measure] for measure in COMPARED]
     told = {*RIVALS, UNTRAINED, *(other for one, other in steps if one == PRIOR), ADAPTED}

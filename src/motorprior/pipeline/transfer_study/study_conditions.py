@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from motorprior.artifacts import read_json
 from motorprior.bench.recording import bench_preset, record
+from motorprior.bounds import seed_of
 from motorprior.exceptions import ConfigError
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
@@ -190,6 +189,5 @@ def _log_of(config: Study, population: str, seed: int) -> MotorLog:
     """LOG_SECONDS of the motors of a robot on a bench: under known loads, with their torque measured."""
     robot = load_robot(config.robot)
     fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
-    excitation = int(np.random.SeedSequence([LOG_STREAM, config.seed, seed]).generate_state(1, np.uint32)[0])
     motors = motors_of_robot(robot, fleet, config.seed, seed)
-    return record(motors, preset, round(LOG_SECONDS / preset.period), excitation, fleet)
+    return record(motors, preset, round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed), fleet)

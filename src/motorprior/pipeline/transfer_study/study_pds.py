@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from motorprior.artifacts import write_json
 from motorprior.bench.facts import read_bench
@@ -15,9 +16,10 @@ from motorprior.pipeline.transfer_study.study_settings import FITS, Study
 from motorprior.robots.load import load_robot
 from motorprior.transfer.study_verdicts import BASELINE, PD_FRICTION, TUNED_PD
 
+if TYPE_CHECKING:
+    from motorprior.identification.baselines.pd_fit import PdFit
+
 FITTED = (BASELINE, TUNED_PD, PD_FRICTION)
-
-
 ROBOT_PD = "pd.json"
 """Name of the file of the PD of one robot."""
 
@@ -32,15 +34,22 @@ def fit_robot_pd(config: Study, log: Path, folder: Path, progress: Progress) -> 
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             fit = fit_to_the_end(read_parquet(log), start, FRICTION, lambda _: None)
-            if not fit.converged:
-                progress.note(f"note: the fit of {folder.name} had not converged when its evaluations were used up")
+            _note_no_end(folder.name, fit, progress)
             write_json(folder / ROBOT_PD, asdict(fit))
 
 
 def _start(config: Study) -> dict[str, float]:
     """Gains and limit that every fit begins with."""
+    from motorprior.identification.baselines.tuned_pds import GAINS  # here: it imports scipy
+
     nominal = nominal_pd(load_robot_fleet(load_robot(config.robot), config.fleet), 1)
-    return {name: float(getattr(nominal, name)[0]) for name in ("kp", "kd", "torque_limit")}
+    return {name: float(getattr(nominal, name)[0]) for name in GAINS}
+
+
+def _note_no_end(name: str, fit: PdFit, progress: Progress) -> None:
+    """Tell of a search that was cut short."""
+    if not fit.converged:
+        progress.note(f"note: the fit of {name} had not converged when its evaluations were used up")
 
 
 def fit_pds(config: Study, progress: Progress) -> None:
@@ -60,8 +69,7 @@ def fit_pds(config: Study, progress: Progress) -> None:
         progress.start("fit the PDs", len(kinds) * MOST_EVALUATIONS) as task,
     ):
         recorded = read_bench(log.parent)[0]
-        fits = {name: asdict(fit_to_the_end(recorded, start, free, task.advance)) for name, free in kinds.items()}
+        fits = {name: fit_to_the_end(recorded, start, free, task.advance) for name, free in kinds.items()}
         for name, fit in fits.items():
-            if not fit["converged"]:
-                progress.note(f"note: the fit of {name} had not converged when its evaluations were used up")
-        write_json(folder / FITS, fits)
+            _note_no_end(name, fit, progress)
+        write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})
