@@ -16,6 +16,8 @@ from study_walks import CONDITIONS, PLACES, invented, steps_in_place, table_of, 
 
 from motorprior.artifacts import write_json, write_tensors
 from motorprior.exceptions import ArtifactError
+from motorprior.pipeline.stage import MARKER
+from motorprior.pipeline.transfer_study.study_pds import ROBOT_PD
 from motorprior.pipeline.transfer_study.study_report import build_study_report
 from motorprior.pipeline.transfer_study.study_settings import FITS, SPREADS
 from motorprior.report.plots_forest import forest, profiles
@@ -61,6 +63,9 @@ def page(tmp_path_factory: pytest.TempPathFactory, summary: Summary) -> Path:
     traces = {f"{place}/{name}": steps_in_place(60) for place, name in shown}
     write_study(run, invented(NAMES, seeds=8, draws=2), {**traces, "fleet/paper": steps_in_place(5)})
     write_json(run / "fits" / FITS, {"ideal_pd": FIT, "pd_friction": FIT | {"converged": False}})
+    for folder in ("fits", "priors/rollout", "robots/fleet_0", "robots/fleet_0_pd_adapted"):
+        write_json(run / folder / MARKER, {"seconds": 12.25})
+    write_json(run / "robots" / "fleet_0_pd_adapted" / ROBOT_PD, FIT | {"evaluations": 811, "converged": False})
     write_json(run / "spreads" / SPREADS, {"fleet": "mixed", "tried": {"0.1": WALKED, "0.3": WALKED}, "chosen": 0.3})
     return build_study_report(run, "motorprior transfer", summary)
 
@@ -78,7 +83,7 @@ def test_a_browser_shows_every_picture_and_no_table_is_cut(page: Path, tmp_path:
     assert found, shown[:500]
     images, broken, tables, cut, beyond = map(int, found[1].split())
     assert (images, broken) == (2 + 3 * 2 + 1, 0), "speeds, profiles, frames and footfalls of three walks, a film"
-    assert tables == 1 + 2 + (len(PLACES) - 1) + 2 + 2 * len(PLACES) + 1 + 2, "two of what counts, two of the PDs"
+    assert tables == 1 + 2 + (len(PLACES) - 1) + 2 + 2 * len(PLACES) + 1 + 3, "two of what counts, three of the fits"
     assert (cut, beyond) == (0, 0)
 
 
@@ -93,13 +98,15 @@ def test_the_first_paragraph_says_first_what_does_not_hold(page: Path, summary: 
     assert held and failed and max(failed) < min(held)
 
 
-def test_the_page_says_what_the_pds_took_and_which_had_not_converged(page: Path, tmp_path: Path):
+def test_the_page_says_what_every_fit_took_and_which_had_not_converged(page: Path, tmp_path: Path):
     text = page.read_text("utf-8")
-    chapter = text[text.rindex("What the PDs took") :]
+    chapter = text[text.rindex("What the fits took") :]
     assert "The fit of pd_friction had not converged" in chapter and "173" in chapter
     assert "±30\u00a0%, chosen" in chapter and "fleet “mixed”" in chapter
+    assert "Of the 1 PDs that are fitted to the log of one robot 0 had converged, after 811 runs" in chapter
+    assert chapter.count("12.2") == 4 and "1 posteriors of one robot each" in chapter
     write_study(tmp_path, table_of({("own", "prior"): [[0.1, 0.2]]}), {})
-    assert "What the PDs took" not in build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
+    assert "What the fits took" not in build_study_report(tmp_path, "motorprior transfer").read_text("utf-8")
     write_json(tmp_path / "fits" / FITS, {"ideal_pd": {"error": 0.04}})
     with pytest.raises(ArtifactError, match="no fits of a study"):
         build_study_report(tmp_path, "motorprior transfer")

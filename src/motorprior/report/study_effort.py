@@ -1,9 +1,12 @@
-"""What the PDs of a study took to fit, and how the width of the randomised one was chosen."""
+"""What the models of a study took to fit, and how the width of the randomised PD was chosen."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from motorprior.report.page import Section, Table
 from motorprior.report.study_tables import percent
@@ -13,22 +16,53 @@ _CONSTANTS = {
 }  # fmt: skip
 
 
-def effort_section(fits: Mapping[str, Any], widths: Mapping[str, Any] | None) -> Section:
-    """A chapter of the page.
+@dataclass(frozen=True)
+class Effort:
+    """What a study took to fit.
 
-    Args:
-        fits: condition -> constants, error [rad], evaluations, converged, see `pd_fit.PdFit`.
+    Attributes:
+        fits: PDs of the bench: condition -> constants, error [rad], evaluations, converged, see `pd_fit.PdFit`.
         widths: what `study_spreads.with_spread` wrote; None where the width was told.
+        robot_fits: PDs of one robot each, as those of ``fits``.
+        seconds: what was fitted -> how long it took [s].
+    """
+
+    fits: Mapping[str, Any]
+    widths: Mapping[str, Any] | None
+    robot_fits: Sequence[Mapping[str, Any]]
+    seconds: Mapping[str, float]
+
+
+def effort_section(effort: Effort) -> Section:
+    """A chapter of the page.
 
     Raises:
         KeyError, TypeError: the files are not what a study writes.
     """
+    tables = [_fits_table(effort.fits), _seconds_table(effort.seconds)]
+    if effort.widths is not None:
+        tables.append(_widths_table(effort.widths))
+    lead = f"{_converged(effort.fits)}{_robots_converged(effort.robot_fits)}"
+    return Section("What the fits took", lead, tables=tuple(tables))
+
+
+def _converged(fits: Mapping[str, Any]) -> str:
     open_ends = [name for name, fit in fits.items() if not fit["converged"]]
-    lead = "Every PD of the bench was fitted to its log until its search had converged."
     if open_ends:
-        lead = f"The fit of {', '.join(open_ends)} had not converged when its evaluations were used up."
-    tables = (_fits_table(fits),) if widths is None else (_fits_table(fits), _widths_table(widths))
-    return Section("What the PDs took", lead, tables=tables)
+        return f"The fit of {', '.join(open_ends)} had not converged when its evaluations were used up."
+    return "Every PD of the bench was fitted to its log until its search had converged."
+
+
+def _robots_converged(fits: Sequence[Mapping[str, Any]]) -> str:
+    """Nothing of a study without such PDs."""
+    if not fits:
+        return ""
+    ended = sum(bool(fit["converged"]) for fit in fits)
+    runs, error = (float(np.median([fit[name] for fit in fits])) for name in ("evaluations", "error"))
+    return (
+        f" Of the {len(fits)} PDs that are fitted to the log of one robot {ended} had converged, after {runs:.0f} runs "
+        f"through it in the median, at an error of {1000.0 * error:.1f} mrad."
+    )
 
 
 def _fits_table(fits: Mapping[str, Any]) -> Table:
@@ -46,6 +80,15 @@ def _fits_table(fits: Mapping[str, Any]) -> Table:
         "that log that its search took."
     )
     return Table(columns, rows, caption)
+
+
+def _seconds_table(seconds: Mapping[str, float]) -> Table:
+    rows = tuple(("PDs of the bench" if name == "fits" else name, taken) for name, taken in seconds.items())
+    caption = (
+        "Seconds on the clock, divided among what was fitted side by side. A prior has the name of its preset; rollout "
+        "is that of all conditions that use the prior."
+    )
+    return Table(("fitted", "time [s]"), rows, caption)
 
 
 def _widths_table(widths: Mapping[str, Any]) -> Table:

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from motorprior.artifacts import read_json, read_tensors, write_text
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.report import PAGE
-from motorprior.pipeline.transfer_study.study_settings import FITS, SPREADS
+from motorprior.pipeline.transfer_study.study_effort import effort_sections
+from motorprior.pipeline.transfer_study.study_settings import AGAIN
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.transfer.study_summary import Summary, summarise
 from motorprior.transfer.walk_table import WalkTable
 
-if TYPE_CHECKING:
-    from motorprior.report.page import Section
-
 WALKS, TRACES, STUDY, TABLES = "walks.csv", "traces.safetensors", "study.json", "tables.md"
-_AGAIN = "delete it and run the study again"
 
 
 def build_study_report(run: Path, command: str, summary: Summary | None = None) -> Path:
@@ -44,10 +41,10 @@ def build_study_report(run: Path, command: str, summary: Summary | None = None) 
     traces, header = read_tensors(run / TRACES, _check_header)
     settings = read_json(run / STUDY)
     if not isinstance(settings, dict):
-        raise ArtifactError("its settings are not a table", where=run / STUDY, remedy=_AGAIN)
+        raise ArtifactError("its settings are not a table", where=run / STUDY, remedy=AGAIN)
     robot, summary = load_robot(header["robot"]), summary or summarise(table)
     _check_traces(traces, robot, run / TRACES)
-    first, effort = first_paragraph(summary), _effort(run)
+    first, effort = first_paragraph(summary), effort_sections(run)
     report = Report(
         title="Does a distribution of motors transfer?",
         subtitle=first,
@@ -61,27 +58,14 @@ def build_study_report(run: Path, command: str, summary: Summary | None = None) 
     return run / PAGE
 
 
-def _effort(run: Path) -> tuple[Section, ...]:
-    """What the PDs took, of a study that has some."""
-    from motorprior.report.study_effort import effort_section  # here: it imports matplotlib
-
-    fits, widths = run / "fits" / FITS, run / "spreads" / SPREADS
-    if not fits.is_file():
-        return ()
-    try:
-        return (effort_section(read_json(fits), read_json(widths) if widths.is_file() else None),)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ArtifactError(f"no fits of a study ({error!r})", where=fits.parent, remedy=_AGAIN) from error
-
-
 def _check_header(header: Mapping[str, Any], path: Path) -> None:
     name, control_dt = header.get("robot"), header.get("control_dt")
     if not isinstance(name, str) or not isinstance(control_dt, float) or not control_dt > 0.0:
-        raise ArtifactError("its header names no robot and control_dt", where=path, remedy=_AGAIN)
+        raise ArtifactError("its header names no robot and control_dt", where=path, remedy=AGAIN)
 
 
 def _check_traces(traces: Mapping[str, np.ndarray], robot: Robot, path: Path) -> None:
     for name, trace in traces.items():
         if trace.ndim != 2 or trace.shape[1] != 7 + robot.num_joints:
             problem = f"trace {name} has shape {trace.shape}, not (steps, {7 + robot.num_joints})"
-            raise ArtifactError(problem, where=path, remedy=_AGAIN)
+            raise ArtifactError(problem, where=path, remedy=AGAIN)

@@ -21,6 +21,8 @@ from motorprior.transfer.study_verdicts import CONDITIONS, PD_RANDOMISED
 
 FITS, SPREADS = "fits.json", "spreads.json"
 """Names of files: what the PDs took, in the folder fits; the widths that were tried, in the folder spreads."""
+AGAIN = "delete it and run the study again"
+"""Remedy of a damaged file in a study's folder."""
 _FASTER = 1.5
 """Commanded speed, of the robot's usual fastest."""
 _QUICK = {
