@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES, Family
-from motorprior.bench.fleet import Distribution, Fleet, fleet_path, load_fleet
+from motorprior.bench.fleet import Fleet, fleet_path, load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -9,7 +9,8 @@ from closing_the_loop import VirtualRobot, record
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.physical import MotorParameters
-from motorprior.bench.fleet import Distribution, load_fleet
+from motorprior.bench.distribution import Distribution
+from motorprior.bench.fleet import load_fleet
 from motorprior.identification.latents.latent_fit import Posterior, adapt
 from motorprior.identification.networks.network import export, initial_parameters
 from motorprior.identification.presets import identification_preset

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES
-from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.transfer.fleet_calibration import calibrate, calibrated_fleet, is_identified, searches

@@ -33,6 +33,8 @@ class Family:
         substep: longest substep of the rotor [s].
         damping: parameters [N·m·s/rad] that damp the rotor by its velocity before the substep.
         optional: parameters that may be left out, which then are 0: their term is off.
+        companions: parameters that do nothing unless one of others is on, and these.
+        switches: parameters that are 0 or 1 in all motors of a fleet.
     """
 
     name: str
@@ -46,6 +48,8 @@ class Family:
     substep: float
     damping: tuple[str, ...]
     optional: frozenset[str] = frozenset()
+    companions: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    switches: frozenset[str] = frozenset()
 
     def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
         """The motors of these parameters, (n,) each."""
@@ -118,7 +122,7 @@ GEARED = Family(
             "stribeck_velocity", "gear_stiffness",
         }
     ),
-    largest={"delay": 1.0, "velocity_filter": 1.0},  # [s]; a delay takes memory
+    largest={"delay": 1.0, "velocity_filter": 1.0, "load_friction": 1.0},  # a delay takes memory; above 1 a gear locks
     signed=frozenset({"encoder_zero"}),
     substep=SUBSTEP,
     damping=("gear_damping", "viscous_damping"),
@@ -146,6 +150,15 @@ _FOREIGN_NEEDS = frozenset({"kp", "torque_limit", "armature", "gear_stiffness"})
 _SHARES: tuple[str, ...] = (
     "output_encoder", "sag", "heat_loss", "warmth", "ripple", "load_friction", "asymmetry", "position_friction",
 )  # fmt: skip
+_COMPANIONS = (
+    ("ki", ("integral_limit",)), ("integral_limit", ("ki",)),
+    ("ripple", ("ripple_order",)), ("cogging", ("cogging_order",)), ("position_friction", ("position_order",)),
+    ("heat_loss", ("heat_time", "warmth")), ("sag", ("stall_torque",)), ("no_load_speed", ("stall_torque",)),
+    *((name, ("bristle_stiffness",)) for name in ("coulomb", "static_torque", "load_friction", "bristle_damping")),
+    *((name, ("coulomb", "static_torque")) for name in ("asymmetry", "position_friction")),
+    ("static_torque", ("stribeck_velocity",)), ("bristle_damping", ("stribeck_velocity",)),
+    ("slider_stiffness", ("slider_torque",)), ("slider_torque", ("slider_stiffness",)),
+)  # fmt: skip
 
 FOREIGN = Family(
     name="foreign",
@@ -160,6 +173,8 @@ FOREIGN = Family(
     substep=FOREIGN_SUBSTEP,
     damping=("gear_damping",),
     optional=frozenset(_FOREIGN_UNITS) - _FOREIGN_NEEDS - {"kd_over_kp"},
+    companions=_COMPANIONS,
+    switches=frozenset({"output_encoder"}),
 )
 """Motors of `actuator.foreign`, whose equations no learned decoder shares."""
 

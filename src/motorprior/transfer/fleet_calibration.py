@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.bench.distribution import Distribution
+from motorprior.bench.fleet import Fleet
 from motorprior.transfer.fleet_problem import FleetProblem, Unknown
 from motorprior.transfer.gauss_newton import Optimum, search
 from motorprior.transfer.single_motors import SingleMotors, single_motors

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.true_motors import TrueMotors
+from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES
-from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms

@@ -1,0 +1,167 @@
+"""The distribution of one constant over a fleet: what a file says, which motors it draws, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.bench.families import Family
+from motorprior.exceptions import ArtifactError
+from motorprior.schema import TEXT, Field, Schema, number, one_of, require
+
+_LARGEST = 1e9
+_LARGEST_LOG_SPREAD = 3.0
+"""A lognormal parameter varies by a factor of exp(3) = 20."""
+_KEYS = {
+    "constant": ("center",),
+    "uniform": ("low", "high", "shared"),
+    "normal": ("center", "spread", "center_uncertainty", "minimum"),
+    "lognormal": ("center", "spread", "center_uncertainty"),
+}
+_DEVIATIONS = 4.0
+"""What lies within so many standard deviations may be drawn: one value in 16 000 lies outside."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """One parameter over the fleet.
+
+    constant: center. uniform: [low, high]. normal: center + s·ε, not below ``minimum``.
+    lognormal: center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit).
+
+    The motors of one robot have ε's part of center_uncertainty in common. Of a uniform range they have ``shared`` in
+    common, 0 if it is not given: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor), which is
+    uniform again.
+    """
+
+    kind: str
+    values: dict[str, float]
+
+    @property
+    def center(self) -> float:
+        """The value of the fleet's central motor."""
+        if self.kind == "uniform":
+            return 0.5 * (self.values["low"] + self.values["high"])
+        return self.values["center"]
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Lowest and highest value that may be drawn, see _DEVIATIONS."""
+        if self.kind == "constant":
+            return self.center, self.center
+        if self.kind == "uniform":
+            return self.values["low"], self.values["high"]
+        reach = _DEVIATIONS * float(np.hypot(self.values["spread"], self.values["center_uncertainty"]))
+        if self.kind == "lognormal":
+            return self.center * float(np.exp(-reach)), self.center * float(np.exp(reach))
+        least = self.values.get("minimum", -inf)
+        return max(least, self.center - reach), max(least, self.center + reach)
+
+    def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
+        """(count,) draws, see `Fleet.sample`."""
+        if self.kind == "constant":
+            return np.full(count, self.center)
+        if self.kind == "uniform":
+            return self._uniform(rng, count, of_one_robot)
+        spread, uncertainty = self.values["spread"], self.values["center_uncertainty"]
+        if of_one_robot:
+            noise = spread * rng.standard_normal(count) + uncertainty * rng.standard_normal()
+        else:
+            noise = np.hypot(spread, uncertainty) * rng.standard_normal(count)
+        if self.kind == "lognormal":
+            return self.center * np.exp(noise)
+        return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
+
+    def _uniform(self, rng: np.random.Generator, count: int, of_one_robot: bool) -> np.ndarray:
+        low, high, shared = self.values["low"], self.values["high"], self.values.get("shared", 0.0)
+        if not (of_one_robot and shared):
+            return rng.uniform(low, high, count)
+        from scipy.special import ndtr  # here: it takes a third of a second, which few fleets need
+
+        robot, motors = rng.standard_normal(), rng.standard_normal(count)
+        return low + (high - low) * ndtr(np.sqrt(shared) * robot + np.sqrt(1.0 - shared) * motors)
+
+
+def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
+    """Bounds of the numbers of parameter ``name`` for a distribution of this kind."""
+    (least, most), unit, positive = _range(name, family), family.units[name], name in family.positive
+    center = number(least, most, above=0.0 if positive else -inf, unit=unit)
+    share = kind == "lognormal"  # relative to the center, like the spread of a logarithm
+    spread = number(0.0, _LARGEST_LOG_SPREAD, unit="of the center") if share else number(0.0, most, unit=unit)
+    shape = {"spread": spread, "center_uncertainty": spread, "minimum": number(least, most, unit=unit)}
+    shape["shared"] = number(0.0, 1.0)
+    return {key: shape.get(key, center) for key in _KEYS[kind]}
+
+
+def distribution_of(
+    table: Mapping[str, Any],
+    kind_key: str,
+    others: Mapping[str, Field],
+    name: str,
+    family: Family,
+    where: str,
+    remedy: str,
+) -> Distribution:
+    """The distribution of parameter ``name``, after checks of keys and ranges in its table."""
+    kind = table.get(kind_key)
+    require(kind_key, kind, one_of(*_KEYS), where, remedy)
+    numbers = _number_fields(str(kind), name, family)
+    schema = Schema({kind_key: TEXT, **others, **numbers}, remedy, optional=frozenset({"minimum", "shared"}))
+    schema.check(table, where)
+    values = {key: float(table[key]) for key in numbers if key in table}
+    if kind == "uniform" and values["low"] > values["high"]:
+        raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
+    found = Distribution(str(kind), values)
+    _require_range(found, name, family, where)
+    return found
+
+
+def _require_range(distribution: Distribution, name: str, family: Family, where: str) -> None:
+    """Refuse what may draw a motor that cannot exist."""
+    low, high = distribution.extremes
+    least, most = _range(name, family)
+    if name in family.switches and (distribution.kind != "constant" or low not in (0.0, 1.0)):
+        raise ArtifactError("it is a switch", where=where, remedy="give a constant of 0 or 1")
+    if low < least or (name in family.positive and low <= 0.0):
+        beyond, minimum = (
+            ("not above 0", "above 0") if name in family.positive else (f"below {least:g}", f"of {least:g}")
+        )
+        raise ArtifactError(
+            f"a {distribution.kind} distribution can draw values that are {beyond}", where=where,
+            remedy=f"give a minimum {minimum}, or use lognormal",
+        )  # fmt: skip
+    if high > most:
+        problem = f"its distribution can draw {high:.3g}, above {most:g} {family.units[name]}"
+        raise ArtifactError(problem, where=where, remedy="give a smaller center or spread")
+
+
+def _range(name: str, family: Family) -> tuple[float, float]:
+    most = family.largest.get(name, _LARGEST)
+    return -most if name in family.signed else 0.0, most
+
+
+def require_companions(parameters: Mapping[str, Distribution], family: Family, where: str | Path, remedy: str) -> None:
+    """Refuse a constant that does nothing without another, which is off.
+
+    Args:
+        parameters: of a fleet.
+        family: of its motors.
+        where: what they are of, for the message.
+        remedy: what else to look at.
+
+    Raises:
+        ArtifactError: names both.
+    """
+    on = {name for name, found in parameters.items() if found.extremes != (0.0, 0.0)}
+    for name, companions in family.companions:
+        if name in on and not on & set(companions):
+            wanted = " or ".join(f"[{each}]" for each in companions)
+            raise ArtifactError(
+                f"{name} does nothing without {wanted}", where=f"{where}[{name}]",
+                remedy=f"give {wanted}, or leave {name} out; {remedy}",
+            )  # fmt: skip
