@@ -1,11 +1,13 @@
 """A prior says how well it replays its logs, and when the motors have physics that it lacks."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -52,6 +54,31 @@ def test_the_worst_motor_and_segment_are_named():
     assert "knee with 4.0 mrad" in text and "fast" not in text
     assert "segment 3 with 5.0 mrad (of 3 of 8 segments that were replayed);" in text
     assert "were replayed" not in "\n".join(replace(found, num_segments=3).lines())
+
+
+def test_single_motors_that_lack_physics_are_named():
+    found = FitQuality(
+        np.array([0.003, 0.004, 0.015]), np.full(3, 0.02), {"slow": 0.001}, {0: 0.001}, 1, ("hip", "thigh", "knee")
+    )
+    assert not found.misses_physics
+    assert found.lines()[-1].startswith("warning: of the PD's error is left: knee 74 %. Do not read")
+    assert not any("warning" in line for line in replace(found, motors=np.full(3, 0.003)).lines())
+
+
+def test_motors_that_warm_are_replayed_as_warm_as_they_were(log: MotorLog, grey_network: Callable[..., LatentNetwork]):
+    """A log that motors of a prior with heat made, cold at its beginning, is replayed by them without an error."""
+    network = grey_network(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
+    motors, told = LatentActuator(network, np.zeros((MOTORS, network.num_latents))), []
+    for part in log.segments():
+        ((case, _),) = trials(part)
+        work = float(np.median(part.time - log.time[0]))
+        told.append(run(replace(motors, warmth=network.warmth(motors.z, work)), case))
+    made = replace(
+        log,
+        joint_pos=np.concatenate([each.encoder_pos if log.encoder == "rotor" else each.joint_pos for each in told]),
+    )
+    assert np.all(network.warmth(motors.z, log.duration) > 0.6)
+    assert np.max(fit_quality(motors, made).motors) < 1e-6
 
 
 def test_an_error_that_no_encoder_tells_is_no_missing_physics():

@@ -9,13 +9,15 @@ widened. Where the log states gains, the PD follows them as the motors do, in pr
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.identification.baselines.tuned_pds import in_proportion, tuned_pd
-from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays
+from motorprior.actuator.latent import LatentActuator
+from motorprior.identification.baselines.tuned_pds import Told, in_proportion, tuned_pd
+from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays, told
+from motorprior.identification.training_data.windows import seconds_of_work
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
@@ -24,6 +26,9 @@ MISSING = 0.35
 MEASURED = 0.002
 """Error that counts as explained [rad]: encoders of servos tell an angle to 1.5 mrad, and a motion may be so easy that
 a PD comes as near as that, too."""
+
+_NAMED = 10
+"""Most motors that a line names."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +52,16 @@ class FitQuality:
     joint_names: tuple[str, ...]
 
     @property
-    def unexplained(self) -> float:
-        """Median over motors of √(max(e² - MEASURED², 0)) / e_PD, with their errors e and the tuned PD's [-]."""
+    def unexplained_of_each(self) -> np.ndarray:
+        """(M,) √(max(e² - MEASURED², 0)) / e_PD of every motor, with its errors e and the tuned PD's [-]."""
         errors = np.where(np.isfinite(self.motors), self.motors, 1.0)  # a motor that breaks down explains nothing
         left = np.sqrt(np.maximum(errors**2 - MEASURED**2, 0.0))
-        return float(np.median(left / np.maximum(self.baseline, 1e-9)))
+        return left / np.maximum(self.baseline, 1e-9)
+
+    @property
+    def unexplained(self) -> float:
+        """Median of `unexplained_of_each`."""
+        return float(np.median(self.unexplained_of_each))
 
     @property
     def misses_physics(self) -> bool:
@@ -76,12 +86,22 @@ class FitQuality:
             f"{1e3 * self.segments[segment]:.1f} mrad{some}; by speed of the joint [mrad]: {speeds}",
         )
         if not self.misses_physics:
-            return said
+            return (*said, *self._odd_motors())
         return (
             *said,
             f"warning: {100 * self.unexplained:.0f} % of the PD's error is left (above {100 * MISSING:.0f} %): these "
             "motors have physics that the model lacks. Do not read its constants as physics",
         )
+
+    def _odd_motors(self) -> tuple[str, ...]:
+        """A line about single motors of which more than MISSING is left; none where there is none."""
+        share = self.unexplained_of_each
+        odd = np.flatnonzero(share > MISSING)[:_NAMED]
+        if not odd.size:
+            return ()
+        named = ", ".join(f"{self.joint_names[motor]} {100 * share[motor]:.0f} %" for motor in odd)
+        more = f" and {np.sum(share > MISSING) - odd.size} more" if np.sum(share > MISSING) > odd.size else ""
+        return (f"warning: of the PD's error is left: {named}{more}. Do not read the constants of these as physics",)
 
 
 def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None) -> FitQuality:
@@ -94,7 +114,7 @@ def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] =
     """
     tell = in_proportion(log)
     pd = tuned_pd(log, report, tell)
-    segments, pools = zip(*replays(motors, log), strict=True)
+    segments, pools = zip(*replays(motors, log, _as_warm_as_there(log)), strict=True)
     error, pool = np.concatenate(segments), np.concatenate(pools)
     baseline = np.concatenate([missed for missed, _ in replays(pd, log, tell)])
     places = replayed_segments(log).tolist()
@@ -104,6 +124,20 @@ def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] =
         {place: float(_rms(missed)) for place, missed in zip(places, segments, strict=True)},
         len(log.segment_slices()), log.joint_names,
     )  # fmt: skip
+
+
+def _as_warm_as_there(log: MotorLog) -> Told:
+    """What tells learned motors the gains of a segment, and how warm they are in the middle of it, as in the fit."""
+    work, segment = seconds_of_work(log), np.zeros(len(log.time)) if log.segment is None else log.segment
+
+    def tell(motors: Actuator, part: MotorLog) -> Actuator:
+        motors = told(motors, part)
+        if not isinstance(motors, LatentActuator):
+            return motors
+        here = segment == (0 if part.segment is None else part.segment[0])
+        return replace(motors, warmth=motors.network.warmth(motors.z, float(np.median(work[here]))))
+
+    return tell
 
 
 def _rms(error: np.ndarray, axis: int | None = None) -> np.ndarray:

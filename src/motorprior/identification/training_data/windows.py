@@ -92,7 +92,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.joint_torque,
         log.external_torque,
         log.load_inertia,
-        np.broadcast_to(_seconds_of_work(log)[:, None], log.joint_pos.shape),
+        np.broadcast_to(seconds_of_work(log)[:, None], log.joint_pos.shape),
         *_gains(log, preset, where),
         log.load_stiffness,
     )
@@ -136,7 +136,7 @@ def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     return rows
 
 
-def _seconds_of_work(log: MotorLog) -> np.ndarray:
+def seconds_of_work(log: MotorLog) -> np.ndarray:
     """(R,) time since the motors began to work [s]; they begin anew after a PAUSE, or where the clock does."""
     seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
     for part in log.segment_slices():
