@@ -8,7 +8,7 @@ import pytest
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.pipeline.adapt import WEAK_MOTOR, WEAK_ROBOT, advice_on_weak_motors
+from motorprior.pipeline.adapt import WEAK_MOTOR, WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -17,8 +17,18 @@ NAMES = ("hip", "knee", "ankle")
 
 @pytest.fixture
 def prior(grey_network) -> MotorPrior:
-    network = grey_network(spread=0.3, kp=9.0)
+    network = grey_network(spread=0.1, kp=9.0)
     return MotorPrior(network, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+
+
+def test_where_motors_differ_more_a_weak_one_is_weaker(grey_network):
+    """One sound robot of twelve motors in fifty, whatever its fleet."""
+    alike, different = weak_below(grey_network(spread=0.01, kp=9.0)), grey_network(spread=0.3, kp=9.0)
+    assert alike == (WEAK_MOTOR, WEAK_ROBOT)
+    motor, robot = weak_below(different)
+    assert motor < WEAK_MOTOR and motor < robot < WEAK_ROBOT
+    share = kp_share(different, np.random.default_rng(1).standard_normal((12 * 2000, different.num_latents)))
+    assert 0.01 < np.mean(share.reshape(-1, 12).min(axis=1) < motor) < 0.035
 
 
 def latents(prior: MotorPrior, *shares: float) -> np.ndarray:
@@ -32,7 +42,7 @@ def latents(prior: MotorPrior, *shares: float) -> np.ndarray:
 
 
 def test_no_advice_for_motors_like_the_prior(prior: MotorPrior):
-    assert advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, WEAK_MOTOR + 0.02, 1.0)) == ""
+    assert advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, weak_below(prior.network)[0] + 0.02, 1.0)) == ""
 
 
 def test_one_weak_motor_is_named(prior: MotorPrior):
