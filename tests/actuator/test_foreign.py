@@ -93,6 +93,88 @@ def test_sliding_friction_is_that_of_the_direction(direction):
     assert friction == pytest.approx(0.05 * (1 + 0.2 * direction), rel=0.01)
 
 
+def friction_at(motors: ForeignMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
+    """Friction [N·m] of a heavy rotor that has long moved at this speed [rad/s], behind a gear of this twist [rad]."""
+    arrays, still, gear = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
+    reset_actuator(arrays, still, np.array([position]))
+    for _ in range(1000):
+        arrays.memory[rows.ROTOR_POS, 0], arrays.memory[rows.ROTOR_VEL, 0] = position, speed
+        step_actuator(arrays, DT, still, np.array([position - twist]), np.array([speed]), gear)
+    return float((speed - arrays.memory[rows.ROTOR_VEL, 0]) * motors.armature[0] / DT - gear[0])
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.2, 3.0])
+def test_friction_falls_from_that_at_rest_to_that_of_sliding(speed):
+    """Stribeck: coulomb + static_torque·exp(-(w / stribeck_velocity)²)."""
+    motors = motor(armature=100.0, coulomb=0.05, static_torque=0.04, stribeck_velocity=0.2, bristle_stiffness=400.0)
+    known = 0.05 + 0.04 * np.exp(-((speed / 0.2) ** 2))
+    for direction in (1.0, -1.0):
+        assert friction_at(motors, direction * speed) == pytest.approx(direction * known, rel=1e-3)
+
+
+def test_friction_grows_with_the_load_and_varies_with_the_position():
+    loaded = motor(armature=100.0, load_friction=0.2, bristle_stiffness=400.0, gear_stiffness=100.0, gear_damping=0.0)
+    assert friction_at(loaded, 1.0, twist=0.03) == pytest.approx(0.2 * 100.0 * 0.03, rel=1e-3)
+    rough = motor(armature=100.0, coulomb=0.05, position_friction=0.3, position_order=20.0, bristle_stiffness=400.0)
+    for position in (0.0, 0.05, 0.2):
+        assert friction_at(rough, 1.0, position) == pytest.approx(0.05 * (1 + 0.3 * np.sin(20 * position)), rel=1e-3)
+
+
+def test_bristles_damp_before_they_slide():
+    """F = bristle_stiffness·z + bristle_damping·dz/dt, and dz/dt = w where nothing slides yet."""
+    motors = motor(
+        armature=100.0, coulomb=1e6, stribeck_velocity=1e6, bristle_stiffness=50.0, bristle_damping=0.3,
+        gear_damping=0.0,
+    )  # fmt: skip
+    arrays, still = motors.actuator().arrays(DT), np.zeros(1)
+    reset_actuator(arrays, still, still)
+    arrays.memory[rows.ROTOR_VEL, 0] = 0.2
+    step_actuator(arrays, DT, still, still, still, still.copy())
+    slowed = (0.2 - arrays.memory[rows.ROTOR_VEL, 0]) * 100.0 / DT
+    assert slowed == pytest.approx(0.3 * 0.2 + 50.0 * 0.2 * DT, rel=1e-3)
+
+
+def test_the_output_shaft_is_damped():
+    """A free joint behind a wide play slows down by exp(-damping·t / load)."""
+    motors = motor(backlash=100.0, output_damping=0.02)
+    external = np.where(np.arange(4000) < 1000, 0.1, 0.0)
+    speed = respond(motors, np.zeros(4000), external, load=0.01).joint_vel[:, 0]
+    assert speed[3500] / speed[1500] == pytest.approx(np.exp(-0.02 / 0.01 * 0.2), rel=2e-3)
+
+
+def test_the_laws_velocity_is_filtered():
+    """A joint that begins to move at 2 rad/s: the law brakes by kd·2·(1 - exp(-t / velocity_filter))."""
+    motors = motor(kd=0.5, velocity_filter=0.004, output_encoder=1.0, armature=1e9)
+    arrays, still = motors.actuator().arrays(DT), np.zeros(1)
+    reset_actuator(arrays, still, still)
+    for tick in range(1, 81):
+        step_actuator(arrays, DT, still, np.array([2.0 * DT * tick]), np.array([2.0]), np.zeros(1))
+        known = -0.5 * 2.0 * (1 - np.exp(-tick * DT / 0.004))
+        assert arrays.memory[rows.COMMAND, 0] == pytest.approx(known, rel=1e-6)
+
+
+@pytest.mark.parametrize(("output", "known"), [(0.0, 0.0), (1.0, -3.0 * 0.04)])
+def test_the_law_is_fed_by_the_shaft_of_its_encoder(output, known):
+    """The joint is 0.04 rad off, within the play; the rotor is where it was."""
+    motors = motor(kp=3.0, output_encoder=output, backlash=0.2)
+    arrays, still = motors.actuator().arrays(DT), np.zeros(1)
+    reset_actuator(arrays, still, still)
+    step_actuator(arrays, DT, still, np.array([0.04]), still, np.zeros(1))
+    assert arrays.memory[rows.COMMAND, 0] == pytest.approx(known)
+
+
+@pytest.mark.parametrize(("speed", "least", "most"), [(15.0, -3.0, 1.0), (-15.0, -1.0, 3.0), (45.0, -5.0, 0.0)])
+def test_the_voltage_leaves_more_torque_to_brake_than_to_drive(speed, least, most):
+    """stall·(±1 - w / no_load_speed): back-EMF is against the drive and with the brake."""
+    for target, known in ((1e3, most), (-1e3, least)):
+        motors = motor(kp=1e3, armature=1e9, stall_torque=2.0, no_load_speed=30.0)
+        arrays, still = motors.actuator().arrays(DT), np.zeros(1)
+        reset_actuator(arrays, np.array([target]), still)
+        arrays.memory[rows.ROTOR_VEL, 0] = speed
+        step_actuator(arrays, DT, np.array([target]), still, np.array([speed]), np.zeros(1))
+        assert arrays.memory[rows.TORQUE, 0] == pytest.approx(known)
+
+
 @pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
 def test_a_motor_that_is_switched_off_only_takes_energy(name):
     """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
