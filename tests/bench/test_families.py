@@ -72,6 +72,60 @@ def test_a_file_that_makes_no_sense_is_refused(tmp_path, old, new, problem):
     assert re.search(problem, error.value.problem) and error.value.remedy and "mine.toml" in str(error.value.where)
 
 
+def table(name: str, body: str) -> str:
+    return f'[{name}]\nunit = "{UNITS[name]}"\n{body}\nsource = "test"\n'
+
+
+def constant(name: str, value: float) -> str:
+    return table(name, f'distribution = "constant"\ncenter = {value}')
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ({"coulomb": 0.05}, "[bristle_stiffness]"),
+        ({"load_friction": 0.2}, "[bristle_stiffness]"),
+        ({"static_torque": 0.02, "bristle_stiffness": 50.0}, "[stribeck_velocity]"),
+        ({"asymmetry": 0.1, "bristle_stiffness": 50.0}, "[coulomb] or [static_torque]"),
+        ({"ki": 4.0}, "[integral_limit]"),
+        ({"ripple": 0.03}, "[ripple_order]"),
+        ({"heat_loss": 0.1}, "[heat_time] or [warmth]"),
+        ({"slider_stiffness": 20.0}, "[slider_torque]"),
+        ({"sag": 0.1}, "[stall_torque]"),
+    ],
+)
+def test_a_constant_that_does_nothing_without_another_is_refused(tmp_path, given, wanted):
+    text = LEAST + "".join(constant(name, value) for name, value in given.items())
+    with pytest.raises(ArtifactError) as error:
+        load_fleet(written(tmp_path, text))
+    assert f"does nothing without {wanted}" in error.value.problem and wanted in error.value.remedy
+    first = re.findall(r"\[(\w+)\]", wanted)[0]
+    with_it = load_fleet(written(tmp_path, text + constant(first, 0.5)))
+    assert set(given) < set(with_it.parameters)
+
+
+def test_a_constant_of_zero_needs_no_other(tmp_path):
+    assert load_fleet(written(tmp_path, LEAST + constant("coulomb", 0.0))).parameters["coulomb"].center == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "problem"),
+    [
+        ("coulomb", 'distribution = "normal"\ncenter = 0.05\nspread = 0.1\ncenter_uncertainty = 0.0', "below 0"),
+        ("delay", 'distribution = "lognormal"\ncenter = 0.01\nspread = 2.0\ncenter_uncertainty = 0.0', "draw 29.8"),
+        ("heat_loss", 'distribution = "normal"\ncenter = 0.5\nspread = 0.2\ncenter_uncertainty = 0.0\nminimum = 0.0',
+         "draw 1.3, above 1"),
+        ("output_encoder", 'distribution = "uniform"\nlow = 0.0\nhigh = 1.0', "it is a switch"),
+        ("output_encoder", 'distribution = "constant"\ncenter = 0.4', "it is a switch"),
+    ],
+)  # fmt: skip
+def test_what_may_be_drawn_out_of_bounds_is_refused(tmp_path, name, body, problem):
+    companions = constant("bristle_stiffness", 50.0) + constant("heat_time", 100.0)
+    with pytest.raises(ArtifactError) as error:
+        load_fleet(written(tmp_path, LEAST + companions + table(name, body)))
+    assert problem in error.value.problem and str(error.value.where).endswith(f"mine.toml[{name}]")
+
+
 def test_families_have_the_fields_of_their_motors_and_agree_on_units():
     for family in FAMILIES.values():
         fields = set(family.motors({name: np.ones(2) for name in family.units}).__dataclass_fields__)

@@ -136,7 +136,7 @@ def _require_range(distribution: Distribution, name: str, family: Family, where:
             remedy=f"give a minimum {minimum}, or use lognormal",
         )  # fmt: skip
     if high > most:
-        problem = f"its distribution can draw {high:.3g}, above {most:g} {family.units[name]}"
+        problem = f"its distribution can draw {high:.3g}, above {f'{most:g} {family.units[name]}'.removesuffix(' 1')}"
         raise ArtifactError(problem, where=where, remedy="give a smaller center or spread")
 
 
