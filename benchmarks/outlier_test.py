@@ -5,6 +5,10 @@
 MOTORS motors of the fleet, and the same with one constant changed, each adapted to some seconds of log:
     noticed/CHANGE/SECONDS     share of motors whose p-value is below FALSE_ALARMS
     rmse_mrad/CHANGE/SECONDS   median closed-loop error of the posterior means on held-out gait + impacts
+
+And of each shipped fleet of the robot LOGS logs of TOGETHER motors, as `adapt` gets them:
+    refused/FLEET              share of the logs that are refused
+    odd/FLEET                  share of their motors that are called unlike the prior's fleet
 """
 
 from __future__ import annotations
@@ -19,9 +23,11 @@ import tyro
 from motorprior.actuator.actuator import multiplied
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
+from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED, bench_errors
 from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
+from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.validation.validate import load_priors
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -39,6 +45,8 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 SECONDS = (2.0, 10.0, 30.0)
 MOTORS, STREAM = 16, 57
+LOGS, TOGETHER, WHOLE = 6, 12, 5.0
+"""Logs of every fleet, motors and seconds of each."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,8 @@ class Settings:
 
     prior: tyro.conf.Positional[Path]
     """Prior of preset rollout that was identified from a bench."""
+    fleets_only: bool = False
+    """Logs of whole fleets only, some minutes."""
     json: Path | None = None
     """File for the figures."""
 
@@ -72,10 +82,32 @@ def measure(path: Path) -> Results:
     return Results.of(rows)
 
 
+def measure_fleets(path: Path) -> Results:
+    """Of every shipped fleet of the prior's robot: the share of logs that are refused, and of motors called odd."""
+    robot = load_robot(DEFAULT_ROBOT)
+    prior, preset = load_prior(path, robot), bench_preset("adapt").for_robot(robot)
+    rows: list[Result] = []
+    for name, _ in robot.fleets:
+        fleet, odd = load_fleet(name), []
+        for number in range(LOGS):
+            motors = fleet.sample(TOGETHER, np.random.default_rng([HELD_OUT_SEED, STREAM, number]), of_one_robot=True)
+            log = record(motors, preset, round(WHOLE / preset.period), HELD_OUT_SEED + number, fleet)
+            found = outlier_test(prior, path, log, name, adapt_to(prior, path, log, name))
+            odd.append([bool(reason) for reason in found.reason])
+        rows.append(Result("refused", "1", float(np.mean(np.any(odd, axis=1))), part=name))
+        rows.append(Result("odd", "1", float(np.mean(odd)), part=name))
+    return Results.of(rows)
+
+
 def main() -> None:
     """Measure, print a table, write."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    fleets = measure_fleets(settings.prior)
+    for row in fleets:
+        print(f"{row.part}: {row.quantity} {row.value:.2f}")
+    if settings.fleets_only:
+        return
     results = measure(settings.prior)
     print(f"| motors of the fleet with | {' | '.join(f'noticed, {s:g} s | error [mrad]' for s in SECONDS)} |")
     print("|---" * (1 + 2 * len(SECONDS)) + "|")
@@ -84,7 +116,7 @@ def main() -> None:
         cells = [f"{one.value(quantity='noticed'):.2f} | {one.value(quantity='rmse_mrad'):.1f}" for one in found]
         print(f"| {name} | {' | '.join(cells)} |")
     if settings.json is not None:
-        write_json(settings.json, results.to_figures())
+        write_json(settings.json, (results + fleets).to_figures())
 
 
 if __name__ == "__main__":

@@ -100,7 +100,7 @@ class ForeignMotors:
     backlash: np.ndarray
     """full play [rad], off at 0"""
     gear_stiffness: np.ndarray
-    """of the first contact [N·m/rad]"""
+    """of the first contact, without the slider [N·m/rad]"""
     gear_hardening: np.ndarray
     """cubic stiffness [N·m/rad³], off at 0"""
     gear_damping: np.ndarray

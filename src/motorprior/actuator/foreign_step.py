@@ -1,4 +1,4 @@
-"""Foreign motors, the compiled step: a second truth, whose equations no learned decoder shares.
+"""Foreign motors, the compiled step: a second truth, most of whose equations no learned decoder has.
 
 All quantities at the output shaft; x, w are position and velocity of the rotor, q, dq of the joint, which moves at
 constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the firmware, every T = servo_period:
@@ -33,9 +33,15 @@ Friction models and friction compensation, Eur. J. Control 4 (1998); growth with
 Static friction in a robot joint, ASME J. Dyn. Sys. 134 (2012). Friction and ripple over the position, hardening of the
 gear: Tuttle and Seering, A nonlinear model of a harmonic drive gear transmission, IEEE T-RA 12 (1996). Spring and
 slider: Iwan, A distributed-element model for hysteresis, J. Appl. Mech. 33 (1966), one Jenkins element. Profile, dead
-zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215. Assumptions: the order of the firmware's
-steps, a reading that is exact at the tick's own time, a winding whose final temperature does not depend on the load, a
-no-load speed that does not depend on the temperature.
+zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215. Assumptions: the straight line from stall torque to
+no-load speed of a DC motor, lowered in proportion to the torque (sag); a current loop, a filter of the velocity and a
+warming of one time constant each; one sine of ripple and one of cogging; play as a dead zone, and damping of the shaft
+in proportion to its speed; the order of the firmware's steps, a reading that is exact at the tick's own time, a winding whose final temperature does not depend on the load, and whose resistance does not depend on
+it, a no-load speed that does not, either.
+
+Of these a learned servo may have profile, encoder on the output, dead zone, clamped integral, voltage limit without sag,
+current lag, asymmetry, bristles without damping, damping of the shaft, and heat (`servo_terms`). None has friction over
+the position, sag, ripple, cogging, a gear that hardens or has hysteresis, ticks of the firmware, or steps of the encoder.
 """
 
 from __future__ import annotations

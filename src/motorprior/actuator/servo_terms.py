@@ -4,8 +4,8 @@ A term is on or off for all motors of a prior; where it is off its formula is no
 quantities at the output shaft, h is the step. In the order in which they act:
 
     profile        the firmware moves a reference towards the target, at most so fast and so accelerated that it can
-                   stop in time:  w = sign(d)·min(profile_speed, √(2·profile_acceleration·|d|), |d|/h),
-                   d = target - reference;  the reference's velocity changes towards w by at most
+                   stop in time:  w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h),
+                   d = target - reference, c = h·profile_acceleration/2;  the reference's velocity changes towards w by at most
                    profile_acceleration·h. Its position replaces the target. (Dynamixel, Feetech: profile velocity,
                    profile acceleration, goal speed)
     output_encoder the law sees the joint instead of the rotor. While the gear touches, the joint is taken to change its

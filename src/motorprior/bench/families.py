@@ -163,7 +163,7 @@ _COMPANIONS = (
 FOREIGN = Family(
     name="foreign",
     motor="The foreign motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a gear "
-    "that hardens and has play and hysteresis; no learned model has its equations.",
+    "that hardens and has play and hysteresis; no learned model has most of its equations.",
     kind=FOREIGN_KIND,
     make=ForeignMotors,
     units=_FOREIGN_UNITS,
@@ -176,7 +176,7 @@ FOREIGN = Family(
     companions=_COMPANIONS,
     switches=frozenset({"output_encoder"}),
 )
-"""Motors of `actuator.foreign`, whose equations no learned decoder shares."""
+"""Motors of `actuator.foreign`, most of whose equations no learned decoder has."""
 
 FAMILIES = {family.name: family for family in (GEARED, FOREIGN)}
 UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
