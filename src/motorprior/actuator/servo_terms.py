@@ -5,9 +5,9 @@ quantities at the output shaft, h is the step. In the order in which they act:
 
     profile        the firmware moves a reference towards the target, at most so fast and so accelerated that it can
                    stop in time:  w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h),
-                   d = target - reference, c = h·profile_acceleration/2;  the reference's velocity changes towards w by at most
-                   profile_acceleration·h. Its position replaces the target. (Dynamixel, Feetech: profile velocity,
-                   profile acceleration, goal speed)
+                   d = target - reference, c = h·profile_acceleration/2;  the reference's velocity changes towards w
+                   by at most profile_acceleration·h. Its position replaces the target. (Dynamixel, Feetech: profile
+                   velocity, profile acceleration, goal speed)
     output_encoder the law sees the joint instead of the rotor. While the gear touches, the joint is taken to change its
                    speed as the rotor does, so that the law is as implicit as with an encoder on the rotor.
     dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
