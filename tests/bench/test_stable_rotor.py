@@ -16,6 +16,8 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.shipped import SHIPPED
 
+FURTHER = {"slider_stiffness", "bristle_stiffness", "bristle_damping", "gear_hardening"}
+"""What else is a spring or damps a rotor."""
 SHIPPED_FLEETS = [name for robot in SHIPPED for name, _ in robot.fleets]
 
 
@@ -49,14 +51,16 @@ def with_constant(name: str, parameter: str, value: float, path: Path) -> Path:
 def test_shipped_fleets_are_far_from_the_bound(name: str):
     motors = load_fleet(name).sample(2000, 3)
     family = FAMILIES[load_fleet(name).family]
-    values = {field: getattr(motors, field) for field in ("gear_stiffness", *family.damping)}
-    family.require_stable(values | {"armature": np.asarray(motors.armature) / 20.0}, "a twentieth")
+    fields = ("torque_limit", *family.stiffness, *family.damping, *({"gear_hardening"} & family.optional))
+    values = {field: getattr(motors, field) for field in fields}
+    family.require_stable(values | {"armature": np.asarray(motors.armature) / 4.0}, "a quarter")
 
 
 @pytest.mark.parametrize("name", ["pupper_v2", "foreign_direct"])
 @pytest.mark.parametrize(("stiffness", "damping"), [(80.0, 0.03), (2000.0, 0.0), (1.0, 2.0), (500.0, 0.4)])
 def test_the_bound_is_that_of_the_roots(name: str, stiffness: float, damping: float):
     family, values = center(name, gear_stiffness=stiffness, gear_damping=damping, viscous_damping=0.0)
+    values |= {each: np.zeros(1) for each in FURTHER & values.keys()}
     h, found = family.substep, []
     for armature in np.geomspace(1e-8, 1e-2, 400):
         a, b = damping * h / armature, stiffness * h * h / armature
@@ -108,6 +112,23 @@ def test_a_fleet_beyond_it_is_refused_by_name_and_each_remedy_helps(tmp_path: Pa
         remedy = float(bound) * (1.01 if side == "above" else 0.99)
         split = {"gear_damping": remedy, "viscous_damping": 0.0} if "+" in name else {name: remedy}
         assert is_stable(family, values | {key: np.array([number]) for key, number in split.items()}), name
+
+
+@pytest.mark.parametrize("constant", ["slider_stiffness", "bristle_stiffness", "bristle_damping", "gear_hardening"])
+def test_everything_that_pulls_at_a_rotor_counts(constant: str):
+    family, values = center("foreign_direct")
+    assert is_stable(family, values)
+    with pytest.raises(ConfigError, match=r"cannot carry gear_stiffness \+ slider_stiffness \+ bristle_stiffness"):
+        family.require_stable(values | {constant: np.full(1, 1e18)}, "here")
+
+
+def test_a_gear_is_as_stiff_as_at_the_torque_limit():
+    """k·s + c·s³ = torque_limit at s = 0.02 rad: 3·c·s² is added."""
+    family, values = center("foreign_direct", gear_stiffness=50.0, gear_hardening=1e5, torque_limit=50 * 0.02 + 0.8)
+    values |= {each: np.zeros(1) for each in (FURTHER | {"gear_damping"}) - {"gear_hardening"}}
+    least = (50.0 + 3 * 1e5 * 0.02**2) * family.substep**2 / 4.0
+    assert not is_stable(family, values | {"armature": np.full(1, 0.999 * least)})
+    assert is_stable(family, values | {"armature": np.full(1, 1.001 * least)})
 
 
 def test_a_motor_drawn_beyond_it_is_refused_before_it_is_simulated():

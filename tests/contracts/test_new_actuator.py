@@ -105,14 +105,6 @@ def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
     np.testing.assert_allclose(new.encoder_pos, new.joint_pos + READS_MORE)
 
 
-def test_a_kind_says_where_its_encoder_is():
-    encoders = {kind.name: kind.encoder for kind in KINDS}
-    assert encoders == {
-        "ideal_pd": "joint", "physical": "rotor", "latent": "joint", "grey_box": "rotor", "foreign": "rotor",
-        "pd_friction": "joint", "spring": "rotor",
-    }  # fmt: skip
-
-
 def test_a_kind_says_how_finely_it_is_simulated():
     steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in KINDS}
     assert steps == {

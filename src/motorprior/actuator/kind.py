@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numba import typeof, types
@@ -65,11 +65,6 @@ class ActuatorKind:
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
     longest_step: float = np.inf
     bench_step: float = BENCH_STEP
-
-    @property
-    def encoder(self) -> Literal["joint", "rotor"]:
-        """Where the motors' encoders are."""
-        return "joint" if self.measure is read_joint else "rotor"
 
     @cached_property
     def law(self) -> Law:

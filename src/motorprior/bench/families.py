@@ -31,6 +31,7 @@ class Family:
         largest: upper bounds, of parameters that have one of their own.
         signed: parameters that may be negative.
         substep: longest substep of the rotor [s].
+        stiffness: parameters [N·m/rad] of springs between the rotor and what holds it.
         damping: parameters [N·m·s/rad] that damp the rotor by its velocity before the substep.
         optional: parameters that may be left out, which then are 0: their term is off.
         companions: parameters that do nothing unless one of others is on, and these.
@@ -46,6 +47,7 @@ class Family:
     largest: Mapping[str, float]
     signed: frozenset[str]
     substep: float
+    stiffness: tuple[str, ...]
     damping: tuple[str, ...]
     optional: frozenset[str] = frozenset()
     companions: tuple[tuple[str, tuple[str, ...]], ...] = ()
@@ -60,9 +62,10 @@ class Family:
     def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
         """Refuse motors whose rotor cannot be simulated on its gear.
 
-        In substeps of h the speed of a rotor of armature J, on a gear of stiffness k and with damping d, is renewed by
-        the torques before the substep, its angle by the speed after it. In contact that is stable if and only if
-        2·d·h + k·h² < 4·J: Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J.
+        In substeps of h the speed of a rotor of armature J, on springs of stiffness k in all and with damping d, is
+        renewed by the torques before the substep, its angle by the speed after it. In contact that is stable if and
+        only if 2·d·h + k·h² < 4·J: Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J. Where a gear hardens,
+        c·s³ at twist s, k is that at the torque limit: k·s + c·s³ = torque_limit, and 3·c·s² is added to it.
 
         Args:
             values: (n,) of every parameter.
@@ -71,24 +74,43 @@ class Family:
         Raises:
             ConfigError: names the parameters and the bound of each.
         """
-        h, armature, stiffness = self.substep, values["armature"], values["gear_stiffness"]
-        damping = sum((values[name] for name in self.damping if name in values), np.zeros(len(armature)))
+        h, armature = self.substep, values["armature"]
+        stiffness, damping = self._sum(self.stiffness, values), self._sum(self.damping, values)
+        stiffness = stiffness + _hardened(values)
         least = (2.0 * damping * h + stiffness * h * h) / 4.0
         if (armature > least).all():
             return
         worst = int(np.argmin(armature / least))
         bounds = {
-            "gear_stiffness": (4.0 * armature[worst] - 2.0 * damping[worst] * h) / h**2,
-            " + ".join(self.damping): (4.0 * armature[worst] - stiffness[worst] * h * h) / (2.0 * h),
+            self.stiffness: (4.0 * armature[worst] - 2.0 * damping[worst] * h) / h**2,
+            self.damping: (4.0 * armature[worst] - stiffness[worst] * h * h) / (2.0 * h),
         }
         others = [
-            f"or {name} below {bound:.3g} {self.units[name.split()[0]]}" for name, bound in bounds.items() if bound > 0
+            f"or {' + '.join(names)} below {bound:.3g} {self.units[names[0]]}"
+            for names, bound in bounds.items()
+            if bound > 0
         ]
+        hardened = " as hard as it gets" if _hardened(values)[worst] > 0.0 else ""
         raise ConfigError(
-            f"armature = {armature[worst]:.3g} kg·m² cannot carry gear_stiffness = {stiffness[worst]:.3g} N·m/rad and "
-            f"{' + '.join(self.damping)} = {damping[worst]:.3g} N·m·s/rad in steps of {1e3 * h:g} ms",
+            f"armature = {armature[worst]:.3g} kg·m² cannot carry {' + '.join(self.stiffness)} = "
+            f"{stiffness[worst]:.3g} N·m/rad{hardened} and {' + '.join(self.damping)} = "
+            f"{damping[worst]:.3g} N·m·s/rad in steps of {1e3 * h:g} ms",
             where=where, remedy=", ".join((f"give armature above {least[worst]:.3g} kg·m²", *others)),
         )  # fmt: skip
+
+    def _sum(self, names: tuple[str, ...], values: Mapping[str, np.ndarray]) -> np.ndarray:
+        return sum((values[name] for name in names if name in values), np.zeros(len(values["armature"])))
+
+
+def _hardened(values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(n,) by how much a cubic gear is stiffer at the torque limit [N·m/rad], see `Family.require_stable`."""
+    linear, cubic = values["gear_stiffness"], values.get("gear_hardening", np.zeros(1))
+    if not np.any(cubic > 0.0):
+        return np.zeros(len(linear))
+    twist = values["torque_limit"] / linear
+    for _ in range(50):  # Newton's method, from above the only root
+        twist = twist - (linear * twist + cubic * twist**3 - values["torque_limit"]) / (linear + 3.0 * cubic * twist**2)
+    return 3.0 * cubic * twist**2
 
 
 GEARED = Family(
@@ -125,6 +147,7 @@ GEARED = Family(
     largest={"delay": 1.0, "velocity_filter": 1.0, "load_friction": 1.0},  # a delay takes memory; above 1 a gear locks
     signed=frozenset({"encoder_zero"}),
     substep=SUBSTEP,
+    stiffness=("gear_stiffness",),
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
 """Motors of `actuator.physical`; the family of a fleet that names none."""
@@ -171,7 +194,8 @@ FOREIGN = Family(
     largest=dict.fromkeys((*_SHARES, "delay", "servo_period", "velocity_filter"), 1.0),
     signed=frozenset({"encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase"}),
     substep=FOREIGN_SUBSTEP,
-    damping=("gear_damping",),
+    stiffness=("gear_stiffness", "slider_stiffness", "bristle_stiffness"),
+    damping=("gear_damping", "bristle_damping"),
     optional=frozenset(_FOREIGN_UNITS) - _FOREIGN_NEEDS - {"kd_over_kp"},
     companions=_COMPANIONS,
     switches=frozenset({"output_encoder"}),
