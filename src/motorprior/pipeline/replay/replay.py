@@ -12,6 +12,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
+from motorprior.exceptions import LogError
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
@@ -28,6 +29,10 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
 
 TRACES = "traces.safetensors"
+_IMPORT_FIRST = (
+    "import the logs first with `motorprior logs import`, which is told what their columns mean "
+    "(docs/your-motors.md), and give the .parquet files that it writes"
+)
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,12 @@ def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]
     Raises:
         LogError: a log that cannot be read or replayed.
     """
-    folder = read_log_folder(path, robot)
+    try:
+        folder = read_log_folder(path, robot)
+    except LogError as error:
+        if error.argument != "columns":
+            raise
+        raise LogError(error.problem, where=error.where, remedy=_IMPORT_FIRST) from error  # takes no map itself
     return folder, {name: prepare(log, robot, f"{path}, log {name}") for name, log in folder.logs.items()}
 
 
