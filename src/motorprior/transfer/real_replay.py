@@ -119,8 +119,8 @@ class Replayer:
 def held_before(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:
     """(joints,) what a robot held before a segment: a fixed one the first targets, a free one what it is nearer to.
 
-    Some logs of real robots begin in the nominal pose, with a jump to the first targets, others where the robot had long
-    held the first targets.
+    Some logs of real robots begin in the nominal pose, with a jump to the first targets, others where the robot held
+    the first targets for long.
 
     Args:
         joint_pos: (joints,) first measured angles [rad].
