@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES
@@ -21,6 +22,7 @@ from motorprior.robots.robot import Robot
 from motorprior.signals import rms
 from motorprior.transfer.gauss_newton import Belief
 from motorprior.transfer.real_replay import Replayer
+from motorprior.transfer.stated_gains import at_stated_gains, stated_constants
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
 """Constants that are fitted, where the fleet has them and is unsure of them."""
@@ -63,17 +65,23 @@ class Unknown:
         return float(np.exp(x)) if self.is_log else max(float(x), self.least)
 
 
-def unknowns_of(fleet: Fleet) -> tuple[Unknown, ...]:
+def unknowns_of(fleet: Fleet, stated: frozenset[str] = frozenset()) -> tuple[Unknown, ...]:
     """What of a fleet's centre is to be found.
 
+    Args:
+        fleet: where the fit begins.
+        stated: constants that all logs state, which are no unknowns.
+
     Raises:
-        ConfigError: the fleet is sure of everything.
+        ConfigError: the fleet is sure of everything else.
     """
-    found = [unknown for name in FITTED if (unknown := _unknown(name, fleet.parameters.get(name))) is not None]
+    names = [name for name in FITTED if name not in stated]
+    found = [unknown for name in names if (unknown := _unknown(name, fleet.parameters.get(name))) is not None]
     if not found:
         raise ConfigError(
-            f"the fleet leaves none of {', '.join(FITTED)} open", where=fleet.name, argument="fleet",
-            remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution",
+            f"the fleet leaves none of {', '.join(names)} open", where=fleet.name, argument="fleet",
+            remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
+            "(docs/calibrate.md)",
         )  # fmt: skip
     return tuple(found)
 
@@ -100,17 +108,21 @@ class FleetProblem:
         robot: that the logs are of.
         replayers: of the logs, by name.
         deviation: of a joint from its replay that weighs as one standard deviation [rad].
+
+    Attributes:
+        stated: constants that all logs state, which are no unknowns.
     """
 
     def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
         self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
-        self.unknowns = unknowns_of(fleet)
+        self.stated = frozenset.intersection(*(stated_constants(each.prepared) for each in replayers.values()))
+        self.unknowns = unknowns_of(fleet, self.stated)
         self.belief = belief_of(self.unknowns)
         self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 
     def motors(self, x: np.ndarray, offsets: np.ndarray | None = None) -> TrueMotors:
-        """One motor per joint of the robot.
+        """One motor per joint of the robot, at the fleet's gains.
 
         Args:
             x: (unknowns,) the centre.
@@ -125,10 +137,16 @@ class FleetProblem:
             values[unknown.name] = np.array([unknown.value(each) for each in own[:, column]])
         return FAMILIES[self.fleet.family].motors(values)
 
+    def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
+        """The `motors` at the gains that a log states."""
+        return at_stated_gains(self.motors(x, offsets), self.replayers[name].prepared).actuator()
+
     def errors(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> list[np.ndarray]:
         """(rows, joints) simulated minus measured [rad] of every log; see `Replayer.error`."""
-        actuator = self.motors(x, offsets).actuator()
-        return [self.replayers[name].error(self.replayers[name].joint_pos(actuator)) for name in names]
+        return [
+            self.replayers[name].error(self.replayers[name].joint_pos(self.actuator(name, x, offsets)))
+            for name in names
+        ]
 
     def residuals(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
         """(N,) errors in units of their deviation; every joint of every log weighs the same."""

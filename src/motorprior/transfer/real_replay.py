@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.joint_checks import excited_joints
-from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.motor_log import POSTURES, MotorLog, stated_gain_rows
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
@@ -20,8 +20,7 @@ from motorprior.simulation.world_config import WorldConfig
 COMMAND_PERIOD = 0.002
 """Period of the grid on which commands are held [s]; the rows of the logs are 1.5-10 ms apart."""
 _LEAD_IN = 1.0
-"""Time before the first command [s], from rest at the first measured angles: a free robot holds its nominal pose, a
-fixed one its first targets, as the real robots did."""
+"""Time before the first command [s], from rest at the first measured angles, see `held_before`."""
 _FALLEN = POSTURES.index("fallen")
 
 
@@ -43,7 +42,7 @@ def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
     """Drop repeated measurements; refuse a log of another robot.
 
     Raises:
-        LogError: not the joints of this robot, or no joint was excited.
+        LogError: not the joints of this robot, no joint was excited, or the gains change.
     """
     if log.joint_names != robot.joint_names:
         raise LogError(
@@ -53,6 +52,8 @@ def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
         )
     if not excited_joints(log).size:
         raise LogError("no joint is excited", where=where, remedy="record with a moving command")
+    if (gains := stated_gain_rows(log)) is not None and np.ptp(gains, axis=1).any():
+        raise LogError("its segments state different gains", where=where, remedy="give each a log of its own")
     return drop_repeats(log)
 
 
@@ -101,7 +102,7 @@ class Replayer:
         return LogReplay(simulated, rmse)
 
     def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, hung: bool) -> np.ndarray:
-        rest = self._robot.nominal_pose if self._robot.base == "free" else grid.position_target[0]
+        rest = held_before(part.joint_pos[0], grid.position_target[0], self._robot)
         lead_in = np.tile(rest, (round(_LEAD_IN / COMMAND_PERIOD), 1))
         world = self._world(self._robot.physics_step(actuator.kind.longest_step), hung)
         recorded = replay(world, actuator, grid.position_target, part.joint_pos[0], lead_in, tolerate_fault=True)
@@ -113,6 +114,22 @@ class Replayer:
             config = WorldConfig.of(self._robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD, hung=hung)
             self._worlds[physics_dt, hung] = World(config)
         return self._worlds[physics_dt, hung]
+
+
+def held_before(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:
+    """(joints,) what a robot held before a segment: a fixed one the first targets, a free one what it is nearer to.
+
+    Some logs of real robots begin in the nominal pose, with a jump to the first targets, others where the robot held
+    the first targets for long.
+
+    Args:
+        joint_pos: (joints,) first measured angles [rad].
+        targets: (joints,) first position targets [rad].
+        robot: that it is of.
+    """
+    pose = np.asarray(robot.nominal_pose)
+    nominal = robot.base == "free" and rms(joint_pos - pose) <= rms(joint_pos - targets)
+    return pose if nominal else targets
 
 
 def _before_a_fall(part: MotorLog) -> np.ndarray:

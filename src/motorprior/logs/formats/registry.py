@@ -56,8 +56,8 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
-    remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
-    raise LogError("not a log that can be read", where=path, remedy=remedy)
+    remedy = f"give one of: {known}; or columns, what the names in a table or of tensors mean"
+    raise LogError("not a log that can be read", where=path, remedy=remedy, argument="columns")
 
 
 def recording_name(path: Path) -> str:

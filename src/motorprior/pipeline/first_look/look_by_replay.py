@@ -17,6 +17,7 @@ from motorprior.pipeline.validation.log_stretches import awake
 from motorprior.report.real_motor_tables import RMSE, Trace
 from motorprior.robots.robot import Robot
 from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
+from motorprior.transfer.stated_gains import at_stated_gains
 
 DRAWS = 20
 """Robots drawn from the fleet."""
@@ -45,13 +46,18 @@ def look_by_replay(
     prepared = {name: prepare(log, robot, f"{log.source}, log {name}") for name, log in logs.items()}
     replayers = replayers_of(logs, prepared, robot, fleet, posture, progress)
     rng, joints = np.random.default_rng(seed), robot.num_joints
-    models = {"ideal_pd": nominal_pd(fleet, joints), "physical": fleet.center(joints).actuator()}
-    draws = [fleet.sample(joints, rng).actuator() for _ in range(DRAWS)]
+    pd, center = nominal_pd(fleet, joints), fleet.center(joints)
+    draws = [fleet.sample(joints, rng) for _ in range(DRAWS)]
     found: dict[str, dict[str, list[LogReplay]]] = {}
     with progress.start(f"replay of {len(logs)} logs", len(logs)) as task:
         for name, replayer in replayers.items():
-            runs = {model: [replayer.run(motors)] for model, motors in models.items()}
-            found[name] = runs | {"physical_draws": [replayer.run(motors) for motors in draws]}
+            log = replayer.prepared
+            models = {
+                "ideal_pd": [at_stated_gains(pd, log)],
+                "physical": [at_stated_gains(center, log).actuator()],
+                "physical_draws": [at_stated_gains(motors, log).actuator() for motors in draws],
+            }
+            found[name] = {model: [replayer.run(motors) for motors in each] for model, each in models.items()}
             task.advance()
     return _look(found, replayers, robot, fleet)
 

@@ -93,6 +93,6 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
     if logs:
         return LogFolder(logs, tuple(taken), tuple(left_out))
     maps = ", ".join(shipped_maps())
-    remedy = f"say what the columns of its tables mean (columns): one of {maps}, or your .toml file; or give the robot"
+    remedy = f"give columns, what the names in its tables mean: one of {maps}, or your .toml file; or give the robot"
     first = f"; {left_out[0]}" if left_out else ""
-    raise LogError(f"no log in it can be read{first}", where=folder, remedy=remedy)
+    raise LogError(f"no log in it can be read{first}", where=folder, remedy=remedy, argument="columns")

@@ -118,6 +118,8 @@ def _heading(names: list[str]) -> str:
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     """Where each number comes from; a constant that the logs cannot tell is named so."""
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
+    for name in problem.stated & sources.keys():
+        sources[name] += "; the logs state the gains that their motors had"
     logs = ", ".join(problem.replayers)
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
         said = "identified" if is_identified(unknown, error) else f"not identified, near fleet {problem.fleet.name}"

@@ -19,6 +19,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.transfer.fleet_problem import FleetProblem
 from motorprior.transfer.real_replay import Replayer
+from motorprior.transfer.stated_gains import at_stated_gains
 
 LEVELS = (90, 50)
 """Bands of a prior [%], the widest first; of a fleet the first."""
@@ -44,7 +45,7 @@ def draw_bands(
     for name, replayer in problem.replayers.items():
         runs = _fleet_runs(replayer, problem.robot, fleet, draws, rng)
         low, high = np.quantile(runs, [0.05, 0.95], axis=0)
-        central = replayer.joint_pos(problem.motors(center).actuator())
+        central = replayer.joint_pos(problem.actuator(name, center))
         panels.append(_panel(name, problem.robot, replayer, central, [Band("fleet, 90 % of draws", low, high)]))
         covered.append(Result("calibrate_coverage90", "1", _inside(replayer, low, high), log=name))
         task.advance()
@@ -85,7 +86,8 @@ def draw_prior_bands(
 
 
 def _fleet_runs(replayer: Replayer, robot: Robot, fleet: Fleet, draws: int, rng: np.random.Generator) -> np.ndarray:
-    return _runs(replayer, [fleet.sample(robot.num_joints, rng).actuator() for _ in range(draws)])
+    drawn = [at_stated_gains(fleet.sample(robot.num_joints, rng), replayer.prepared) for _ in range(draws)]
+    return _runs(replayer, [motors.actuator() for motors in drawn])
 
 
 def _runs(replayer: Replayer, motors: Sequence[Actuator]) -> np.ndarray:

@@ -12,6 +12,7 @@ from motorprior.pipeline.progress import Progress
 from motorprior.robots.robot import Robot
 from motorprior.transfer.posture import find_posture, with_posture
 from motorprior.transfer.real_replay import Replayer
+from motorprior.transfer.stated_gains import at_stated_gains, told_of_gains
 
 PostureName: TypeAlias = Literal["auto", "standing", "hung"]
 
@@ -24,7 +25,7 @@ def replayers_of(
     posture: PostureName,
     progress: Progress,
 ) -> dict[str, Replayer]:
-    """Every log, ready to be replayed in its posture, which is told to the user.
+    """Every log, ready to be replayed in its posture, which is told to the user, as are the gains that it states.
 
     Args:
         logs: by name, with every row.
@@ -42,10 +43,10 @@ def replayers_of(
         raise ConfigError(
             f"posture {posture!r}, but the base of {robot.name!r} is fixed", remedy="leave it out", argument="posture"
         )
-    motors, found = fleet.center(robot.num_joints).actuator(), {}
+    center, found = fleet.center(robot.num_joints), {}
     for name, log in logs.items():
         if posture == "auto":
-            known = find_posture(log, prepared[name], robot, motors)
+            known = find_posture(log, prepared[name], robot, at_stated_gains(center, log).actuator())
             chosen, evidence = known.name, known.evidence
         else:
             chosen, evidence = posture, f"{posture}, as asked for"
@@ -54,4 +55,6 @@ def replayers_of(
         found[name] = Replayer(both[0], robot, both[1])
         left = int((~found[name].compared).sum())
         progress.note(f"log {name}: {evidence}" + (f"; {left} rows from a fall on are left out" if left else ""))
+        if said := told_of_gains(log):
+            progress.note(f"log {name}: {said}")
     return found

@@ -12,6 +12,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
+from motorprior.exceptions import LogError
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
@@ -26,8 +27,13 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
+from motorprior.transfer.stated_gains import at_stated_gains
 
 TRACES = "traces.safetensors"
+_IMPORT_FIRST = (
+    "import the logs first with `motorprior logs import`, which is told what their columns mean "
+    "(docs/your-motors.md), and give the .parquet files that it writes"
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,8 @@ class Replay:
     out: Path
     """Folder for figures.json and the traces of the report."""
     fleet: str | None = None
-    """Fleet whose central motor is replayed, and whose nominal gains the ideal PD gets."""
+    """Fleet whose central motor is replayed, and whose nominal gains the ideal PD gets. Of a log that states gains in
+    N·m/rad, both have these."""
     draws: int = 20
     """Draws of the robot's motors from the prior."""
     seed: int = 0
@@ -81,7 +88,12 @@ def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]
     Raises:
         LogError: a log that cannot be read or replayed.
     """
-    folder = read_log_folder(path, robot)
+    try:
+        folder = read_log_folder(path, robot)
+    except LogError as error:
+        if error.argument != "columns":
+            raise
+        raise LogError(error.problem, where=error.where, remedy=_IMPORT_FIRST) from error  # takes no map itself
     return folder, {name: prepare(log, robot, f"{path}, log {name}") for name, log in folder.logs.items()}
 
 
@@ -120,13 +132,13 @@ def _replay_models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior, task: Task
 ) -> dict[str, list[LogReplay]]:
     rng = np.random.default_rng(config.seed)
+    count, log = robot.num_joints, replayer.prepared
+    drawn = [at_stated_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     models: dict[str, list[Actuator]] = {
-        "ideal_pd": [nominal_pd(fleet, robot.num_joints)],
-        "physical": [fleet.center(robot.num_joints).actuator()],
-        "physical_draws": [fleet.sample(robot.num_joints, rng).actuator() for _ in range(config.draws)],
-        prior.preset: [
-            prior.sample(robot.num_joints, rng, gains_for(prior, robot, replayer.prepared)) for _ in range(config.draws)
-        ],
+        "ideal_pd": [at_stated_gains(nominal_pd(fleet, count), log)],
+        "physical": [at_stated_gains(fleet.center(count), log).actuator()],
+        "physical_draws": [motors.actuator() for motors in drawn],
+        prior.preset: [prior.sample(count, rng, gains_for(prior, robot, log)) for _ in range(config.draws)],
     }
     results: dict[str, list[LogReplay]] = {}
     for name, actuators in models.items():
