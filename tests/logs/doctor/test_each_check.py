@@ -219,6 +219,11 @@ def half_the_ticks_per_turn(log: MotorLog) -> MotorLog:
     return replace(log, position_target=slow(0.0), joint_pos=2.0 * slow(0.03))
 
 
+@case("copied", "error", row=1)
+def a_command_recorded_twice(log: MotorLog) -> MotorLog:
+    return replace(log, joint_pos=log.position_target.copy())
+
+
 @case("torques", "info")
 def milli_newton_meters(log: MotorLog) -> MotorLog:
     return edited(log, "joint_torque", lambda torque: np.multiply(torque, 1e3, out=torque))

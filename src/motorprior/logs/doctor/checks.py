@@ -63,21 +63,23 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
 
 
 def _statistics(log: MotorLog) -> list[Finding]:
+    stretches = excited_stretches(log)
+    followed = {joint: response_checks.best_followed(parts) for joint, parts in stretches.items()}
     found = [
         *joint_checks.constant_channels(log),
         *joint_checks.excitation(log),
         *stuck_checks.dead(log),
-        *stuck_checks.saturation(log),
+        *stuck_checks.saturation(log, {joint: seen.servo_lag for joint, (seen, _) in followed.items()}),
         *sensor_checks.quantisation(log),
         *sensor_checks.torque_without_sign(log),
+        *response_checks.copied(log),
         *response_checks.velocity(log),
         *coverage_checks.turns(log),
         *load_checks.torque_and_load(log),
         *load_checks.load_given(log),
     ]
-    stretches = excited_stretches(log)
-    for parts in stretches.values():
-        found += response_checks.tracking(parts)
+    for joint, parts in stretches.items():
+        found += response_checks.tracking(*followed[joint])
         found += sensor_checks.torque_sign(parts[0]) if log.load_inertia is None else []
         found += coverage_checks.coverage(parts)
     return found + joint_checks.not_judged(log, tuple(stretches))

@@ -62,6 +62,16 @@ class Following:
         return self._can_oppose and beyond > MARGIN
 
     @property
+    def follows(self) -> bool:
+        """The angle moves as its command does."""
+        return self.correlation >= MIN_CORRELATION and not self.opposes
+
+    @property
+    def servo_lag(self) -> float:
+        """The lag, as far as a servo may have it, of an angle that follows [s]; else 0."""
+        return min(self.lag, MAX_LAG) if self.follows else 0.0
+
+    @property
     def undecided(self) -> bool:
         """A command of one frequency: late by more than half a period, or reversed and less late."""
         return self._can_oppose and not self.opposes and self.opposed_lag < self.lag < MAX_LAG

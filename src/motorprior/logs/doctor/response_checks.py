@@ -7,18 +7,26 @@ import numpy as np
 from motorprior.logs.doctor.command_lag import MAX_LAG, MIN_CORRELATION, Following, following
 from motorprior.logs.doctor.excited_stretch import MIN_SAMPLES, Stretch
 from motorprior.logs.doctor.findings import IN_MAP, Finding
+from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.sensor_checks import SMALLEST_STEP
 from motorprior.logs.motor_log import MotorLog
 
 DEAD_BAND = 0.1
 """A lag that is no longer a way than this, at the speed of the command, may be dead band, friction and sag [rad]."""
 SLOW = 0.5
 """Slow is what means over so long a time show [s]."""
+SLOWLY = 0.5
+"""A slow command varies in that time by this share of its whole standard deviation at most."""
 SLOW_STD = 0.02
 """Least standard deviation of a command that is slow enough to judge by [rad]."""
 MIN_MEANS = 8
 PROPORTION = (0.6, 1.5)
-PROPORTIONAL = 0.999
-"""Correlation of slow command and angle from which on a load or a dead band is no reason."""
+PROPORTIONAL = (0.9975, 0.95)
+"""Correlation of slow command and angle above which units explain a slope below PROPORTION, and one above it. A load
+and a dead band make servos go less far, too, but friction then shows; little makes them go further."""
+COPIED = 0.9
+"""An angle that equals its command in more than this share of the rows in which that changes is a copy of it."""
+MIN_CHANGES = 5
 MOST_OFFSET = 1.2
 """[rad]"""
 VELOCITY_WINDOW = 0.1
@@ -29,22 +37,25 @@ _VELOCITY_UNITS = {"deg/s": 180.0 / np.pi, "rpm": 30.0 / np.pi}
 _ALIKE = 0.2
 
 
-def tracking(parts: list[Stretch]) -> list[Finding]:
-    """Lag [s] of an excited angle behind its command, whether it opposes it (`command_lag`), and how far it is off.
+def best_followed(parts: list[Stretch]) -> tuple[Following, Stretch]:
+    """The part in which a joint follows its command best, and how: pushes, or one frequency, may hide it in others.
 
-    All of the part in which the joint follows best: pushes, or a command of one frequency, may hide it in others. Where
-    it follows in none, of that in which it opposes most.
+    Where it follows in none, that in which it opposes most.
     """
     every = [(following(part.command, part.angle, part.period), part) for part in parts]
-    follow = [pair for pair in every if pair[0].correlation >= MIN_CORRELATION and not pair[0].opposes]
+    follow = [pair for pair in every if pair[0].follows]
     if follow:
-        seen, part = max(follow, key=lambda pair: (not pair[0].undecided, pair[0].correlation))
-    else:
-        seen, part = max(every, key=lambda pair: (pair[0].opposes, -pair[0].opposed_correlation))
+        return max(follow, key=lambda pair: (not pair[0].undecided, pair[0].correlation))
+    return max(every, key=lambda pair: (pair[0].opposes, -pair[0].opposed_correlation))
+
+
+def tracking(seen: Following, part: Stretch) -> list[Finding]:
+    """Lag [s] of an excited angle behind its command, whether it opposes it (`command_lag`), and how far it is off."""
     speed = float(np.percentile(np.abs(np.diff(part.command)), 95)) / part.period
     found = [_tracking_finding(part.joint, seen, speed, part.row)]
-    if seen.correlation >= MIN_CORRELATION and not seen.opposes:
-        found += _proportion(part)
+    if seen.follows:
+        found += _offset(part)
+        found += _proportion(part, seen.servo_lag)
     return found
 
 
@@ -79,37 +90,66 @@ def _tracking_finding(joint: str, seen: Following, speed: float, row: int) -> Fi
     return Finding("info", "tracking", seen.lag, MAX_LAG, described, joint=joint, row=row)
 
 
-def _proportion(stretch: Stretch) -> list[Finding]:
-    """How far the angle goes per command where both are slow, and how far from it it is in the middle.
-
-    Of means over SLOW, so that neither lag nor resonance counts; a load bends a weak servo, and so the bounds are wide.
-    """
-    length = max(1, round(SLOW / stretch.period))
-    count = len(stretch.angle) // length
-    command, angle = (
-        values[: count * length].reshape(count, length).mean(axis=1) for values in (stretch.command, stretch.angle)
+def _offset(stretch: Stretch) -> list[Finding]:
+    """How far the angle is from its command in the middle."""
+    offset, joint = float(np.median(stretch.angle - stretch.command)), stretch.joint
+    if abs(offset) <= MOST_OFFSET:
+        return []
+    message = f"{joint} is {offset:+.2f} rad off its command, median, more than {MOST_OFFSET:g}"
+    remedy = (
+        "if no load bends it so far, command and angle have different zeros: correct one in the file, or "
+        f"{IN_MAP} by zero"
     )
-    found, joint = [], stretch.joint
-    offset = float(np.median(stretch.angle - stretch.command))
-    if abs(offset) > MOST_OFFSET:
-        message = f"{joint} is {offset:+.2f} rad off its command, median, more than {MOST_OFFSET:g}"
-        remedy = (
-            "if no load bends it so far, command and angle have different zeros: correct one in the file, or "
-            f"{IN_MAP} by zero"
-        )
-        found.append(Finding("warning", "offset", offset, MOST_OFFSET, message, remedy, joint, stretch.row))
-    if count < MIN_MEANS or np.std(command) < SLOW_STD:
-        return found
+    return [Finding("warning", "offset", offset, MOST_OFFSET, message, remedy, joint, stretch.row)]
+
+
+def _proportion(stretch: Stretch, lag: float) -> list[Finding]:
+    """How far the angle goes per command where both are slow; a load bends a weak servo, and so the bounds are wide."""
+    joint, (command, angle) = stretch.joint, _slow_means(stretch, lag)
+    if len(command) < MIN_MEANS or np.std(command) < SLOW_STD or np.std(angle) == 0.0:
+        return []
     slope = float(np.cov(command, angle)[0, 1] / np.var(command, ddof=1))
-    alike = float(np.corrcoef(command, angle)[0, 1]) > PROPORTIONAL
-    if alike and not PROPORTION[0] <= slope <= PROPORTION[1]:
-        message = f"{joint} goes {slope:.2f} rad per rad of slow command, outside {PROPORTION[0]} to {PROPORTION[1]}"
+    more = int(slope > 1.0)
+    if PROPORTION[0] <= slope <= PROPORTION[1] or np.corrcoef(command, angle)[0, 1] <= PROPORTIONAL[more]:
+        return []
+    message = f"{joint} goes {slope:.2f} rad per rad of slow command, outside {PROPORTION[0]} to {PROPORTION[1]}"
+    remedy = (
+        "command and angle seem to have different units or ticks per turn: convert one in the file, or say so "
+        f"{IN_MAP} by angle and ticks_per_turn"
+    )
+    return [Finding("warning", "proportion", slope, PROPORTION[more], message, remedy, joint, stretch.row)]
+
+
+def _slow_means(stretch: Stretch, lag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Means (M,) [rad] over SLOW of the command, and of the angle ``lag`` [s] later, where the command is slow.
+
+    Neither lag nor resonance shows in them; the fast part of a chirp would only add noise.
+    """
+    length, late = max(1, round(SLOW / stretch.period)), round(lag / stretch.period)
+    count = (len(stretch.angle) - late) // length
+    windows = lambda values: values[: count * length].reshape(count, length)  # noqa: E731
+    command, angle = windows(stretch.command), windows(stretch.angle[late:])
+    slow = command.std(axis=1) <= SLOWLY * np.std(stretch.command)
+    return command[slow].mean(axis=1), angle[slow].mean(axis=1)
+
+
+def copied(log: MotorLog) -> list[Finding]:
+    """Excited angles that equal their command in nearly every row in which it changes: no servo arrives at once."""
+    found = []
+    for column in excited_joints(log):
+        command, joint = log.position_target[:, column], log.joint_names[column]
+        parts = log.segment_slices()
+        rows = np.concatenate([part.start + 1 + np.flatnonzero(np.diff(command[part])) for part in parts])
+        same = np.abs(log.joint_pos[rows, column] - command[rows]) <= SMALLEST_STEP
+        if len(rows) < MIN_CHANGES or (share := float(same.mean())) <= COPIED:
+            continue
+        message = f"joint_pos/{joint} equals its command in {100 * share:.4g} % of the rows in which that changes"
         remedy = (
-            "command and angle seem to have different units or ticks per turn: convert one in the file, or say so "
-            f"{IN_MAP} by angle and ticks_per_turn"
+            "the command seems to be recorded twice: check what the file's columns are, and how they are named "
+            f"{IN_MAP}; or record what the encoder reads"
         )
-        bound = PROPORTION[int(slope > PROPORTION[1])]
-        found.append(Finding("warning", "proportion", slope, bound, message, remedy, joint, stretch.row))
+        row = int(rows[np.argmax(same)])
+        found.append(Finding("error", "copied", share, COPIED, message, remedy, joint, row))
     return found
 
 

@@ -1,0 +1,132 @@
+"""The doctor finds in chirps, which it recommends, what was done to them, and nothing in those that are well."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.formats.registry import read_log
+from motorprior.logs.motor_log import MotorLog
+
+Change = Callable[[np.ndarray], np.ndarray]
+TIME = 0.01 * np.arange(2400)
+STEP = 0.0015
+"""Of an encoder [rad]."""
+
+
+def of(command: np.ndarray, angle: np.ndarray) -> MotorLog:
+    return MotorLog(
+        time=TIME, position_target=command[:, None], joint_pos=STEP * np.rint(angle / STEP)[:, None],
+        joint_names=("knee",), robot="bench", motor="m", source="made",
+    )  # fmt: skip
+
+
+def chirp(late: float = 0.0) -> np.ndarray:
+    """0.3 rad, 0.1 to 3 Hz."""
+    time = TIME - late
+    return 0.3 * np.sin(2 * np.pi * (0.1 + 0.06 * time) * time)
+
+
+def stopped(share: float) -> Change:
+    """End stops on both sides, at this share of the motion."""
+
+    def clip(angle: np.ndarray) -> np.ndarray:
+        low, high = angle.min(axis=0), angle.max(axis=0)
+        middle, reach = 0.5 * (low + high), 0.5 * share * (high - low)
+        return np.clip(angle, middle - reach, middle + reach)
+
+    return clip
+
+
+def times(factor: float) -> Change:
+    return lambda angle: factor * angle
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.7])
+def test_end_stops_show_though_a_chirp_is_far_behind_its_command(share: float):
+    log = of(chirp(), stopped(share)(chirp(0.1)))
+    high, low = (log.joint_pos[finding.row, 0] for finding in check_log(log).of("saturation"))
+    assert (high, low) == pytest.approx((0.3 * share, -0.3 * share), abs=2 * STEP)
+
+
+def held_back(command: np.ndarray, band: float) -> np.ndarray:
+    """An angle that friction lets follow only where its command is further away than ``band``: flat at every turn."""
+    angle = np.zeros_like(command)
+    for row in range(1, len(command)):
+        angle[row] = np.clip(angle[row - 1], command[row] - band, command[row] + band)
+    return angle
+
+
+def sagging() -> tuple[np.ndarray, np.ndarray]:
+    """Ramps to and fro between places that are held, under a weight that bends the servo by a third."""
+    command = np.clip(0.9 * np.abs((TIME / 2.0) % 2.0 - 1.0) - 0.3, 0.0, 0.3)
+    angle = np.zeros_like(command)
+    for row in range(1, len(command)):
+        angle[row] = angle[row - 1] + 0.1 * (command[row - 1] * 2.0 / 3.0 - angle[row - 1])
+    return command, angle
+
+
+def test_a_turn_a_dead_band_a_spring_and_a_weight_are_no_end_stop():
+    slow = 0.3 * np.sin(2 * np.pi * 0.4 * TIME)
+    dead_bands = [(slow, held_back(slow, 0.08)), (chirp(), held_back(chirp(0.05), 0.08))]
+    spring = (chirp(), 0.15 * np.tanh(15.0 * chirp(0.1)))
+    for command, angle in [(chirp(), chirp(0.1)), *dead_bands, spring, sagging()]:
+        assert not check_log(of(command, angle)).of("saturation")
+
+
+def test_two_flat_tops_may_be_chance():
+    angle = np.where(TIME < 4.5, np.minimum(chirp(0.1), 0.15), 0.45 * chirp(0.1))
+    assert not check_log(of(chirp(), angle)).of("saturation")
+
+
+@pytest.mark.parametrize(("factor", "bound"), [(0.4, 0.6), (0.5, 0.6), (1.7, 1.5), (2.0, 1.5)])
+def test_wrong_ticks_show_though_a_chirp_is_late(factor: float, bound: float):
+    (finding,) = check_log(of(chirp(), factor * chirp(0.1))).of("proportion")
+    assert finding.bound == bound and finding.value == pytest.approx(factor, rel=0.02)
+
+
+def lifting(command: np.ndarray) -> np.ndarray:
+    """Where a weak servo is that lifts a pendulum: command = angle + 1.2·sin(angle), and friction, a tenth of that."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 1000)
+    return np.interp(held_back(command, 0.12), angle + 1.2 * np.sin(angle), angle)
+
+
+def test_a_chirp_of_the_right_ticks_and_a_weak_servo_are_no_wrong_ticks():
+    for angle in (0.7 * chirp(0.1), chirp(0.1), 1.4 * chirp(0.1)):
+        assert not check_log(of(chirp(), angle)).of("proportion")
+    command, angle = 4.0 * chirp(), lifting(4.0 * chirp(0.1))
+    assert np.std(angle) < 0.5 * np.std(command)
+    assert not check_log(of(command, angle)).of("proportion")
+
+
+def test_an_angle_that_only_rests_at_its_command_is_not_its_copy():
+    steps = 0.3 * np.sign(np.sin(2 * np.pi * 0.4 * TIME + 0.1))
+    for command, late in ((chirp(), 1), (steps, 3)):
+        log = replace(of(command, command), joint_pos=np.roll(command, late)[:, None])
+        assert not check_log(log).of("copied")
+        (finding,) = check_log(replace(log, joint_pos=log.position_target.copy())).of("copied")
+        assert finding.severity == "error" and finding.row == np.argmax(command != command[0])
+
+
+REAL = [
+    ("go2", "traj_0", "go2_identification"),
+    ("so101", "chirp_sweep", "so101_sage"),
+    ("so101", "multisine", "so101_sage"),
+]
+DONE: list[tuple[str, Change]] = [
+    ("saturation", stopped(0.6)), ("saturation", stopped(0.4)),
+    ("proportion", times(2.0)), ("proportion", times(1.7)), ("proportion", times(0.5)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("robot", "name", "columns"), REAL)
+def test_what_was_done_to_a_real_log_is_found(shared_data: Path, robot: str, name: str, columns: str):
+    log = replace(read_log(shared_data / robot / f"{name}.csv.gz", columns=columns), joint_vel=None)
+    for check in ("saturation", "proportion", "copied"):
+        assert not check_log(log).of(check)
+    for check, change in DONE:
+        assert check_log(replace(log, joint_pos=change(log.joint_pos))).of(check)
+    assert len(check_log(replace(log, joint_pos=log.position_target.copy())).of("copied")) == log.num_joints
