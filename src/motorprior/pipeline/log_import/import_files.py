@@ -11,6 +11,8 @@ import numpy as np
 from motorprior.exceptions import ConfigError
 from motorprior.logs.formats.registry import recording_name
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.stated import stated_in_words
+from motorprior.pipeline.progress import Progress
 
 _MOST_NAMED = 8
 """Joints in a line."""
@@ -60,3 +62,9 @@ def summary(log: MotorLog) -> str:
         for low, high in (np.rad2deg([values.min(), values.max()]),)
     ]
     return ", ".join([*parts, f"{log.num_joints} joints ({names})", *ranges])
+
+
+def tell(target: Path, log: MotorLog, progress: Progress) -> None:
+    """What an imported file holds, and what it states: a line each."""
+    progress.note(f"{target}: {summary(log)}")
+    progress.note(f"{target}: states {stated_in_words(log) or 'no gain, register or posture'}")
