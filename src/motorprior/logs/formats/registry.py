@@ -14,7 +14,7 @@ from motorprior.logs.formats.mapped_table import read_mapped_log
 from motorprior.logs.formats.parquet_io import PARQUET
 from motorprior.logs.formats.puppersim import PUPPERSIM
 from motorprior.logs.formats.robot_run import ROBOT_RUN
-from motorprior.logs.formats.ros_bag import ROS_BAG
+from motorprior.logs.formats.ros_bag import ROS_BAG, is_bag
 from motorprior.logs.formats.sage import SAGE
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
@@ -48,6 +48,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     if columns is not None:
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
         _require_same_robot(known, robot, path)
+        _require_no_bag(path)
         of_folder = partial(lerobot_columns, posture=known.posture_column)
         return read_mapped_log(path, known, robot, of_folder if is_lerobot_folder(path) else None)
     for reader in READERS:
@@ -76,6 +77,13 @@ def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None)
     """
     reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
     return reader.taken_for_granted if reader else ""
+
+
+def _require_no_bag(path: Path) -> None:
+    if is_bag(path):
+        problem = "a ROS 2 bag and columns: its messages name the joints themselves, and are in SI units"
+        remedy = "leave columns out; for other units, signs or names write its topics as a table (.csv)"
+        raise LogError(problem, where=path, remedy=remedy, argument="columns")
 
 
 def _require_same_robot(columns: ColumnMap, robot: Robot | None, path: Path) -> None:
