@@ -7,15 +7,16 @@ from pathlib import Path
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.formats.bam import BAM
-from motorprior.logs.formats.column_map import ColumnMap, load_column_map
+from motorprior.logs.formats.column_map import ColumnMap, load_column_map, shipped_maps
 from motorprior.logs.formats.lerobot import LEROBOT, is_lerobot_folder, lerobot_columns
-from motorprior.logs.formats.log_reader import LogReader
+from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader
 from motorprior.logs.formats.mapped_table import read_mapped_log
 from motorprior.logs.formats.parquet_io import PARQUET
 from motorprior.logs.formats.puppersim import PUPPERSIM
 from motorprior.logs.formats.robot_run import ROBOT_RUN
 from motorprior.logs.formats.ros_bag import ROS_BAG, is_bag
 from motorprior.logs.formats.sage import SAGE
+from motorprior.logs.formats.tensor_file import contents_in_words
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
@@ -25,6 +26,8 @@ READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LERO
 
 TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
 """Endings of files that a column map can be for."""
+OF_TENSORS = "_tensors"
+"""How the names of shipped maps for files of tensors end."""
 
 
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
@@ -56,6 +59,8 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
             return reader.read(path, robot)
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
+    if path.suffix == ".pt":
+        raise _tensors_without_map(path)
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
     remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
     raise LogError("not a log that can be read", where=path, remedy=remedy)
@@ -77,6 +82,13 @@ def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None)
     """
     reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
     return reader.taken_for_granted if reader else ""
+
+
+def _tensors_without_map(path: Path) -> LogError:
+    maps = ", ".join(name for name in shipped_maps() if name.endswith(OF_TENSORS))
+    problem = f"a file of tensors, and nobody says what they mean; it has {contents_in_words(path)}"
+    remedy = f"read it {SAY_COLUMNS}, or one that comes with motorprior: {maps}"
+    return LogError(problem, where=path, remedy=remedy, argument="columns")
 
 
 def _require_no_bag(path: Path) -> None:
