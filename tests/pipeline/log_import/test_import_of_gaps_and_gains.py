@@ -251,3 +251,14 @@ def test_what_a_log_states_is_told_and_which_gain_stays(tmp_path: Path):
     assert f"{swing}: kp is replaced, kd stays as" in said
     assert said.splitlines()[-1].endswith("states kp 20 N·m/rad; kd 0.1 N·m·s/rad")
     assert "stays" not in imported(replace(config, kd=(1.0,))) and "stays" not in imported(replace(config, kp=()))
+
+
+def test_an_import_with_loads_that_is_replaced_by_one_without_is_told(tmp_path: Path):
+    config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
+    imported(config)
+    assert "takes the place" not in imported(config), "neither has loads"
+    target = tmp_path / "out" / "log.parquet"
+    log = read_parquet(target)
+    ones = np.ones_like(log.joint_pos)
+    write_log(target, replace(log, load_inertia=ones, external_torque=ones))
+    assert f"{target}: takes the place of an earlier import that had loads" in imported(config)

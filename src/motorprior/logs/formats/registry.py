@@ -52,6 +52,8 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
         _require_same_robot(known, robot, path)
         _require_no_bag(path)
+        if path.is_dir() and not is_lerobot_folder(path):
+            raise LogError("a folder, not a table", where=path, remedy=_files_to_give(path))
         of_folder = partial(lerobot_columns, posture=known.posture_column)
         return read_mapped_log(path, known, robot, of_folder if is_lerobot_folder(path) else None)
     for reader in READERS:
@@ -61,6 +63,8 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
         raise LogError("no such file", where=path, remedy="check the path")
     if path.suffix == ".pt":
         raise _tensors_without_map(path)
+    if path.is_dir():
+        raise LogError("a folder, and no log by itself", where=path, remedy=_files_to_give(path))
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
     remedy = f"give one of: {known}; or say what the columns of a table or of tensors mean (columns)"
     raise LogError("not a log that can be read", where=path, remedy=remedy)
@@ -69,9 +73,20 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
 def recording_name(path: Path) -> str:
     """The name of a recording: that of its file without the format's ending, run.1.csv.gz -> run.1."""
     name = path.absolute().name
+    return name.removesuffix(_ending(name)) or name
+
+
+def _ending(name: str) -> str:
+    """The format's ending of a file's name, empty if it has none."""
     known = {*TABLES, *(ending for reader in READERS for ending in reader.endings)}
-    ending = max((ending for ending in known if name.endswith(ending)), key=len, default="")
-    return name.removesuffix(ending) or name
+    return max((ending for ending in known if name.endswith(ending)), key=len, default="")
+
+
+def _files_to_give(folder: Path) -> str:
+    """What to give in place of a folder: patterns for the files in it that may be logs."""
+    endings = sorted({ending for file in folder.iterdir() if (ending := _ending(file.name)) and file.is_file()})
+    patterns = " ".join(str(folder / f"*{ending}") for ending in endings)
+    return f"give its files: {patterns}" if endings else "give a log; it holds none by the endings of docs/logs.md"
 
 
 def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None) -> str:
