@@ -5,6 +5,7 @@ import math
 import re
 import shlex
 import shutil
+import textwrap
 from collections.abc import Iterator
 from contextlib import nullcontext
 from itertools import islice
@@ -36,11 +37,17 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 def commands(page: str) -> Iterator[list[str]]:
-    """The words of every `motorprior …` on a page."""
+    """The words of every `motorprior …` on a page; of a loop those of its first turn."""
     for block in blocks(page, "sh"):
-        for line in block.splitlines():
+        for line in re.sub(r"for (\w+) in (\S+).*?; do\n(.*?)\ndone", first_turn, block, flags=re.DOTALL).splitlines():
             if line.startswith("motorprior "):
                 yield shlex.split(line)[1:]
+
+
+def first_turn(loop: re.Match[str]) -> str:
+    """What a shell runs first of ``for NAME in VALUE …; do``."""
+    name, value, body = loop.groups()
+    return textwrap.dedent(body).replace(f"${name}", value)
 
 
 @pytest.fixture
@@ -87,9 +94,21 @@ def expanded(words: list[str]) -> list[str]:
     """With the files that a pattern stands for, as a shell gives them."""
     found = []
     for word in words:
-        matches = sorted(map(str, Path().glob(word))) if "*" in word else []
+        matches = sorted(map(str, Path().glob(word))) if set("*[") & set(word) else []
         found += matches or [word]
     return found
+
+
+def test_a_loop_on_the_page_leaves_out_the_log_that_it_judges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs" / "go2").mkdir(parents=True)
+    for number in range(3):
+        (tmp_path / "runs" / "go2" / f"traj_{number}.parquet").touch()
+    identify, judge = ([*expanded(words)] for words in commands("your-motors.md") if "without_0" in " ".join(words))
+    others = [f"runs/go2/traj_{number}.parquet" for number in (1, 2)]
+    assert identify[1:3] == others and identify[identify.index("--out") + 1] == "runs/go2/without_0"
+    known = judge.index("--fitted-on")
+    assert judge[2] == "runs/go2/traj_0.parquet" and judge[known + 1 : known + 3] == others
 
 
 @pytest.mark.slow

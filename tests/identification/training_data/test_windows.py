@@ -155,12 +155,13 @@ def test_a_rollout_finds_the_velocities_of_a_log_of_positions_within_each_segmen
 )
 def test_a_missing_channel_is_named(objective, missing):
     gone: dict[str, Any] = {missing: None}
-    with pytest.raises(LogError, match=f"my.parquet: no {missing}"):
+    with pytest.raises(LogError, match=f"my.parquet: no {missing}") as refusal:
         training_data(a_log(**gone), replace(PRESET, objective=objective), "my.parquet")
+    assert all(way in str(refusal.value.remedy) for way in ("`hung`", "`fit_load`")) == (objective == "rollout")
 
 
 def test_a_log_of_another_period_is_refused_with_both():
-    with pytest.raises(LogError, match=r"0\.002 s, the preset's is 0\.01 s"):
+    with pytest.raises(LogError, match=r"0\.002 s, the preset's is 0\.01 s -> import .* period 0\.01; record that"):
         training_data(a_log(), replace(PRESET, period=0.01), "log")
 
 

@@ -269,6 +269,11 @@ def no_load(log: MotorLog) -> MotorLog:
     return replace(log, load_inertia=None, external_torque=None)
 
 
+@case("stated", "info")
+def told_gains(log: MotorLog) -> MotorLog:
+    return replace(log, stated_kp=np.full(log.joint_pos.shape, 20.0))
+
+
 @case("coverage")
 def one_sine(log: MotorLog) -> MotorLog:
     late = lambda by: 0.3 * np.sin(2 * np.pi * 0.7 * (log.time[:, None] - by)) * np.ones(2)  # noqa: E731
@@ -289,7 +294,7 @@ def test_a_check_finds_what_was_done(
     assert found, check_log(change(rich_log), LIMITS)
     assert row is None or found[0].row == row
     assert found[0].row is not None and found[0].message
-    assert found[0].remedy or check == "load_given"
+    assert found[0].remedy or check in ("load_given", "stated")
     healthy = check_log(rich_log, LIMITS).of(check)
     assert not [finding for finding in healthy if finding.severity != "info"]
     assert [finding.message for finding in found] != [finding.message for finding in healthy]

@@ -185,8 +185,11 @@ def test_files_under_each_others_names_are_refused(tmp_path: Path):
     with pytest.raises(LogError, match="not JSON"):
         read(tmp_path / "b.json.gz")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(LogError, match="not a log that can be read"):
+    with pytest.raises(LogError, match="a folder, and no log by itself"):
         read(tmp_path / "empty")
+    (tmp_path / "notes.docx").touch()
+    with pytest.raises(LogError, match="not a log that can be read"):
+        read(tmp_path / "notes.docx")
 
 
 def test_wrong_units_are_found(tmp_path: Path):

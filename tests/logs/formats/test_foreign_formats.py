@@ -132,7 +132,7 @@ def test_lerobots_description_must_fit(tmp_path: Path):
     with pytest.raises(LogError, match="action is of"):
         read_log(path)
     (path / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v2.1"}))
-    with pytest.raises(LogError, match=r"'v2\.1', not v3"):
+    with pytest.raises(LogError, match=r"'v2\.1', not v3 -> convert it .* convert_dataset_v21_to_v30"):
         read_log(path)
 
 
@@ -141,6 +141,32 @@ def test_tensors_of_any_layout_come_through(tmp_path: Path):
     np.testing.assert_array_equal(log.joint_pos, ANGLE.astype(np.float32))
     np.testing.assert_array_equal(log.position_target, TARGET.astype(np.float32))
     assert log.joint_names == JOINTS
+
+
+def test_tensors_without_a_map_are_named_and_so_are_the_maps(tmp_path: Path):
+    with pytest.raises(LogError) as refusal:
+        read_log(write_pt(tmp_path))
+    said = str(refusal.value)
+    assert "it has 'time' of (40,), 'des_dof_pos' of (40, 2), 'dof_pos' of (40, 2) -> " in said
+    assert said.endswith("one that comes with motorprior: go2_tensors, pace_tensors")
+    assert refusal.value.argument == "columns"
+    (tmp_path / "log.pt").write_bytes((tmp_path / "log.pt").read_bytes()[:-30])
+    with pytest.raises(LogError, match="cannot be read"):
+        read_log(tmp_path / "log.pt")
+
+
+def test_a_recording_of_pace_is_read_by_its_map(tmp_path: Path):
+    angle = np.outer(np.sin(3.0 * TIME), np.arange(1.0, 13.0))
+    arrays = {"time": TIME, "dof_pos": 0.9 * angle, "des_dof_pos": angle}
+    content, storages = {}, {}
+    for key, (name, array) in enumerate(arrays.items()):
+        stride = tuple(step // array.itemsize for step in array.strides)
+        content[name] = Tensor(Storage("FloatStorage", str(key), array.size), 0, array.shape, stride)
+        storages[str(key)] = array.astype("<f4").tobytes()
+    log = read_log(write_tensors(tmp_path / "chirp_data.pt", content, storages), columns="pace_tensors")
+    assert (log.joint_names[0], log.joint_names[5], log.joint_names[11]) == ("LF_HAA", "RF_KFE", "RH_KFE")
+    np.testing.assert_allclose(log.joint_pos, 0.9 * angle, rtol=1e-6)
+    np.testing.assert_allclose(log.position_target, angle, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

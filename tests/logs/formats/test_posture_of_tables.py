@@ -142,6 +142,7 @@ def test_a_column_that_is_missing_is_told_with_the_postures(tmp_path: Path, post
         with pytest.raises(LogError) as refusal:
             read_log(path, columns=stating(tmp_path, posture))
         assert f"no column '{posture}'; it has 't', 'goal_a', 'held'" in refusal.value.problem
+        assert "posture is none of standing, hung, fixed or fallen" in refusal.value.problem
         assert refusal.value.where == path and "standing, hung, fixed or fallen" in str(refusal.value.remedy)
 
 

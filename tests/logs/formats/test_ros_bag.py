@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.mcap_chunks import unpacked
 from motorprior.logs.formats.registry import read_log
+from motorprior.pipeline.log_import.log_folder import read_log_folder
 
 LINE = "=" * 80
 DEFINITION = "\n".join(
@@ -23,7 +24,10 @@ DEFINITION = "\n".join(
 )
 
 
-def write_bag(path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS) -> Path:
+def write_bag(
+    path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS, numbers: str = ""
+) -> Path:
+    """A bag of two topics of JointState, and one of plain numbers where its name is given."""
     writer_of = pytest.importorskip("mcap_ros2.writer", reason="the extra ros is not installed")
     with open(path, "wb") as file, writer_of.Writer(file) as writer:
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION)
@@ -33,6 +37,9 @@ def write_bag(path: Path, states: str = "/arm/joint_states", commands: str = "/a
             writer.write_message(commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1)
             measured = {"name": JOINTS, "position": angle.tolist(), "velocity": (2 * angle).tolist(), "effort": []}
             writer.write_message(states, schema, {"header": head} | measured, log_time=int(1e9 * time) + 2)
+        if numbers:
+            plain = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
+            writer.write_message(numbers, plain, {"data": [0.5]}, log_time=0)
     return path
 
 
@@ -50,6 +57,10 @@ def test_states_with_the_command_in_force(tmp_path: Path):
     [
         ({"states": "/arm/states"}, r"topics of sensor_msgs/msg/JointState are /arm/commands, /arm/states"),
         ({"commands": "/b/joint_states"}, "topics of"),
+        (
+            {"states": "/arm/states", "numbers": "/cmd"},
+            r"/arm/states; others: /cmd \(std_msgs/msg/Float64MultiArray\) -> .* as sensor_msgs/msg/JointState",
+        ),
         ({"names": ("pan", "tail")}, "the command has a joint 'tail'"),
         ({"names": ("pan", "pan")}, "is of the joints"),
     ],
@@ -57,6 +68,49 @@ def test_states_with_the_command_in_force(tmp_path: Path):
 def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, object], said: str):
     with pytest.raises(LogError, match=said):
         read_log(write_bag(tmp_path / "a.mcap", **changes))  # pyright: ignore[reportArgumentType]
+
+
+def write_folder(folder: Path, *names: str) -> Path:
+    """As `ros2 bag record` leaves it."""
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    for name in names:
+        write_bag(folder / name)
+    return folder
+
+
+def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
+    (tmp_path / "run").mkdir()
+    folder = write_folder(tmp_path / "run", "run_0.mcap")
+    np.testing.assert_array_equal(read_log(folder).joint_pos, read_log(folder / "run_0.mcap").joint_pos)
+    assert list(read_log_folder(folder, None).logs) == ["run"]
+    write_bag(folder / "run_1.mcap")
+    with pytest.raises(LogError, match=r"a bag of 2 files: run_0\.mcap, run_1\.mcap -> .*one by one"):
+        read_log(folder)
+    (folder / "metadata.yaml").unlink()
+    assert list(read_log_folder(folder, None).logs) == ["run_0", "run_1"], "a folder of bags"
+
+
+def test_a_bag_in_another_storage_is_told_to_be_converted(tmp_path: Path):
+    folder = write_folder(tmp_path)
+    (folder / "run_0.db3").write_bytes(b"SQLite format 3")
+    with pytest.raises(LogError, match=r"not stored as MCAP: run_0\.db3 -> .*ros2 bag convert"):
+        read_log(folder)
+
+
+def test_a_bag_takes_no_column_map(tmp_path: Path):
+    path = write_bag(tmp_path / "a.mcap")
+    with pytest.raises(LogError, match=r"its messages name the joints themselves, .* -> leave columns out") as refusal:
+        read_log(path, columns="so101_sage")
+    assert refusal.value.argument == "columns"
+
+
+def test_a_bag_without_joint_states_says_what_it_has(tmp_path: Path):
+    writer_of = pytest.importorskip("mcap_ros2.writer", reason="the extra ros is not installed")
+    with open(tmp_path / "a.mcap", "wb") as file, writer_of.Writer(file) as writer:
+        plain = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
+        writer.write_message("/cmd", plain, {"data": [0.5]}, log_time=0)
+    with pytest.raises(LogError, match=r"no topic of .*; others: /cmd \(std_msgs/msg/Float64MultiArray\)"):
+        read_log(tmp_path / "a.mcap")
 
 
 @given(share=st.floats(0.0, 1.0, exclude_max=True), byte=st.none() | st.integers(0, 255))

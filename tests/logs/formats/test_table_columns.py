@@ -55,3 +55,18 @@ def test_a_cell_without_a_list_is_empty(tmp_path: Path):
 def test_an_index_that_no_list_can_have_is_refused(table: Path, index: str):
     with pytest.raises(LogError, match=r"x\.parquet: no column 'pair\["):
         list(table_columns(table, [f"pair[{index}]"]))
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("# recorded today\nt,x\n0,1\n", "its first line is a comment"),
+        ("t x\n0 1\n", "separated by blanks"),
+        ("time,x\n0,1\n", "correct the column map, or the file"),
+    ],
+)
+def test_a_first_line_that_names_no_columns_is_told_what_it_is(tmp_path: Path, text: str, remedy: str):
+    (tmp_path / "x.csv").write_text(text, "utf-8")
+    with pytest.raises(LogError, match="no column 't'") as refusal:
+        list(table_columns(tmp_path / "x.csv", ["t"]))
+    assert remedy in str(refusal.value.remedy)

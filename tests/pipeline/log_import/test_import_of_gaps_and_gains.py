@@ -177,7 +177,7 @@ def test_several_gains_need_an_order_and_are_told(tmp_path: Path):
     with pytest.raises(ConfigError, match="the joints pan, lift are not in the order of a given robot") as refusal:
         import_logs(config)
     assert refusal.value.argument == "kp" and "[joints.pan] kp = " in str(refusal.value.remedy)
-    assert "kp" not in imported(replace(config, kp=(20.0,))), "one is of all"
+    assert "kp: " not in imported(replace(config, kp=(20.0,))), "one is of all"
     gains = tuple(float(number) for number in range(1, 13))
     assert PUPPER.num_joints == len(gains)
     write_log(tmp_path / "walk.parquet", _of_pupper())
@@ -227,9 +227,38 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
 
 def test_what_was_imported_is_told_in_degrees(tmp_path: Path):
     config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
-    (line,) = imported(config).splitlines()
+    line, states = imported(config).splitlines()
     log = read_parquet(tmp_path / "out" / "log.parquet")
     low, high = np.rad2deg([log.joint_pos.min(), log.joint_pos.max()])
     assert line == f"{tmp_path / 'out' / 'log.parquet'}: {summary(log)}"
     assert "40 rows, 0.78 s, 50 Hz, 2 joints (pan, lift), commands from" in line
     assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
+    assert states == f"{tmp_path / 'out' / 'log.parquet'}: states no gain, register or posture"
+
+
+def test_what_a_log_states_is_told_and_which_gain_stays(tmp_path: Path):
+    """The acceleration that LeRobot's driver writes, and a map's kd beside another kp."""
+    path = write_lerobot(tmp_path)
+    info = path / "meta" / "info.json"
+    info.write_text(info.read_text("utf-8").replace('"arm"', '"so101_follower"'), "utf-8")
+    said = imported(LogsImport((path,), tmp_path / "out"))
+    assert said.splitlines()[-1].endswith("dataset.parquet: states profile_acceleration 38.96 rad/s²")
+    swing, columns = write_swing(tmp_path, gap=False)
+    text = Path(columns).read_text("utf-8").replace("a = {}", "a = {kp = 5, kd = 0.1}")
+    Path(columns).write_text(text, "utf-8")
+    config = LogsImport((swing,), tmp_path / "out", columns=columns, kp=(20.0,))
+    said = imported(config)
+    assert f"{swing}: kp is replaced, kd stays as" in said
+    assert said.splitlines()[-1].endswith("states kp 20 N·m/rad; kd 0.1 N·m·s/rad")
+    assert "stays" not in imported(replace(config, kd=(1.0,))) and "stays" not in imported(replace(config, kp=()))
+
+
+def test_an_import_with_loads_that_is_replaced_by_one_without_is_told(tmp_path: Path):
+    config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
+    imported(config)
+    assert "takes the place" not in imported(config), "neither has loads"
+    target = tmp_path / "out" / "log.parquet"
+    log = read_parquet(target)
+    ones = np.ones_like(log.joint_pos)
+    write_log(target, replace(log, load_inertia=ones, external_torque=ones))
+    assert f"{target}: takes the place of an earlier import that had loads" in imported(config)

@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from foreign_files import write_lerobot, write_sage
+from foreign_files import write_csv, write_lerobot, write_sage
 
 from motorprior.exceptions import LogError
+from motorprior.logs.formats.registry import read_log
 from motorprior.pipeline.log_import.log_folder import read_log_folder
 from motorprior.robots.load import load_robot
 
@@ -72,3 +73,15 @@ def test_a_folder_without_logs_says_where_some_are(tmp_path: Path):
     for robot in (None, replace(ROBOT, name="other")):
         with pytest.raises(LogError, match="no log in it"):
             read_log_folder(tmp_path, robot)
+
+
+def test_a_folder_in_a_logs_place_is_told_which_files_to_give(tmp_path: Path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with pytest.raises(LogError, match="a folder, and no log by itself -> give a log; it holds none"):
+        read_log(folder)
+    columns = str(write_csv(folder).parent / "columns.toml")
+    for known in (None, columns):
+        with pytest.raises(LogError, match="run: a folder") as refusal:
+            read_log(folder, columns=known)
+        assert refusal.value.remedy == f"give its files: {folder / '*.csv'}"

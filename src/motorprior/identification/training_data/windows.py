@@ -59,7 +59,8 @@ class TrainingData:
 
 
 _REMEDIES = {
-    "rollout": "record the loads; those of a robot that hangs come with `motorprior logs import` and its option `hung`",
+    "rollout": "record the loads, or let `motorprior logs import` add them: those of a robot that hangs or has a fixed "
+    "base with its option `hung`, those of a body on each joint that nobody weighed with `fit_load`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, STIFFNESS = range(10)
@@ -188,7 +189,8 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         raise LogError(
             f"sample period {period:g} s, the preset's is {preset.period:g} s",
             where=where,
-            remedy="record with the bench preset of the same name, or resample the log",
+            remedy=f"import the log of a real robot with `motorprior logs import` and period {preset.period:g}; record "
+            "that of a bench with the bench preset of the same name",
         )
 
 

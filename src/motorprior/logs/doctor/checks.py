@@ -52,6 +52,7 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
         *unit_checks.units(log, limits),
         *unit_checks.angles(log),
         *unit_checks.torques(log),
+        *load_checks.stated(log),
     ]
     if limits is not None:
         findings += joint_checks.limits(log, limits)

@@ -1,4 +1,4 @@
-"""Whether a log says its load, and whether its torque is the one that moved it."""
+"""What a log says of its motors and their load, and whether its torque is the one that moved the load."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.stated import stated_in_words
 
 WINDOW = 0.05
 """Torques are compared as means over so long a time, or the noise of accelerations hides everything [s]."""
@@ -27,6 +28,14 @@ def load_given(log: MotorLog) -> list[Finding]:
     if log.external_torque is not None:
         message += f", external torque {log.external_torque.min():.3g} to {log.external_torque.max():.3g} N·m"
     return [Finding("info", "load_given", most / least, None, message, row=0)]
+
+
+def stated(log: MotorLog) -> list[Finding]:
+    """The gains, registers and postures that the log states: whoever fits motors to it takes them as given."""
+    if told := stated_in_words(log):
+        return [Finding("info", "stated", 1.0, None, f"the log states {told}", row=0)]
+    remedy = f"state what you know by options of `motorprior logs import`, for every kind of file, or {IN_MAP}"
+    return [Finding("info", "stated", 0.0, None, "the log states no gain, register or posture", remedy, row=0)]
 
 
 def torque_and_load(log: MotorLog) -> list[Finding]:

@@ -41,6 +41,7 @@ GRANTED = (
     "a LeRobot dataset does not say its units: all angles are taken as degrees, of the gripper, too, which LeRobot "
     "usually records in per cent of its range; say otherwise by a column map with scale (columns, docs/your-motors.md)"
 )
+CONVERT = "convert it to version 3 with LeRobot's own script convert_dataset_v21_to_v30, and give the new folder"
 _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and observation.state"
 
 
@@ -119,7 +120,9 @@ def _info(path: Path) -> dict[str, Any]:
         raise LogError(f"not JSON ({error})", where=where, remedy=_REMEDY) from error
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if not isinstance(version, str) or not version.startswith("v3."):
-        raise LogError(f"codebase_version {str(version)[:40]!r}, not v3", where=where, remedy=_REMEDY)
+        old = isinstance(version, str) and version.startswith("v2.")
+        problem = f"codebase_version {str(version)[:40]!r}, not v3"
+        raise LogError(problem, where=where, remedy=CONVERT if old else _REMEDY)
     return info
 
 

@@ -71,6 +71,19 @@ def read_parquet(path: str | Path) -> MotorLog:
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
 
+def has_loads(path: Path) -> bool:
+    """Whether a file is a motor log with loads, by its header alone; what cannot be read has none."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        require_parquet(path)
+        with pq.ParquetFile(path) as parquet:
+            return "load_inertia" in _read_header(parquet.schema_arrow.metadata, path)["channels"]
+    except (LogError, pa.ArrowException, OSError):
+        return False
+
+
 PARQUET = LogReader("motor log", (".parquet",), lambda path: True, lambda path, robot: read_parquet(path))
 
 

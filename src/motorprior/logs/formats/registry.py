@@ -7,15 +7,16 @@ from pathlib import Path
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.formats.bam import BAM
-from motorprior.logs.formats.column_map import ColumnMap, load_column_map
+from motorprior.logs.formats.column_map import ColumnMap, load_column_map, shipped_maps
 from motorprior.logs.formats.lerobot import LEROBOT, is_lerobot_folder, lerobot_columns
-from motorprior.logs.formats.log_reader import LogReader
+from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader
 from motorprior.logs.formats.mapped_table import read_mapped_log
 from motorprior.logs.formats.parquet_io import PARQUET
 from motorprior.logs.formats.puppersim import PUPPERSIM
 from motorprior.logs.formats.robot_run import ROBOT_RUN
-from motorprior.logs.formats.ros_bag import ROS_BAG
+from motorprior.logs.formats.ros_bag import ROS_BAG, is_bag
 from motorprior.logs.formats.sage import SAGE
+from motorprior.logs.formats.tensor_file import contents_in_words
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
@@ -25,6 +26,8 @@ READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LERO
 
 TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
 """Endings of files that a column map can be for."""
+OF_TENSORS = "_tensors"
+"""How the names of shipped maps for files of tensors end."""
 
 
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
@@ -48,6 +51,9 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     if columns is not None:
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
         _require_same_robot(known, robot, path)
+        _require_no_bag(path)
+        if path.is_dir() and not is_lerobot_folder(path):
+            raise LogError("a folder, not a table", where=path, remedy=_files_to_give(path))
         of_folder = partial(lerobot_columns, posture=known.posture_column)
         return read_mapped_log(path, known, robot, of_folder if is_lerobot_folder(path) else None)
     for reader in READERS:
@@ -55,6 +61,10 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
             return reader.read(path, robot)
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
+    if path.suffix == ".pt":
+        raise _tensors_without_map(path)
+    if path.is_dir():
+        raise LogError("a folder, and no log by itself", where=path, remedy=_files_to_give(path))
     known = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
     remedy = f"give one of: {known}; or columns, what the names in a table or of tensors mean"
     raise LogError("not a log that can be read", where=path, remedy=remedy, argument="columns")
@@ -63,9 +73,20 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
 def recording_name(path: Path) -> str:
     """The name of a recording: that of its file without the format's ending, run.1.csv.gz -> run.1."""
     name = path.absolute().name
+    return name.removesuffix(_ending(name)) or name
+
+
+def _ending(name: str) -> str:
+    """The format's ending of a file's name, empty if it has none."""
     known = {*TABLES, *(ending for reader in READERS for ending in reader.endings)}
-    ending = max((ending for ending in known if name.endswith(ending)), key=len, default="")
-    return name.removesuffix(ending) or name
+    return max((ending for ending in known if name.endswith(ending)), key=len, default="")
+
+
+def _files_to_give(folder: Path) -> str:
+    """What to give in place of a folder: patterns for the files in it that may be logs."""
+    endings = sorted({ending for file in folder.iterdir() if (ending := _ending(file.name)) and file.is_file()})
+    patterns = " ".join(str(folder / f"*{ending}") for ending in endings)
+    return f"give its files: {patterns}" if endings else "give a log; it holds none by the endings of docs/logs.md"
 
 
 def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None) -> str:
@@ -76,6 +97,20 @@ def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None)
     """
     reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
     return reader.taken_for_granted if reader else ""
+
+
+def _tensors_without_map(path: Path) -> LogError:
+    maps = ", ".join(name for name in shipped_maps() if name.endswith(OF_TENSORS))
+    problem = f"a file of tensors, and nobody says what they mean; it has {contents_in_words(path)}"
+    remedy = f"read it {SAY_COLUMNS}, or one that comes with motorprior: {maps}"
+    return LogError(problem, where=path, remedy=remedy, argument="columns")
+
+
+def _require_no_bag(path: Path) -> None:
+    if is_bag(path):
+        problem = "a ROS 2 bag and columns: its messages name the joints themselves, and are in SI units"
+        remedy = "leave columns out; for other units, signs or names write its topics as a table (.csv)"
+        raise LogError(problem, where=path, remedy=remedy, argument="columns")
 
 
 def _require_same_robot(columns: ColumnMap, robot: Robot | None, path: Path) -> None:

@@ -18,7 +18,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.formats.csv_stream import csv_batches, csv_head
 from motorprior.logs.formats.parquet_pages import COPY_AGAIN, require_parquet, require_small_pages
 from motorprior.logs.formats.posture_column import CORRECT as CORRECT_POSTURE
-from motorprior.logs.formats.posture_column import posture_codes
+from motorprior.logs.formats.posture_column import NAMES, posture_codes
 from motorprior.logs.formats.time_stamps import TimeStamps, are_stamps, are_texts, begins_like_a_stamp
 from motorprior.outside_files import require_file
 
@@ -144,10 +144,20 @@ def present(have: list[str], names: list[str], path: Path, posture: str | None =
     for name in found:
         if counted[name] != 1:
             problem = "no column" if name not in counted else "more than one column"
+            problem = f"posture is none of {NAMES}, and {problem}" if name == posture else problem
             shown = ", ".join(map(ascii, have[:8])) + (", …" if len(have) > 8 else "")
-            remedy = CORRECT_POSTURE if name == posture else CORRECT
+            remedy = CORRECT_POSTURE if name == posture else _first_line(have) or CORRECT
             raise LogError(f"{problem} {name[:80]!r}; it has {shown[:300]}", where=path, remedy=remedy)
     return list(found)
+
+
+def _first_line(names: list[str]) -> str:
+    """What to do about a table of text whose first line names no columns; empty if it does."""
+    if names and names[0].startswith(("#", "%")):
+        return "its first line is a comment: remove such lines, and the sign before the names, if they have one"
+    if len(names) == 1 and len(names[0].split()) > 1:
+        return "its columns are separated by blanks: separate them by commas, semicolons or tabs"
+    return ""
 
 
 def _owner(name: str, have: Container[str]) -> str:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import struct
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, shown, spelled
 from motorprior.logs.formats.parquet_pages import COPY_AGAIN
 from motorprior.logs.formats.pickled_tensors import PickledTensor, require_inside
 from motorprior.logs.formats.restricted_unpickler import load_tensors
@@ -26,6 +27,8 @@ MAX_FILE = 50_000_000
 MAX_PICKLE = 1_000_000
 MAX_NUMBERS = 30_000_000
 """Of the tensors that are asked for; several may share the bytes of the file."""
+_NAMED = 8
+"""Keys that an error names."""
 _ZIP_ERRORS = (
     zipfile.BadZipFile, OSError, EOFError, KeyError, NotImplementedError, RuntimeError, ValueError, struct.error,
 )  # fmt: skip
@@ -49,19 +52,42 @@ def read_tensors(path: Path, keys: set[str]) -> dict[str, np.ndarray]:
     Raises:
         LogError: as `tensor_columns`.
     """
+    with _opened(path) as (archive, folder, content):
+        if missing := sorted(keys - content.keys()):
+            known = ", ".join(map(shown, list(content)[:_NAMED]))
+            raise LogError(f"no tensor {missing[0]!r}; it has {known}", where=path, remedy=CORRECT)
+        count = sum(prod(content[key].size) for key in keys if isinstance(content[key], PickledTensor))
+        if count > MAX_NUMBERS:
+            raise LogError(f"{count} numbers, more than {MAX_NUMBERS}", where=path, remedy="split the recording")
+        order = _byte_order(archive, folder, path)
+        return {key: _array(archive, folder, order, key, content[key], path) for key in sorted(keys)}
+
+
+def contents_in_words(path: Path) -> str:
+    """What a file of tensors has: keys, with the shapes of those that are tensors. No number of a tensor is read.
+
+    Raises:
+        LogError: as `tensor_columns`.
+    """
+    with _opened(path) as (_, _, content):
+        return ", ".join(_entry(key, value) for key, value in list(content.items())[:_NAMED]) + (
+            ", …" if len(content) > _NAMED else ""
+        )
+
+
+def _entry(key: Any, value: Any) -> str:
+    size = value.size if isinstance(value, PickledTensor) else value.shape if isinstance(value, np.ndarray) else None
+    return shown(key) if size is None else f"{shown(key)} of {spelled(tuple(size))}"
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, str, dict[Any, Any]]]:
+    """The archive, the folder in it, and the dictionary of its pickle."""
     if (size := require_file(path, LogError)) > MAX_FILE:
         raise LogError(f"{size} bytes, more than {MAX_FILE}", where=path, remedy="split the recording")
     try:
         with zipfile.ZipFile(path) as archive:
-            folder, content = _pickle(archive, path)
-            if missing := sorted(keys - content.keys()):
-                known = ", ".join(map(shown, list(content)[:8]))
-                raise LogError(f"no tensor {missing[0]!r}; it has {known}", where=path, remedy=CORRECT)
-            count = sum(prod(content[key].size) for key in keys if isinstance(content[key], PickledTensor))
-            if count > MAX_NUMBERS:
-                raise LogError(f"{count} numbers, more than {MAX_NUMBERS}", where=path, remedy="split the recording")
-            order = _byte_order(archive, folder, path)
-            return {key: _array(archive, folder, order, key, content[key], path) for key in sorted(keys)}
+            yield archive, *_pickle(archive, path)
     except _ZIP_ERRORS as error:
         raise unreadable(path, error) from error
 

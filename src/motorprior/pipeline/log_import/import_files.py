@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.logs.formats.parquet_io import has_loads
 from motorprior.logs.formats.registry import recording_name
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.stated import stated_in_words
+from motorprior.pipeline.progress import Progress
 
 _MOST_NAMED = 8
 """Joints in a line."""
@@ -60,3 +63,15 @@ def summary(log: MotorLog) -> str:
         for low, high in (np.rad2deg([values.min(), values.max()]),)
     ]
     return ", ".join([*parts, f"{log.num_joints} joints ({names})", *ranges])
+
+
+def tell_replaced(target: Path, log: MotorLog, progress: Progress) -> None:
+    """Say, before a log is written, that an earlier import with loads goes, and that this one has none."""
+    if log.load_inertia is None and target.is_file() and has_loads(target):
+        progress.note(f"{target}: takes the place of an earlier import that had loads; this one has none")
+
+
+def tell(target: Path, log: MotorLog, progress: Progress) -> None:
+    """What an imported file holds, and what it states: a line each."""
+    progress.note(f"{target}: {summary(log)}")
+    progress.note(f"{target}: states {stated_in_words(log) or 'no gain, register or posture'}")

@@ -17,7 +17,7 @@ from motorprior.logs.formats.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.logs.motor_log import FIRMWARE, MotorLog
 from motorprior.logs.resampling import resample
 from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.log_import.import_files import summary, targets_of
+from motorprior.pipeline.log_import.import_files import targets_of, tell, tell_replaced
 from motorprior.pipeline.log_import.stated_settings import require_gains, with_stated
 from motorprior.pipeline.log_import.unknown_load import write_with_unknown_loads
 from motorprior.pipeline.progress import SILENT, Progress
@@ -107,12 +107,13 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
             logs = {target: _imported(path, robot, config, progress) for target, path in targets.items()}
             write_with_unknown_loads(logs, config.out, progress)
             for target, log in logs.items():
-                progress.note(f"{target}: {summary(log)}")
+                tell(target, log, progress)
             return
         for target, path in targets.items():
             log = _imported(path, robot, config, progress)
+            tell_replaced(target, log, progress)
             write_log(target, log)
-            progress.note(f"{target}: {summary(log)}")
+            tell(target, log, progress)
 
 
 def _require_robot_of_held_base(config: LogsImport) -> None:

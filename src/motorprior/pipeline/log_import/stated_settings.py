@@ -44,7 +44,7 @@ def with_stated(
         robot: whose order it is.
 
     Returns:
-        The log, and for every list of gains a sentence which joint gets which.
+        The log, and the sentences for the user: of every list of gains which joint gets which, and which gains stay.
 
     Raises:
         ConfigError: another number of gains than joints, or several where the joints are not in the robot's order.
@@ -62,6 +62,8 @@ def with_stated(
             told.append(f"{name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")
         if values:
             stated[f"stated_{name}"] = np.broadcast_to(np.array(values), log.joint_pos.shape)
+    if gains.get("kp") and not gains.get("kd") and log.stated_kd is not None:
+        told.append("kp is replaced, kd stays as the log or its column map states it (kd gives another)")
     if firmware:
         stated["firmware"] = {**log.firmware, **firmware}
     return (checked(replace(log, **stated), where=log.source) if stated else log), tuple(told)

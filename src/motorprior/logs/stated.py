@@ -1,0 +1,33 @@
+"""What a log states of its motors, in words: the gains and registers that they were told, and how the base was held."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
+
+_GAINS = {"kp": "N·m/rad", "kd": "N·m·s/rad"}
+_REGISTERS = {"profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad"}
+_MOST_VALUES = 3
+"""Different gains that are named one by one; of more, the smallest and the largest."""
+
+
+def stated_in_words(log: MotorLog) -> str:
+    """Gains and registers with their units, and postures, between semicolons; empty if the log states none of them."""
+    parts = [_gain(log, name) for name in _GAINS if getattr(log, f"stated_{name}") is not None]
+    parts += [
+        f"{name} {f'{log.firmware[name]:.4g} {unit}' if log.firmware[name] else 'off'}"
+        for name, unit in _REGISTERS.items()
+        if name in log.firmware
+    ]
+    if log.posture is not None:
+        parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
+    return "; ".join(parts)
+
+
+def _gain(log: MotorLog, name: str) -> str:
+    values = np.unique(getattr(log, f"stated_{name}")).tolist()
+    told = ", ".join(f"{value:.4g}" for value in values)
+    if len(values) > _MOST_VALUES:
+        told = f"{values[0]:.4g} to {values[-1]:.4g}"
+    return f"{name} {told} {_GAINS[name] if log.gain_unit == PHYSICAL_GAINS else 'in units of the firmware'}"
