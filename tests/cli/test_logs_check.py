@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from weighed_arm import slow_motion, write_arm, write_table
 
 Command = Callable[..., Any]
 JOINTS = ("FR_hip", "FR_knee", "FL_hip")
@@ -116,3 +117,13 @@ def test_what_the_doctor_advises_can_be_done(
     if mend is not None:
         damaged(table, mend)
     assert motorprior("logs", "check", table, "--columns", columns).code == 0
+
+
+@pytest.mark.parametrize(("turned", "warns"), [("", False), ("elbow", True)])
+def test_signs_that_are_not_the_robot_s_are_told_by_its_weight(
+    motorprior: Command, tmp_path: Path, turned: str, warns: bool
+):
+    robot = write_arm(tmp_path)
+    table, columns = write_table(slow_motion(robot), tmp_path, turned)
+    outcome = motorprior("logs", "check", table, "--columns", columns, "--robot", robot)
+    assert outcome.code == 0 and ("gravity" in outcome.out) == warns

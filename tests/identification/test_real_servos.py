@@ -7,6 +7,7 @@ The logs (isaac-sim2real/sage, Apache-2.0) and the model without its meshes lie 
 # MuJoCo ships no type stubs.
 import itertools
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -21,6 +22,7 @@ from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.smoothing import quantum
 from motorprior.identification.training_data.windows import training_data
+from motorprior.logs.doctor.gravity_checks import signs
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.formats.registry import read_log
 from motorprior.logs.joining import joined
@@ -28,6 +30,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
+from motorprior.simulation.hung_load import gravity_of_held
 
 PRESET = PRESETS["long_runs"]
 TERMS = ("profile", "output_encoder", "dead_zone", "output_damping")
@@ -92,6 +95,23 @@ def test_gravity_says_that_the_logs_signs_and_zeros_are_the_models(shared_data: 
     totals = {flips: sum(found[joint, flips] for joint in (LIFT, ELBOW, WRIST)) for _, flips in found}
     as_it_is = totals.pop((1.0, 1.0, 1.0))
     assert as_it_is < 0.9 * min(totals.values())
+
+
+@pytest.mark.parametrize(("turned", "fewest"), [((), 0), ((LIFT, ELBOW), 34), ((LIFT,), 30), ((ELBOW,), 20)])
+def test_the_doctor_finds_turned_signs_and_none_where_they_are_right(
+    shared_data: Path, description: Path, turned: tuple[int, ...], fewest: int
+):
+    """In so many of the 40 motions, one by one, and in all as one log."""
+    robot, sign = load_robot(str(description)), np.ones(6)
+    sign[list(turned)] = -1.0
+    logs = [read_log(path, robot, "so101_sage") for path in sorted((shared_data / "so101").glob("*.csv.gz"))]
+    logs = [replace(log, position_target=sign * log.position_target, joint_pos=sign * log.joint_pos) for log in logs]
+    gravity = gravity_of_held(logs[0], robot)
+    assert gravity is not None
+    warned = {Path(log.source).name.split(".")[0] for log in logs if signs(log, gravity)}
+    assert len(warned) >= fewest and (not warned or {"multisine", "large_amplitude"} <= warned)
+    assert turned or not warned
+    assert bool(signs(joined(logs), gravity)) == bool(turned)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFF
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.hung_load import with_loads
+from motorprior.simulation.hung_load import gravity_of_held, with_loads
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -144,3 +144,21 @@ def test_a_log_that_states_another_posture_than_hung_gets_no_loads(stated: str):
 def test_a_log_without_velocities_is_refused():
     with pytest.raises(LogError, match=r"no velocities.*import it with a period"):
         with_loads(replace(swaying(spec.NOMINAL_POSE, rows=20), joint_vel=None), PUPPER_V2)
+
+
+def test_gravity_of_a_held_robot_is_its_load_at_rest():
+    hung = np.full(20, POSTURES.index("hung"))
+    log = replace(swaying(spec.NOMINAL_POSE, 0.0, rows=20), posture=hung)
+    gravity = gravity_of_held(log, PUPPER_V2)
+    assert gravity is not None
+    np.testing.assert_array_equal(gravity(log.joint_pos), with_loads(log, PUPPER_V2).external_torque)
+
+
+def test_gravity_of_a_robot_that_may_have_stood_is_not_told():
+    log = swaying(spec.NOMINAL_POSE, rows=20)
+    hung, stood = (np.full(20, POSTURES.index(each)) for each in ("hung", "standing"))
+    told = [gravity_of_held(replace(log, posture=posture), PUPPER_V2) is not None for posture in (None, hung, stood)]
+    assert told == [False, True, False]
+    leaning = replace(log, posture=hung, base_orientation=np.full((20, 2), 0.3))
+    strange = replace(log, posture=hung, joint_names=("tail", *spec.JOINT_NAMES[1:]))
+    assert gravity_of_held(leaning, PUPPER_V2) is None and gravity_of_held(strange, PUPPER_V2) is None

@@ -18,7 +18,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class LogsCheck:
-    """Log doctor: clock, repeats, units, range, jumps, sensors, delay and signs, saturation, coverage, load."""
+    """Log doctor: clock, repeats, units, range, jumps, sensors, delay, signs, saturation, coverage, load, gravity."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
     """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""
@@ -42,13 +42,16 @@ def run_logs_check(config: LogsCheck) -> None:
     Raises:
         LogError: after all logs are checked, if one of them is not usable.
     """
+    from motorprior.simulation.hung_load import gravity_of_held
+
     require_paths(config.paths)
     robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:
         log = read_log(path, given, config.columns)
         known = config.robot is not None or log.joint_names == robot.joint_names
-        report = check_log(log, robot.limits_of(log.joint_names) if known else None)
+        limits, gravity = (robot.limits_of(log.joint_names), gravity_of_held(log, robot)) if known else (None, None)
+        report = check_log(log, limits, gravity)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
             for found in report.findings

@@ -24,6 +24,7 @@ corresponding errors.
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,6 +71,24 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     held = np.full(log.num_rows, POSTURES.index(held_posture(robot)))
     loads = {"load_inertia": inertia, "external_torque": external, "load_stiffness": stiffness}
     return checked(replace(log, **loads, joint_torque=None, posture=held), where=log.source)
+
+
+def gravity_of_held(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Torque of gravity on the joints (N, J) [N·m] at angles (N, J) [rad] of a robot that is held level, by its model.
+
+    None where the log is not of this robot's joints, or of a base that was not held, or of a free one and does not say.
+    """
+    try:
+        _require_joints(log, robot)
+        require_held(log, robot, log.source)
+        _require_level(log)
+    except LogError:
+        return None
+    if robot.base == "free" and log.posture is None:
+        return None
+    model = build_model(robot, hung=robot.base == "free")
+    data, at_rest = mujoco.MjData(model), np.zeros(model.nv)
+    return lambda angles: np.stack([-_bias(model, data, pose, at_rest) for pose in angles])
 
 
 def held_posture(robot: Robot) -> str:
@@ -136,15 +155,21 @@ def _require_level(log: MotorLog) -> None:
 
 def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
     """(joints,) load inertia and (joints,) external torque at one moment."""
-    data.qpos[:], data.qvel[:] = joint_pos, joint_vel
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
+    bias = _bias(model, data, joint_pos, joint_vel)
     own, carried, column = np.zeros(model.nv), np.zeros(model.nv), np.zeros(model.nv)
     for joint, unit in enumerate(np.eye(model.nv)):
         mujoco.mj_mulM(model, data, column, unit)
         own[joint] = column[joint]
     mujoco.mj_mulM(model, data, carried, joint_acc)
-    return own, -data.qfrc_bias - (carried - own * joint_acc)
+    return own, -bias - (carried - own * joint_acc)
+
+
+def _bias(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+    """(joints,) torque against gravity and Coriolis torques [N·m]; leaves these positions in ``data``."""
+    data.qpos[:], data.qvel[:] = joint_pos, joint_vel
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    return data.qfrc_bias.copy()
 
 
 def _gravity_stiffness(model, data) -> np.ndarray:

@@ -10,6 +10,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.doctor import (
     clock_checks,
     coverage_checks,
+    gravity_checks,
     joint_checks,
     jump_checks,
     load_checks,
@@ -20,20 +21,23 @@ from motorprior.logs.doctor import (
 )
 from motorprior.logs.doctor.excited_stretch import excited_stretches
 from motorprior.logs.doctor.findings import Finding, LogReport
+from motorprior.logs.doctor.gravity_checks import Gravity
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 
 _ORDER = {"error": 0, "warning": 1, "info": 2}
 
 
-def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogReport:
-    """Check clock, units, range, sensors, what was covered, how the joints respond, and the load of a log.
+def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gravity | None = None) -> LogReport:
+    """Check clock, units, range, sensors, what was covered, how the joints respond, the load and the signs of a log.
 
     Args:
         log: the log to look at; it must pass `checked`.
         joint_limits: (J, 2) lowest and highest angle of each joint [rad], for example
             ``robot.limits_of(log.joint_names)``, NaN where they are not known, infinite of a joint that turns
             on and on; None if none is known.
+        gravity: torque of gravity on the joints at angles of theirs, as
+            `motorprior.simulation.hung_load.gravity_of_held` has it; None where it is not known.
 
     Returns:
         Findings, errors first, each with what was measured, its bound and a remedy; ``usable`` where there is no error.
@@ -59,6 +63,8 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None) -> LogRepor
     for further in (jump_checks.jumps, _statistics):  # of damaged numbers they say nothing
         if not any(finding.severity == "error" for finding in findings):
             findings += further(log)
+    if gravity is not None and not any(finding.severity == "error" for finding in findings):
+        findings += gravity_checks.signs(log, gravity)
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return LogReport(log.source, log.num_rows, log.num_joints, log.duration, tuple(findings))
 

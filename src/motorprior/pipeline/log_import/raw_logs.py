@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
+from motorprior.logs.doctor.gravity_checks import signs
 from motorprior.logs.formats.column_map import load_column_map
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.formats.registry import read_log, taken_for_granted
@@ -20,7 +21,7 @@ from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import.import_files import targets_of, tell, tell_replaced
 from motorprior.pipeline.log_import.stated_settings import require_gains, with_stated
 from motorprior.pipeline.log_import.unknown_load import write_with_unknown_loads
-from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.progress import SILENT, WARNING, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -83,7 +84,8 @@ def require_paths(paths: tuple[Path, ...]) -> None:
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     """Write one .parquet per raw log, named after it, and say what is in it.
 
-    A segment begins after every gap, which is told, as is what a format takes for granted.
+    A segment begins after every gap, which is told, as is what a format takes for granted. A warning, where loads are
+    added and gravity says that the model's joints have other signs.
 
     Raises:
         ConfigError: two logs would get the same name, a log would take the place of a recording, a period or a gain
@@ -112,6 +114,8 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         for target, path in targets.items():
             log = _imported(path, robot, config, progress)
             tell_replaced(target, log, progress)
+            if config.hung:
+                _note_signs(path, log, robot, progress)
             write_log(target, log)
             tell(target, log, progress)
 
@@ -187,6 +191,15 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     if not wanted:
         return resample(log, period)
     return with_loads_on_grid(log, robot, period) if config.hung else _bare(log, period)
+
+
+def _note_signs(path: Path, log: MotorLog, robot: Robot, progress: Progress) -> None:
+    """Warn where the loads of the model are those of other signs of the joints."""
+    from motorprior.simulation.hung_load import gravity_of_held
+
+    gravity = gravity_of_held(log, robot)
+    for finding in [] if gravity is None else signs(log, gravity):
+        progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
 
 
 def with_loads_on_grid(log: MotorLog, robot: Robot, period: float) -> MotorLog:

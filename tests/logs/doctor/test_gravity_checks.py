@@ -1,0 +1,58 @@
+"""The log doctor tells by a model's gravity that a joint's sign is not the model's, and is silent where it cannot."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from weighed_arm import JOINTS, slow_motion, write_arm
+
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import Finding
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.load import load_robot
+from motorprior.simulation.hung_load import gravity_of_held
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    return write_arm(tmp_path)
+
+
+def turned(log: MotorLog, *signs: float) -> MotorLog:
+    return replace(log, position_target=log.position_target * signs, joint_pos=log.joint_pos * signs)
+
+
+def found(log: MotorLog, robot: str) -> tuple[Finding, ...]:
+    return check_log(log, gravity=gravity_of_held(log, load_robot(robot))).of("gravity")
+
+
+def test_signs_of_the_model_are_no_finding(arm: str):
+    assert not found(slow_motion(arm), arm)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_turned_sign_is_a_warning_that_names_its_joint(arm: str, joint: str):
+    (finding,) = found(turned(slow_motion(arm), *(-1.0 if each == joint else 1.0 for each in JOINTS)), arm)
+    assert (finding.severity, finding.joint) == ("warning", joint)
+    assert finding.value > 0.99 and f"0.0 mrad with the sign of {joint} turned" in finding.message
+    assert "zeros" in finding.remedy
+
+
+def test_who_knows_no_gravity_finds_nothing(arm: str):
+    assert not check_log(turned(slow_motion(arm), -1.0, 1.0)).of("gravity")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda log: replace(log, time=0.1 * log.time),  # ten times as fast: not steady
+        lambda log: replace(log, joint_pos=log.position_target),  # an integral in the servo leaves no error
+        lambda log: log.rows(slice(0, 25)),
+    ],
+)
+def test_what_shows_no_weight_is_no_finding(arm: str, change):
+    assert not found(change(turned(slow_motion(arm), -1.0, 1.0)), arm)
+
+
+def test_a_stiff_motor_shows_no_weight(arm: str):
+    assert not found(turned(slow_motion(arm, kp=1000.0), -1.0, 1.0), arm)

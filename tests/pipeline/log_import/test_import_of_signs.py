@@ -1,0 +1,22 @@
+"""`logs import` warns, before anything is fitted, where gravity says that the map's signs are not the model's."""
+
+import io
+from pathlib import Path
+
+import pytest
+from weighed_arm import slow_motion, write_arm, write_table
+
+from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.progress import Lines
+
+
+@pytest.mark.parametrize(
+    ("turned", "hung", "warns"), [("", True, False), ("elbow", True, True), ("elbow", False, False)]
+)
+def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str, hung: bool, warns: bool):
+    robot = write_arm(tmp_path)
+    table, columns = write_table(slow_motion(robot), tmp_path, turned)
+    said = io.StringIO()
+    import_logs(LogsImport((table,), tmp_path / "out", columns=columns, hung=hung, robot=robot), Lines(said))
+    assert ("with the sign of elbow turned" in said.getvalue()) == warns
+    assert said.getvalue().startswith("warning: ") == warns

@@ -1,0 +1,62 @@
+"""An arm on a fixed base whose motors give way under its weight, recorded in slow motion as a user would."""
+
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.load import load_robot
+from motorprior.simulation.hung_load import gravity_of_held
+
+JOINTS = ("shoulder", "elbow")
+KP, FRICTION, LAG = 20.0, 0.01, 0.03
+"""[N·m/rad], and errors of position by friction [rad] and per speed [s]."""
+DESCRIPTION = """
+name = "arm"
+motor = "servo"
+model = "arm.xml"
+base = "fixed"
+nominal_pose = 0.0
+kp = 20.0
+kd = 0.5
+torque_limit = 5.0
+"""
+MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<joint name="shoulder" axis="0 1 0" range="-2 2" limited="true"/>
+<body pos="0.2 0 0"><inertial pos="0.1 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
+<joint name="elbow" axis="0 1 0" range="-2 2" limited="true"/>
+</body></body></worldbody></mujoco>"""
+MAP = 'robot = "arm"\nmotor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "angle_{joint}"\n'
+
+
+def write_arm(folder: Path) -> str:
+    """The robot's description, with its model beside it."""
+    (folder / "arm.toml").write_text(DESCRIPTION, "utf-8")
+    (folder / "arm.xml").write_text(MODEL, "utf-8")
+    return str(folder / "arm.toml")
+
+
+def slow_motion(robot: str, kp: float = KP) -> MotorLog:
+    """20 s at 100 Hz, both joints up to 0.3 rad/s."""
+    time = 0.01 * np.arange(2000)
+    rate, phase = 2.0 * np.pi * np.array([0.05, 0.07]), np.array([0.0, 1.0])
+    angle, speed = 0.7 * np.sin(rate * time[:, None] + phase), 0.7 * rate * np.cos(rate * time[:, None] + phase)
+    log = MotorLog(
+        time=time, position_target=angle, joint_pos=angle.copy(), joint_names=JOINTS, robot="arm", motor="servo",
+        source="weighed arm",
+    )  # fmt: skip
+    gravity = gravity_of_held(log, load_robot(robot))
+    assert gravity is not None
+    log.position_target[:] = angle - gravity(angle) / kp + FRICTION * np.sign(speed) + LAG * speed
+    return log
+
+
+def write_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
+    """A table in rad, and its column map, in which the sign of a joint may be turned."""
+    table, columns = folder / "arm.csv", folder / "columns.toml"
+    names = [f"{what}_{joint}" for what in ("goal", "angle") for joint in JOINTS]
+    rows = np.column_stack([log.time, log.position_target, log.joint_pos])
+    np.savetxt(table, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    signs = "".join(f"[joints.{joint}]\nsign = {-1 if joint == turned else 1}\n" for joint in JOINTS)
+    columns.write_text(MAP + signs, "utf-8")
+    return table, str(columns)
