@@ -42,12 +42,13 @@ from motorprior.exceptions import ConfigError, LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.locomotion.command import Commands
-from motorprior.pipeline.adapt import POSTERIOR, Adapt, advice_on_weak_motors, run_adapt
+from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
+from motorprior.pipeline.weak_motors import advice_on_weak_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig

@@ -103,20 +103,24 @@ def main() -> None:
     """Measure, print a table, write."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    fleets = measure_fleets(settings.prior)
-    for row in fleets:
+    results = measure_fleets(settings.prior)
+    for row in results:
         print(f"{row.part}: {row.quantity} {row.value:.2f}")
-    if settings.fleets_only:
-        return
-    results = measure(settings.prior)
+    if not settings.fleets_only:
+        changed = measure(settings.prior)
+        _print_changes(changed)
+        results += changed
+    if settings.json is not None:
+        write_json(settings.json, results.to_figures())
+
+
+def _print_changes(results: Results) -> None:
     print(f"| motors of the fleet with | {' | '.join(f'noticed, {s:g} s | error [mrad]' for s in SECONDS)} |")
     print("|---" * (1 + 2 * len(SECONDS)) + "|")
     for name in CHANGES:
         found = [results.where(part=name, seconds=seconds) for seconds in SECONDS]
         cells = [f"{one.value(quantity='noticed'):.2f} | {one.value(quantity='rmse_mrad'):.1f}" for one in found]
         print(f"| {name} | {' | '.join(cells)} |")
-    if settings.json is not None:
-        write_json(settings.json, (results + fleets).to_figures())
 
 
 if __name__ == "__main__":

@@ -298,7 +298,7 @@ def test_a_grey_box_that_was_never_written_adapts_and_tells_of_weak_motors(monke
     with pytest.warns(UserWarning, match="^did not move: motor_001; what"):  # nobody listens to notes
         mp.adapt(prior, still, anyway=True)
     assert any(note.startswith("replayed logs: ") for note in notes.noted)
-    monkeypatch.setattr("motorprior.pipeline.adapt.weak_below", lambda network: (99.0, 0.85))
+    monkeypatch.setattr("motorprior.pipeline.weak_motors.weak_below", lambda network: (99.0, 0.85))
     mp.adapt(prior, log, anyway=True, progress=notes)
     assert any("weak motors" in note and "limit_follows_gain" in note for note in notes.noted)
 

@@ -12,7 +12,7 @@ from motorprior.actuator.foreign import ForeignMotors
 from motorprior.actuator.foreign_step import FOREIGN as KIND
 from motorprior.bench.facts import facts_from_json, read_bench
 from motorprior.bench.families import FAMILIES, FOREIGN, UNITS, geared
-from motorprior.bench.fleet import load_fleet
+from motorprior.bench.fleet import fleet_of, load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.judging.bench_fidelity import LONGEST_WORK, bench_errors, seconds_of_work
@@ -108,22 +108,44 @@ def test_a_constant_of_zero_needs_no_other(tmp_path):
     assert load_fleet(written(tmp_path, LEAST + constant("coulomb", 0.0))).parameters["coulomb"].center == 0.0
 
 
+NORMAL = 'distribution = "normal"\ncenter = {}\nspread = {}\ncenter_uncertainty = 0.0'
+
+
 @pytest.mark.parametrize(
-    ("name", "body", "problem"),
+    ("name", "body", "least", "most"),
     [
-        ("coulomb", 'distribution = "normal"\ncenter = 0.05\nspread = 0.1\ncenter_uncertainty = 0.0', "below 0"),
-        ("delay", 'distribution = "lognormal"\ncenter = 0.01\nspread = 2.0\ncenter_uncertainty = 0.0', "draw 29.8"),
-        ("heat_loss", 'distribution = "normal"\ncenter = 0.5\nspread = 0.2\ncenter_uncertainty = 0.0\nminimum = 0.0',
-         "draw 1.3, above 1"),
-        ("output_encoder", 'distribution = "uniform"\nlow = 0.0\nhigh = 1.0', "it is a switch"),
-        ("output_encoder", 'distribution = "constant"\ncenter = 0.4', "it is a switch"),
+        ("coulomb", NORMAL.format(0.05, 0.1), 0.0, 1.0),
+        ("delay", NORMAL.format(0.01, 2.0).replace("normal", "lognormal"), 0.0, 1.0),
+        ("heat_loss", NORMAL.format(0.5, 0.4), 0.0, 1.0),
+        ("asymmetry", NORMAL.format(0.0, 0.6), -1.0, 1.0),
     ],
-)  # fmt: skip
-def test_what_may_be_drawn_out_of_bounds_is_refused(tmp_path, name, body, problem):
-    companions = constant("bristle_stiffness", 50.0) + constant("heat_time", 100.0)
-    with pytest.raises(ArtifactError) as error:
-        load_fleet(written(tmp_path, LEAST + companions + table(name, body)))
-    assert problem in error.value.problem and str(error.value.where).endswith(f"mine.toml[{name}]")
+)
+def test_draws_beyond_the_bounds_of_a_constant_are_put_there(tmp_path, name, body, least, most):
+    others = {"bristle_stiffness": 50.0, "heat_time": 100.0, "coulomb": 0.1}
+    text = LEAST + table(name, body) + "".join(constant(each, others[each]) for each in others if each != name)
+    fleet = load_fleet(written(tmp_path, text))
+    drawn = getattr(fleet.sample(4000, 0), name)
+    assert drawn.min() >= least and drawn.max() <= most
+    assert np.isclose(drawn, most).any() or name == "coulomb"
+    assert np.isclose(drawn, least, atol=1e-12).any() or name == "delay"
+
+
+@pytest.mark.parametrize(
+    "body", ['distribution = "uniform"\nlow = 0.0\nhigh = 1.0', 'distribution = "constant"\ncenter = 0.4']
+)
+def test_a_switch_is_on_or_off(tmp_path, body):
+    with pytest.raises(ArtifactError, match="it is a switch -> give a constant of 0 or 1"):
+        load_fleet(written(tmp_path, LEAST + table("output_encoder", body)))
+
+
+def test_motors_of_a_bench_that_was_recorded_earlier_are_drawn_again(tmp_path):
+    """A summary without what a file must have today."""
+    fleet = load_fleet(written(tmp_path, LEAST))
+    parameters = fleet.summary() | {"coulomb": {"kind": "constant", "center": 0.05}}
+    again = fleet_of("mine", "test", "pupper_v2", parameters, "bench.json", FOREIGN)
+    motors = again.sample(3, 0)
+    assert isinstance(motors, ForeignMotors)
+    np.testing.assert_array_equal(motors.coulomb, 0.05)
 
 
 def test_families_have_the_fields_of_their_motors_and_agree_on_units():

@@ -16,7 +16,7 @@ from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import identification_preset
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
-from motorprior.pipeline import adapt
+from motorprior.pipeline import weak_motors
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.pipeline.stage import read_results
@@ -59,7 +59,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
 
 def test_weak_motors_are_told_of(folder: Path, tmp_path: Path, motorprior, monkeypatch):
     """Every motor of a log is weak where the bound is above all."""
-    monkeypatch.setattr(adapt, "weak_below", lambda network: (99.0, 0.85))
+    monkeypatch.setattr(weak_motors, "weak_below", lambda network: (99.0, 0.85))
     line = ("adapt", folder / "prior" / "prior.safetensors", folder / "few" / "log.parquet", "--anyway")
     told = " ".join(motorprior(*line, "--out", tmp_path / "out").err.split())
     assert "weak motors, as shares of the central motor's kp: motor_00" in told and "limit_follows_gain" in told

@@ -8,8 +8,8 @@ import pytest
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.pipeline.adapt import WEAK_MOTOR, WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.pipeline.motor_choice import MotorChoice
+from motorprior.pipeline.weak_motors import WEAK_MOTOR, WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 NAMES = ("hip", "knee", "ankle")
@@ -29,6 +29,10 @@ def test_where_motors_differ_more_a_weak_one_is_weaker(grey_network):
     assert motor < WEAK_MOTOR and motor < robot < WEAK_ROBOT
     share = kp_share(different, np.random.default_rng(1).standard_normal((12 * 2000, different.num_latents)))
     assert 0.01 < np.mean(share.reshape(-1, 12).min(axis=1) < motor) < 0.035
+    of_robots, spread = np.random.default_rng(2), np.std(np.log(share))
+    common, own = np.sqrt(1 / 3) * of_robots.standard_normal((4000, 1)), of_robots.standard_normal((4000, 12))
+    medians = np.exp(spread * np.median(common + np.sqrt(2 / 3) * own, axis=1))
+    assert 0.01 < np.mean(medians < robot) < 0.03
 
 
 def latents(prior: MotorPrior, *shares: float) -> np.ndarray:

@@ -37,8 +37,8 @@ zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215. Assumptions
 no-load speed of a DC motor, lowered in proportion to the torque (sag); a current loop, a filter of the velocity and a
 warming of one time constant each; one sine of ripple and one of cogging; play as a dead zone, and damping of the shaft
 in proportion to its speed; the order of the firmware's steps, a reading that is exact at the tick's own time, a winding
-whose final temperature does not depend on the load, and whose resistance does not depend on it, a no-load speed that
-does not, either.
+whose final temperature does not depend on the load; a resistance of the winding and a no-load speed that do not depend
+on the temperature.
 
 Of these a learned servo may have profile, encoder on the output, dead zone, clamped integral, voltage limit without
 sag, current lag, asymmetry, bristles without damping, damping of the shaft, and heat (`servo_terms`). None has friction

@@ -23,8 +23,6 @@ _KEYS = {
     "normal": ("center", "spread", "center_uncertainty", "minimum"),
     "lognormal": ("center", "spread", "center_uncertainty"),
 }
-_DEVIATIONS = 4.0
-"""What lies within so many standard deviations may be drawn: one value in 16 000 lies outside."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,8 @@ class Distribution:
     """One parameter over the fleet.
 
     constant: center. uniform: [low, high]. normal: center + s·ε, not below ``minimum``.
-    lognormal: center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit).
+    lognormal: center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet puts draws
+    beyond the bounds of the parameter there (`bounds_of`).
 
     The motors of one robot have ε's part of center_uncertainty in common. Of a uniform range they have ``shared`` in
     common, 0 if it is not given: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor), which is
@@ -50,17 +49,11 @@ class Distribution:
         return self.values["center"]
 
     @property
-    def extremes(self) -> tuple[float, float]:
-        """Lowest and highest value that may be drawn, see _DEVIATIONS."""
-        if self.kind == "constant":
-            return self.center, self.center
-        if self.kind == "uniform":
-            return self.values["low"], self.values["high"]
-        reach = _DEVIATIONS * float(np.hypot(self.values["spread"], self.values["center_uncertainty"]))
+    def is_zero(self) -> bool:
+        """Whether it draws 0 and nothing else."""
         if self.kind == "lognormal":
-            return self.center * float(np.exp(-reach)), self.center * float(np.exp(reach))
-        least = self.values.get("minimum", -inf)
-        return max(least, self.center - reach), max(least, self.center + reach)
+            return self.center == 0.0
+        return not any(self.values.get(key) for key in ("center", "low", "high", "spread", "center_uncertainty"))
 
     def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
         """(count,) draws, see `Fleet.sample`."""
@@ -89,7 +82,7 @@ class Distribution:
 
 def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
     """Bounds of the numbers of parameter ``name`` for a distribution of this kind."""
-    (least, most), unit, positive = _range(name, family), family.units[name], name in family.positive
+    (least, most), unit, positive = bounds_of(name, family), family.units[name], name in family.positive
     center = number(least, most, above=0.0 if positive else -inf, unit=unit)
     share = kind == "lognormal"  # relative to the center, like the spread of a logarithm
     spread = number(0.0, _LARGEST_LOG_SPREAD, unit="of the center") if share else number(0.0, most, unit=unit)
@@ -114,33 +107,20 @@ def distribution_of(
     schema = Schema({kind_key: TEXT, **others, **numbers}, remedy, optional=frozenset({"minimum", "shared"}))
     schema.check(table, where)
     values = {key: float(table[key]) for key in numbers if key in table}
+    if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
+        raise ArtifactError(
+            "a normal distribution can draw values that are not above 0", where=where,
+            remedy="give a minimum above 0, or use lognormal",
+        )  # fmt: skip
     if kind == "uniform" and values["low"] > values["high"]:
         raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
-    found = Distribution(str(kind), values)
-    _require_range(found, name, family, where)
-    return found
-
-
-def _require_range(distribution: Distribution, name: str, family: Family, where: str) -> None:
-    """Refuse what may draw a motor that cannot exist."""
-    low, high = distribution.extremes
-    least, most = _range(name, family)
-    if name in family.switches and (distribution.kind != "constant" or low not in (0.0, 1.0)):
+    if name in family.switches and (kind != "constant" or values["center"] not in (0.0, 1.0)):
         raise ArtifactError("it is a switch", where=where, remedy="give a constant of 0 or 1")
-    if low < least or (name in family.positive and low <= 0.0):
-        beyond, minimum = (
-            ("not above 0", "above 0") if name in family.positive else (f"below {least:g}", f"of {least:g}")
-        )
-        raise ArtifactError(
-            f"a {distribution.kind} distribution can draw values that are {beyond}", where=where,
-            remedy=f"give a minimum {minimum}, or use lognormal",
-        )  # fmt: skip
-    if high > most:
-        problem = f"its distribution can draw {high:.3g}, above {f'{most:g} {family.units[name]}'.removesuffix(' 1')}"
-        raise ArtifactError(problem, where=where, remedy="give a smaller center or spread")
+    return Distribution(str(kind), values)
 
 
-def _range(name: str, family: Family) -> tuple[float, float]:
+def bounds_of(name: str, family: Family) -> tuple[float, float]:
+    """Least and largest value of a parameter [SI]; draws beyond are put there."""
     most = family.largest.get(name, _LARGEST)
     return -most if name in family.signed else 0.0, most
 
@@ -157,7 +137,7 @@ def require_companions(parameters: Mapping[str, Distribution], family: Family, w
     Raises:
         ArtifactError: names both.
     """
-    on = {name for name, found in parameters.items() if found.extremes != (0.0, 0.0)}
+    on = {name for name, found in parameters.items() if not found.is_zero}
     for name, companions in family.companions:
         if name in on and not on & set(companions):
             wanted = " or ".join(f"[{each}]" for each in companions)

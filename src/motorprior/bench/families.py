@@ -75,28 +75,33 @@ class Family:
             ConfigError: names the parameters and the bound of each.
         """
         h, armature = self.substep, values["armature"]
-        stiffness, damping = self._sum(self.stiffness, values), self._sum(self.damping, values)
-        stiffness = stiffness + _hardened(values)
+        stiffness = self._sum(self.stiffness, values) + _hardened(values)
+        damping = self._sum(self.damping, values)
         least = (2.0 * damping * h + stiffness * h * h) / 4.0
-        if (armature > least).all():
-            return
-        worst = int(np.argmin(armature / least))
+        if not (armature > least).all():
+            worst = int(np.argmin(armature / least))
+            springs, dampers = self._those_on(self.stiffness, values), self._those_on(self.damping, values)
+            raise self._unstable(armature[worst], stiffness[worst], damping[worst], springs, dampers, where)
+
+    def _unstable(
+        self, armature: float, stiffness: float, damping: float, springs: str, dampers: str, where: str | Path
+    ) -> ConfigError:
+        h = self.substep
+        least = (2.0 * damping * h + stiffness * h * h) / 4.0
         bounds = {
-            self.stiffness: (4.0 * armature[worst] - 2.0 * damping[worst] * h) / h**2,
-            self.damping: (4.0 * armature[worst] - stiffness[worst] * h * h) / (2.0 * h),
+            f"{springs} below {{:.3g}} N·m/rad": (4.0 * armature - 2.0 * damping * h) / h**2,
+            f"{dampers} below {{:.3g}} N·m·s/rad": (4.0 * armature - stiffness * h * h) / (2.0 * h),
         }
-        others = [
-            f"or {' + '.join(names)} below {bound:.3g} {self.units[names[0]]}"
-            for names, bound in bounds.items()
-            if bound > 0
-        ]
-        hardened = " as hard as it gets" if _hardened(values)[worst] > 0.0 else ""
-        raise ConfigError(
-            f"armature = {armature[worst]:.3g} kg·m² cannot carry {' + '.join(self.stiffness)} = "
-            f"{stiffness[worst]:.3g} N·m/rad{hardened} and {' + '.join(self.damping)} = "
-            f"{damping[worst]:.3g} N·m·s/rad in steps of {1e3 * h:g} ms",
-            where=where, remedy=", ".join((f"give armature above {least[worst]:.3g} kg·m²", *others)),
+        others = [f"or {text.format(bound)}" for text, bound in bounds.items() if bound > 0]
+        return ConfigError(
+            f"armature = {armature:.3g} kg·m² cannot carry {springs} = {stiffness:.3g} N·m/rad and {dampers} = "
+            f"{damping:.3g} N·m·s/rad in steps of {1e3 * h:g} ms",
+            where=where, remedy=", ".join((f"give armature above {least:.3g} kg·m²", *others)),
         )  # fmt: skip
+
+    def _those_on(self, names: tuple[str, ...], values: Mapping[str, np.ndarray]) -> str:
+        """Those of the parameters that some motor has, for a message; the first in any case."""
+        return " + ".join(name for name in names if name == names[0] or np.any(values.get(name, 0.0)))
 
     def _sum(self, names: tuple[str, ...], values: Mapping[str, np.ndarray]) -> np.ndarray:
         return sum((values[name] for name in names if name in values), np.zeros(len(values["armature"])))

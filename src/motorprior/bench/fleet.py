@@ -11,7 +11,7 @@ import numpy as np
 
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.true_motors import TrueMotors
-from motorprior.bench.distribution import Distribution, distribution_of, require_companions
+from motorprior.bench.distribution import Distribution, bounds_of, distribution_of, require_companions
 from motorprior.bench.families import FAMILIES, GEARED, Family
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
@@ -52,7 +52,10 @@ class Fleet:
         """
         require_count("count", count)
         rng, family = generator_of(seed), FAMILIES[self.family]
-        values = {name: d.sample(rng, count, of_one_robot) for name, d in self.parameters.items()}
+        values = {
+            name: np.clip(d.sample(rng, count, of_one_robot), *bounds_of(name, family))
+            for name, d in self.parameters.items()
+        }
         family.require_stable(values, f"fleet {self.name}, a motor drawn from it")
         return family.motors(values)
 
@@ -76,8 +79,8 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
         A distribution per constant of a motor, in SI units.
 
     Raises:
-        ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, a value out of range or that may
-            be drawn out of it, or a constant without another that it needs.
+        ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, a value out of range, or a
+            constant without another that it needs.
         ConfigError: its central motor cannot be simulated, see `Family.require_stable`.
     """
     path = fleet_path(name_or_path)
@@ -138,5 +141,4 @@ def fleet_of(
         for parameter in family.units
         if parameter in parameters
     }
-    require_companions(made, family, where, remedy)
     return Fleet(name, motor, robot, made, family.name)

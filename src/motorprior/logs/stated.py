@@ -14,7 +14,7 @@ _MOST_VALUES = 3
 
 def stated_in_words(log: MotorLog) -> str:
     """Gains and registers with their units, and postures, between semicolons; empty if the log states none of them."""
-    parts = [_gain(log, name) for name in _GAINS if getattr(log, f"stated_{name}") is not None]
+    parts = gains_in_words(log)
     parts += [
         f"{name} {f'{log.firmware[name]:.4g} {unit}' if log.firmware[name] else 'off'}"
         for name, unit in _REGISTERS.items()
@@ -23,6 +23,11 @@ def stated_in_words(log: MotorLog) -> str:
     if log.posture is not None:
         parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
     return "; ".join(parts)
+
+
+def gains_in_words(log: MotorLog) -> list[str]:
+    """Each gain that a log states, with its unit."""
+    return [_gain(log, name) for name in _GAINS if getattr(log, f"stated_{name}") is not None]
 
 
 def _gain(log: MotorLog, name: str) -> str:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import named_multiples, with_stated_gains
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
 from motorprior.bounds import require_number
@@ -26,6 +26,7 @@ from motorprior.pipeline.prior_file import prior_and_robot, require_robot_of, tr
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, working
+from motorprior.pipeline.weak_motors import advice_on_weak_motors
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.latents.grey_box_fit import Expected
@@ -34,19 +35,10 @@ if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.training_data.windows import TrainingData
 
 POSTERIOR = "posterior.safetensors"
-_NAMED = 10
-"""Most weak motors that are named."""
 _ODD_NAMED = 5
 """Most motors unlike the fleet that an error names, which is one line; the command's table has all."""
 FALSE_ALARMS = 0.01
 """About this share of the logs of the prior's own fleet is called unlike it, however many motors a log has."""
-WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-"""Share of the central motor's kp below which one motor, or the median of a robot's, is called weak at most [-]."""
-_FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
-"""The same in standard deviations of the logarithm of kp over the prior's draws, where the fleet differs by more: one
-sound robot of twelve motors in fifty has a motor so far below. As many have such a median if four tenths of the
-variance are common to the motors of a robot."""
-_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -256,30 +248,6 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_stated_gains(values, *gains)
     return named_multiples(values) if prior.network.gain_unit else values
-
-
-def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:
-    """What to do where motors (M, Z) have far smaller gains than the prior's central one; "" where none has."""
-    if prior.network.motor is None:
-        return ""
-    share, (motor_bound, robot_bound) = kp_share(prior.network, latents), weak_below(prior.network)
-    weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
-    if not weak.size:
-        return ""
-    named = ", ".join(f"{names[motor]} {share[motor]:.2f}" for motor in weak[:_NAMED])
-    more = f" and {weak.size - _NAMED} more" if weak.size > _NAMED else ""
-    return (
-        f"weak motors, as shares of the central motor's kp: {named}{more}. If they give less torque per ampere, their "
-        "torque limits are lower, too, which a log in the air hardly shows -> train on this posterior "
-        "with limit_follows_gain"
-    )
-
-
-def weak_below(network: LatentNetwork) -> tuple[float, float]:
-    """Shares of the central motor's kp below which a motor, and the median of a robot's, is called weak [-]."""
-    draws = np.random.default_rng(0).standard_normal((_DRAWS, network.num_latents))
-    spread = float(np.std(np.log(kp_share(network, draws))))
-    return min(WEAK_MOTOR, float(np.exp(-_FAR_MOTOR * spread))), min(WEAK_ROBOT, float(np.exp(-_FAR_ROBOT * spread)))
 
 
 def _note_known(prior: MotorPrior, log: MotorLog, where: str, progress: Progress) -> None:

@@ -16,6 +16,7 @@ from motorprior.signals import rms
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
+from motorprior.transfer.stated_gains import stated_constants
 
 COMMAND_PERIOD = 0.002
 """Period of the grid on which commands are held [s]; the rows of the logs are 1.5-10 ms apart."""
@@ -52,7 +53,8 @@ def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
         )
     if not excited_joints(log).size:
         raise LogError("no joint is excited", where=where, remedy="record with a moving command")
-    if (gains := stated_gain_rows(log)) is not None and np.ptp(gains, axis=1).any():
+    gains = stated_gain_rows(log) if stated_constants(log) else None
+    if gains is not None and np.ptp(gains, axis=1).any():
         raise LogError("its segments state different gains", where=where, remedy="give each a log of its own")
     return drop_repeats(log)
 

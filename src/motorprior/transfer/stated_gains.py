@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
-import numpy as np
-
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
+from motorprior.logs.stated import gains_in_words
 
 Motors = TypeVar("Motors", TrueMotors, IdealPd)
 
@@ -24,7 +23,8 @@ def stated_constants(log: MotorLog) -> frozenset[str]:
 def at_stated_gains(motors: Motors, log: MotorLog) -> Motors:
     """These motors, one per joint of the log, with the gains that it states; of a log that states none, themselves.
 
-    kp and kd are those of the log. Where it states kp alone, kd = stated kp·kd/kp of the motors.
+    kp and kd are those of the log. Where it states kp alone, kd = stated kp·kd/kp of the motors. An integral's gain,
+    which foreign motors may have, stays theirs: no log states it.
     """
     gains = stated_gains_of(log)
     if gains is None or not stated_constants(log):
@@ -35,17 +35,9 @@ def at_stated_gains(motors: Motors, log: MotorLog) -> Motors:
 
 def told_of_gains(log: MotorLog) -> str:
     """For the user: which gains a log states, and whether simulated motors have them; empty where it states none."""
-    gains = stated_gains_of(log)
-    if gains is None:
+    said = " and ".join(gains_in_words(log))
+    if not said:
         return ""
     if not stated_constants(log):
-        return "it states gains in units of the firmware, of which no fleet knows the N·m/rad: motors have the fleet's"
-    names = ("kp", "kd")[: 1 if log.stated_kd is None else 2]
-    units = ("N·m/rad", "N·m·s/rad")
-    said = [f"{name} {_range(gain)} {unit}" for name, gain, unit in zip(names, gains, units, strict=False)]
-    return f"it states {' and '.join(said)}: motors have these in place of the fleet's"
-
-
-def _range(values: np.ndarray) -> str:
-    least, most = f"{values.min():.3g}", f"{values.max():.3g}"
-    return least if least == most else f"{least} to {most}"
+        return f"it states {said}, of which no fleet knows the N·m/rad: motors have the fleet's"
+    return f"it states {said}: motors have these in place of the fleet's"

@@ -61,7 +61,7 @@ def test_single_motors_that_lack_physics_are_named():
         np.array([0.003, 0.004, 0.015]), np.full(3, 0.02), {"slow": 0.001}, {0: 0.001}, 1, ("hip", "thigh", "knee")
     )
     assert not found.misses_physics
-    assert found.lines()[-1].startswith("warning: of the PD's error is left: knee 74 %. Do not read")
+    assert found.lines()[-1].startswith("warning: more than 35 % of the PD's error is left of knee 74 %. Do not read")
     assert not any("warning" in line for line in replace(found, motors=np.full(3, 0.003)).lines())
 
 

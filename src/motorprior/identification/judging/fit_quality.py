@@ -101,7 +101,10 @@ class FitQuality:
             return ()
         named = ", ".join(f"{self.joint_names[motor]} {100 * share[motor]:.0f} %" for motor in odd)
         more = f" and {np.sum(share > MISSING) - odd.size} more" if np.sum(share > MISSING) > odd.size else ""
-        return (f"warning: of the PD's error is left: {named}{more}. Do not read the constants of these as physics",)
+        return (
+            f"warning: more than {100 * MISSING:.0f} % of the PD's error is left of {named}{more}. Do not read the "
+            "constants of these motors as physics",
+        )
 
 
 def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None) -> FitQuality:

@@ -62,8 +62,11 @@ def signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
     steady = _steady(log)
     if steady.moves.sum(axis=0).max(initial=0) < FEWEST_ROWS:
         return []
-    left = {turned: _left(steady, gravity, turned) for turned in _some(log.num_joints)}
-    own, least = left[()], min(left.values())
+    own = _left(steady, gravity, ())
+    if np.sqrt(own) < LEAST:
+        return []
+    left = {turned: _left(steady, gravity, turned) for turned in _some(log.num_joints) if turned} | {(): own}
+    least = min(left.values())
     turned = next(some for some, rest in left.items() if rest <= least + ALIKE * (own - least))
     if left[turned] > (1.0 - MARGIN) * own or np.sqrt(own) - np.sqrt(left[turned]) < LEAST:
         return []
@@ -84,8 +87,9 @@ def _finding(joints: list[str], own: float, other: float) -> Finding:
         f"{after:.1f} mrad with the sign{plural} of {names} turned"
     )
     remedy = (
-        f"look which way {names} turn{'' if plural else 's'} on the robot and in the model; turn the sign in the file, "
-        f"or {IN_MAP} by sign, or turn the joint's axis in the model; check the zeros, those of command and angle, too"
+        f"look whether the base stands as in the model, and which way {names} turn{'' if plural else 's'} there; turn "
+        f"the sign in the file, or {IN_MAP} by sign, or turn the joint's axis in the model; check the zeros, those of "
+        "command and angle, too"
     )
     return Finding("warning", "gravity", share, MARGIN, message, remedy, joints[0] if len(joints) == 1 else None, row=0)
 

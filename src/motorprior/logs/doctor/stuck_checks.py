@@ -29,6 +29,9 @@ STICKS = 0.03
 """Friction may hold a joint while its command goes on so far [rad]."""
 VISITS = 3
 """A joint meets its end stop so often, or that may be chance."""
+LONGEST_LAG = 0.1
+"""Longest lag that counts at a stop [s]: a longer one is that of a slow motion with dead band or friction, which stops
+where its command turns."""
 FLAT = 5.0
 """An end stop has this many times the rows of the two encoder steps before it; a turn has fewer."""
 DEAD_TIME = 0.5
@@ -88,9 +91,9 @@ def _at_a_stop(log: MotorLog, command: np.ndarray, angle: np.ndarray, lag: float
 
     The joint came there, and its command moves beyond by 10 % of its range. Either the command is far away; or, as in
     the fast part of a chirp every angle is far from its command, the joint stops so three times or more. Then it is
-    much longer at its extreme than just before it. And the command of ``lag`` [s] before, to
-    which the joint answers, still rises by 10 % of its range and 0.03 rad after the joint has stopped; where friction
-    or a weight stops it, the command has done so first.
+    much longer at its extreme than just before it. And the command of ``lag`` [s]
+    before, to which the joint answers, still rises by 10 % of its range and 0.03 rad after the joint has stopped; where
+    friction or a weight stops it, the command has done so first.
     """
     top, travel, step = float(angle.max()), TRAVEL * float(np.ptp(command)), encoder_step(angle)
     at_top = angle >= top - step
@@ -99,7 +102,7 @@ def _at_a_stop(log: MotorLog, command: np.ndarray, angle: np.ndarray, lag: float
     stuck = stuck.where((beyond > travel) & ~np.isin(stuck.starts, _first_rows(log)))
     free = ~at_top & (angle > angle.min() + step)
     far = stuck.highest(command) - top > FAR_BEHIND * (float(rms((command - angle)[free])) if free.any() else 0.0)
-    met = _way_on(log, stuck, np.maximum(command, top), lag) > max(STICKS, travel)
+    met = _way_on(log, stuck, np.maximum(command, top), min(lag, LONGEST_LAG)) > max(STICKS, travel)
     again = met.sum() >= VISITS and at_top.sum() > FLAT * np.sum(~at_top & (angle >= top - 3.0 * step))
     return stuck.where(far | (met & again))
 

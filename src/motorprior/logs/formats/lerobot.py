@@ -41,7 +41,10 @@ GRANTED = (
     "a LeRobot dataset does not say its units: all angles are taken as degrees, of the gripper, too, which LeRobot "
     "usually records in per cent of its range; say otherwise by a column map with scale (columns, docs/your-motors.md)"
 )
-CONVERT = "convert it to version 3 with LeRobot's own script convert_dataset_v21_to_v30, and give the new folder"
+CONVERT = (
+    "convert it to version 3 with LeRobot's own scripts (convert_dataset_v21_to_v30 takes version 2.1), and give the "
+    "new folder"
+)
 _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and observation.state"
 
 

@@ -64,7 +64,7 @@ def read_ros_bag(path: str | Path, robot: Robot | None = None) -> MotorLog:
 
     Raises:
         LogError: the extra `ros` is not installed; no MCAP file, or a damaged one; not one topic of states and one of
-            commands; messages whose joints change; names the topic; a folder of no such file, or of several.
+            commands; messages whose joints change; names the topic; a folder of a bag in another storage.
     """
     path = _only_file(Path(path))
     topics, types = _read(path)
@@ -81,8 +81,14 @@ def read_ros_bag(path: str | Path, robot: Robot | None = None) -> MotorLog:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether it is a bag, whatever its messages: a .mcap file, or a folder as ``ros2 bag record`` writes it."""
-    return (path.suffix == ".mcap" and path.is_file()) or ((path / METADATA).is_file() and bool(_files(path)))
+    """Whether it is a bag, whatever its messages: a .mcap file, or a folder as ``ros2 bag record`` writes it.
+
+    Not that of a bag of several .mcap files, each of which is a recording: it is a folder of logs.
+    """
+    if not path.is_dir():
+        return path.suffix == ".mcap" and path.is_file()
+    found = _files(path) if (path / METADATA).is_file() else []
+    return len(found) == 1 or any(file.suffix != ".mcap" for file in found)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -101,10 +107,6 @@ def _only_file(path: Path) -> Path:
     if other := [file.name for file in found if file.suffix != ".mcap"]:
         remedy = "turn it into MCAP with `ros2 bag convert` (storage_id: mcap)"
         raise LogError(f"a bag that is not stored as MCAP: {other[0]}", where=path, remedy=remedy)
-    if len(found) > 1:
-        names = ", ".join(file.name for file in found[:_SHOWN]) + (", …" if len(found) > _SHOWN else "")
-        remedy = "give the files one by one, or make one of them with `ros2 bag convert`"
-        raise LogError(f"a bag of {len(found)} files: {names}", where=path, remedy=remedy)
     return found[0]
 
 

@@ -63,6 +63,8 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         return LogFolder(read_puppersim_logs(path, robot), tuple(found))
     if found := [entry for entry in entries if any(reader.takes(entry) for reader in READERS)]:
         return _readable(path, found, robot, None)
+    if tensors := [entry for entry in entries if entry.suffix == ".pt"]:
+        read_log(tensors[0], robot)  # which says what they are and which maps there are
     if robot is not None and robot.name == DEFAULT_ROBOT:
         read_puppersim_logs(path, robot)  # which says where logs are found
     raise LogError("no log in it", where=path, remedy="give a log, or a folder of logs (docs/logs.md)")
@@ -78,11 +80,13 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
     logs: dict[str, MotorLog] = {}
     taken: list[Path] = []
     left_out: list[str] = []
+    asks_for_columns = False
     for path in paths:
         try:
             log = read_log(path, robot, columns)
         except (LogError, ConfigError, ArtifactError) as error:
             left_out.append(f"{path.name}: {error.problem}")
+            asks_for_columns |= error.argument == "columns"
             continue
         name = recording_name(path)
         if name in logs:
@@ -92,7 +96,15 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
         taken.append(path)
     if logs:
         return LogFolder(logs, tuple(taken), tuple(left_out))
-    maps = ", ".join(shipped_maps())
-    remedy = f"give columns, what the names in its tables mean: one of {maps}, or your .toml file; or give the robot"
     first = f"; {left_out[0]}" if left_out else ""
-    raise LogError(f"no log in it can be read{first}", where=folder, remedy=remedy, argument="columns")
+    raise LogError(
+        f"no log in it can be read{first}", where=folder, remedy=_remedy(asks_for_columns or not left_out),
+        argument="columns" if asks_for_columns else None,
+    )  # fmt: skip
+
+
+def _remedy(asks_for_columns: bool) -> str:
+    if not asks_for_columns:
+        return "mend or leave out what is wrong with them: `motorprior logs check` says more of each"
+    maps = ", ".join(shipped_maps())
+    return f"give columns, what the names in its tables mean: one of {maps}, or your .toml file; or give the robot"

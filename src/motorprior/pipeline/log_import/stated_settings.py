@@ -63,7 +63,7 @@ def with_stated(
         if values:
             stated[f"stated_{name}"] = np.broadcast_to(np.array(values), log.joint_pos.shape)
     if gains.get("kp") and not gains.get("kd") and log.stated_kd is not None:
-        told.append("kp is replaced, kd stays as the log or its column map states it (kd gives another)")
+        told.append("kp is replaced, kd stays as the log or its column map states it (give kd as well to change it)")
     if firmware:
         stated["firmware"] = {**log.firmware, **firmware}
     return (checked(replace(log, **stated), where=log.source) if stated else log), tuple(told)
