@@ -145,7 +145,9 @@ def _why_not_better(facts: Facts, met: Mapping[str, list[Pairing]], has: str) ->
         won = [each.place for each in pairings if _is_win(facts, each)]
         lost = [each.place for each in pairings if _is_loss(facts, each)]
         less = f" (less on {_listed(lost)}, however unsure)" if lost else ""
-        ways.append(f"{IN_WORDS[name]} on {_listed(won)}{less}")
+        unsure = [each.place for each in pairings if _is_sure_alone(facts, each) and each.place not in (*won, *lost)]
+        alone = f" (before the correction also on {_listed(unsure)})" if unsure else ""
+        ways.append(f"{IN_WORDS[name]} on {_listed(won)}{alone}{less}")
     asked = f"{TWINS_WON} of {', '.join(DECIDING)} are asked, where the rival has {has}"
     return f"beyond doubt {'; '.join(ways)}; {asked}"
 
@@ -180,6 +182,11 @@ def _is_sure(facts: Facts, pairing: Pairing) -> bool:
     return facts.comparisons[pairing].is_sure(facts.corrected[pairing])
 
 
+def _is_sure_alone(facts: Facts, pairing: Pairing) -> bool:
+    """Whether it would be sure if nothing else had been compared."""
+    return facts.comparisons[pairing].is_sure(facts.comparisons[pairing].p)
+
+
 def _is_loss(facts: Facts, pairing: Pairing) -> bool:
     """Whether the first of a pair is worse, before any correction, or by so much that it counts whatever its p."""
     gain = _gain(facts, pairing)
@@ -192,7 +199,7 @@ def _gain(facts: Facts, pairing: Pairing) -> float:
 
 
 def _differences(facts: Facts, pairings: list[Pairing]) -> str:
-    """Those beyond doubt and the losses one by one, and the range of the others."""
+    """Those beyond doubt, losses, and what the correction alone makes unsure one by one; the range of the others."""
     shown, others = [], []
     for each in pairings:
         if _is_sure(facts, each):
@@ -200,6 +207,9 @@ def _differences(facts: Facts, pairings: list[Pairing]) -> str:
         elif _is_loss(facts, each):
             p = f"p {facts.comparisons[each].p:.2g} before the correction"
             shown.append(f"{each.place} {_amount(facts, each)} ({p})")
+        elif _is_sure_alone(facts, each):
+            p = f"p {facts.comparisons[each].p:.2g}, after the correction {facts.corrected[each]:.2g}"
+            shown.append(f"{each.place} {_amount(facts, each)} ({p}: not sure)")
         else:
             others.append(each)
     if others:
