@@ -176,8 +176,8 @@ def tiny_prior(bench: Path) -> MotorPrior:
 
 
 def write_pupper_csv(path: Path, rows: int = 40) -> None:
-    """Every joint follows a slow sine exactly."""
+    """Every joint follows a slow sine, 20 ms late."""
     time = 0.01 * np.arange(rows)
-    angle = spec.NOMINAL_POSE + 0.1 * np.sin(2 * np.pi * time)[:, None]
-    table = np.column_stack([time, angle, angle, np.zeros((rows, 4))])
+    command, angle = (spec.NOMINAL_POSE + 0.1 * np.sin(2 * np.pi * (time - late))[:, None] for late in (0.0, 0.02))
+    table = np.column_stack([time, command, angle, np.zeros((rows, 4))])
     np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(csv_columns(spec.NUM_JOINTS)), comments="")

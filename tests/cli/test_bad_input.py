@@ -205,7 +205,7 @@ def test_a_log_that_was_never_a_motor_log_is_refused(refused: Command, tmp_path:
 
 def test_a_log_of_the_other_bench_is_refused(refused: Command, tmp_path: Path):
     run_bench(Bench(tmp_path / "bench", preset="paper", motors=2, steps=200))
-    words = ("log.parquet", "0.01 s", "0.002 s", "resample")
+    words = ("log.parquet", "0.01 s", "0.002 s", "period 0.002")
     refused("identify", tmp_path / "bench", "--out", tmp_path / "out", words=words)
 
 

@@ -132,7 +132,7 @@ def test_lerobots_description_must_fit(tmp_path: Path):
     with pytest.raises(LogError, match="action is of"):
         read_log(path)
     (path / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v2.1"}))
-    with pytest.raises(LogError, match=r"'v2\.1', not v3 -> convert it .* convert_dataset_v21_to_v30"):
+    with pytest.raises(LogError, match=r"'v2\.1', not v3 -> convert it .*convert_dataset_v21_to_v30"):
         read_log(path)
 
 
