@@ -30,8 +30,8 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """The whole study, about an hour and a half on two cores; a rerun continues where it stopped. The options from
-    foreign to quick, and those of the executor, are for it."""
+    """The whole study, about two hours on two cores; a rerun continues where it stopped. The options from foreign to
+    quick, and those of the executor, are for it."""
 
 
 def transfer(config: TransferCommand) -> None:
