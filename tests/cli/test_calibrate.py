@@ -175,7 +175,7 @@ def test_the_commands_for_another_robot_run_on_the_example_fleet_and_cut_logs(
     assert [each[0] for each in words] == ["logs", "calibrate"]
     outcomes = [motorprior(*each) for each in words]
     assert [each.code for each in outcomes] == [0, 0], outcomes
-    assert "log traj_3: it states kp 20 to 40 N·m/rad and kd 1 to 2 N·m·s/rad" in outcomes[1].err
+    assert "log traj_3: it states kp 20, 40 N·m/rad and kd 1, 2 N·m·s/rad" in outcomes[1].err
     figures = json.loads((tmp_path / "runs" / "go2_fitted" / "figures.json").read_text("utf-8"))
     assert figures["calibrate_rmse/center"] < figures["calibrate_rmse/start"] < 0.02
     assert "calibrate_center/kp" not in figures
