@@ -191,7 +191,7 @@ _COMPANIONS = (
 FOREIGN = Family(
     name="foreign",
     motor="The foreign motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a gear "
-    "that hardens and has play and hysteresis; no learned model has most of its equations.",
+    "that hardens and has play and hysteresis; most of its equations are in no learned model.",
     kind=FOREIGN_KIND,
     make=ForeignMotors,
     units=_FOREIGN_UNITS,

@@ -127,8 +127,9 @@ def _slow_means(stretch: Stretch, lag: float) -> tuple[np.ndarray, np.ndarray]:
     """
     length, late = max(1, round(SLOW / stretch.period)), round(lag / stretch.period)
     count = (len(stretch.angle) - late) // length
-    windows = lambda values: values[: count * length].reshape(count, length)  # noqa: E731
-    command, angle = windows(stretch.command), windows(stretch.angle[late:])
+    command, angle = (
+        values[: count * length].reshape(count, length) for values in (stretch.command, stretch.angle[late:])
+    )
     slow = command.std(axis=1) <= SLOWLY * np.std(stretch.command)
     return command[slow].mean(axis=1), angle[slow].mean(axis=1)
 
