@@ -1,4 +1,4 @@
-"""Limits of a prior's motors that its logs did not show: metrics of the prior, and words for them."""
+"""What a prior's logs did not show of its motors, limits and the size of torques: metrics of the prior, and words."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 NOT_SHOWN = "not_shown_"
 """Beginning of the name of such a metric; its value is the largest that a motor was given [N·m], [rad/s]."""
+UNKNOWN_SIZE = "unknown_torque_size"
+"""Name of the metric that tells how many motors' logs do not show how large their torques are."""
 _UNITS = {"torque_limit": "N·m"}
 """Of limits; others are speeds."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import parameters_of
-from motorprior.actuator.limits_not_shown import NOT_SHOWN
+from motorprior.actuator.limits_not_shown import NOT_SHOWN, UNKNOWN_SIZE
 from motorprior.actuator.servo_terms import SIGNED, TERMS
 from motorprior.exceptions import ArtifactError, LogError, spelled
 from motorprior.schema import number, require
@@ -41,7 +41,7 @@ _REMEDY_OF_LOGS = (
 _METRIC = re.compile(
     "final_loss|minutes_of_log|aggregate_posterior_kl|replay_rmse|unexplained"
     f"|saved_({'|'.join(TERMS)}|residual)"
-    f"|{NOT_SHOWN}({'|'.join(parameters_of(tuple(TERMS)))})"
+    f"|{NOT_SHOWN}({'|'.join(parameters_of(tuple(TERMS)))})|{UNKNOWN_SIZE}"
     "|loss_(mean|log_mean|log_std|motors|pieces|piece_variance)(_without_torque)?"
     "|residual_p[0-9]{2}_(slow|medium|fast)"
 )

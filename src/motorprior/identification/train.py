@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.limits_not_shown import NOT_SHOWN, limit_in_words
+from motorprior.actuator.limits_not_shown import NOT_SHOWN, UNKNOWN_SIZE, limit_in_words
 from motorprior.identification.judging.distribution import aggregate_posterior_summary
 from motorprior.identification.latents.assumed_spread import assumed_spread
 from motorprior.identification.latents.standardise import standard_posterior
 from motorprior.identification.networks.descent import Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
-from motorprior.identification.physics.felt import WORSE, limits_not_felt
+from motorprior.identification.physics.felt import WORSE, limits_not_felt, sizes_not_felt
 from motorprior.identification.physics.fleet_fit import held_constants
 from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.settling import longer_runs, settled
@@ -51,7 +51,8 @@ class Identified:
         losses: mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows.
         aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
         metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
-            ``saved_residual``, that of the residual network; ``not_shown_LIMIT``, see `felt.limits_not_felt`.
+            ``saved_residual``, that of the residual network; ``not_shown_LIMIT`` and ``unknown_torque_size``, see
+            `felt`.
         notes: what a user should know of it, line by line.
     """
 
@@ -159,7 +160,7 @@ def _physics_first(
                 f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
                 f"error of position by {-100 * closer:+.1f} %"
             )
-    notes += _limits_not_shown(fleet, longer, metrics)
+    notes += _limits_not_shown(fleet, longer, metrics) + _size_not_shown(fleet, longer, metrics)
     log_var, losses = np.zeros_like(fleet.z), MotorFit(fleet.network, runs).losses(fleet.z).mean(keepdims=True)
     assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
     return _finished(fleet.network, fleet.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
@@ -196,6 +197,21 @@ def _limits_not_shown(fleet: Fleet, runs: WindowRuns, metrics: dict[str, float])
             "prior may count on it"
         )
     return notes
+
+
+def _size_not_shown(fleet: Fleet, runs: WindowRuns, metrics: dict[str, float]) -> list[str]:
+    """A note on motors whose logs do not feel how large torques are; their number goes to ``metrics``, too."""
+    hidden = sizes_not_felt(fleet.network, runs, fleet.z)
+    if not hidden:
+        return []
+    metrics[UNKNOWN_SIZE] = float(hidden)
+    return [
+        f"warning: the logs of {hidden} of {len(fleet.z)} motors do not show how large their torques are: with half of "
+        f"all torques and of the rotor's inertia, or with double, the loss of such a log is at most {WORSE:g} times "
+        "what it is. Only ratios of kp, torque limit, armature and friction are to be read as physics. Under another "
+        "load these motors may be several times too strong or too weak. State kp in N·m/rad, or log motions in which "
+        "the load pulls harder at the motors"
+    ]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.limits_not_shown import limit_in_words, limits_not_shown
+from motorprior.actuator.limits_not_shown import UNKNOWN_SIZE, limit_in_words, limits_not_shown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -38,9 +38,14 @@ def told_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
 def doubts(prior: MotorPrior, robot: Robot) -> list[str]:
     """A line for each limit of a prior's motors that its logs did not show, and one for gains that are not the robot's.
 
-    Beside a torque it tells what the robot says.
+    Beside a torque it tells what the robot says. One more line tells where logs did not show how large torques are.
     """
     found = _gains_in_doubt(prior, robot)
+    if hidden := prior.metrics.get(UNKNOWN_SIZE):
+        found.append(
+            f"note: the logs of {hidden:.0f} of the prior's {len(prior.mean)} motors do not show how large torques "
+            f"are: its motors may be several times too strong or too weak for {robot.name}"
+        )
     return found + [_doubt(name, value, robot) for name, value in limits_not_shown(prior.metrics).items()]
 
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.identification.physics.felt import felt_constants, limits_not_felt
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, encoded, with_motor
+from motorprior.identification.physics.felt import felt_constants, limits_not_felt, sizes_not_felt
+from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, with_motor
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import POS, VEL, TrainingData
+from motorprior.identification.training_data.windows import POS, VEL, Measured, TrainingData
+from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
@@ -34,3 +35,20 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     assert found[0] == "torque_limit" and found[1].motors == 1 and found[1].most == pytest.approx(100.0)
     stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
     assert limits_not_felt(network, stated, z) == {}
+
+
+@pytest.mark.parametrize(("size", "noise", "hidden"), [(1.0, 0.02, 0), (10.0, 3e-4, 0), (10.0, 0.02, 1)])
+def test_what_a_load_does_to_a_strong_motor_drowns_in_noise_and_with_it_how_strong_the_motor_is(
+    decoder_data: Callable[..., TrainingData], size: float, noise: float, hidden: int
+):
+    motor = INITIAL_MOTOR | {name: size * INITIAL_MOTOR[name] for name in TORQUES if name in INITIAL_MOTOR}
+    center = encoded(motor, ())
+    network = with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    z = np.zeros((1, len(center)))
+    data = replace(decoder_data(network, z, segments=5, rows=400), measured=Measured(False))
+    series = data.series.copy()
+    series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
+    data = replace(data, series=series)
+    assert sizes_not_felt(network, WindowRuns(data, PRESET), z) == hidden
+    stated = replace(network, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
+    assert sizes_not_felt(stated[0], WindowRuns(stated[1], PRESET), z) == 0, "stated gains say how large a torque is"

@@ -1,6 +1,8 @@
 """Which constants of motors their logs feel: half and double of such a constant both replay the logs worse.
 
-A log does not feel a constant if half of it, or double, replays the log as well.
+A log does not feel a constant if half of it, or double, replays the log as well. Nor does it feel how large torques are
+if half of everything that is a torque, the rotor's inertia included, replays it as well, or double: the load, which
+stays as it is, then hardly counts.
 """
 
 from __future__ import annotations
@@ -13,9 +15,11 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.fleet_fit import held_constants
+from motorprior.identification.physics.initial_motor import TORQUES
 from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.speed_limits import SPEED_LIMITS
 from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 LIMITS = ("torque_limit", *SPEED_LIMITS)
 """Of torque and speed. Where logs do not show them, a fit sets most of them far beyond (`fleet_fit.ROOM`)."""
@@ -61,6 +65,32 @@ def limits_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> 
             if hidden.any():
                 found[name] = NotFelt(int(hidden.sum()), float(network.constants(z)[name][hidden].max()))
     return found
+
+
+def sizes_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> int:
+    """Number of motors whose logs do not feel how large their torques are; 0 where gains are stated in N·m/rad.
+
+    Args:
+        network: with a geared motor.
+        runs: the logs of M motors.
+        z: (M, Z) their latents.
+    """
+    if runs.gain_unit == PHYSICAL_GAINS:
+        return 0
+    least = MotorFit(network, runs).losses(z)
+    losses = [MotorFit(_of_size(network, factor), runs).losses(z) for factor in (0.5, 2.0)]
+    return int((np.min(losses, axis=0) <= WORSE * least).sum())
+
+
+def _of_size(network: LatentNetwork, factor: float) -> LatentNetwork:
+    """Motors all of whose torques are so many times as large."""
+    motor = network.motor
+    assert motor is not None
+    rows = np.isin(parameters_of(motor.terms), TORQUES)
+    return replace(
+        network, motor=replace(motor, center=motor.center + np.log(factor) * rows),
+        torque_scale=factor * network.torque_scale, torque_limit=factor * network.torque_limit,
+    )  # fmt: skip
 
 
 def _worse(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, least: np.ndarray) -> np.ndarray:

@@ -28,8 +28,8 @@ INITIAL_MOTOR = {
     "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
 }  # fmt: skip
 """Constants at which a fit begins, in SI units: a small geared servo."""
-_TORQUES = (
-    "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
+TORQUES = (
+    "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
 """Constants that scale with the size of a motor."""
@@ -60,7 +60,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
     if runs.gain_unit == PHYSICAL_GAINS:
         factor = kp / INITIAL_MOTOR["kp"]
-        motor = motor | {name: factor * motor[name] for name in _TORQUES if name in motor}
+        motor = motor | {name: factor * motor[name] for name in TORQUES if name in motor}
         needed = float(np.median(runs.largest_request))
         limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
         motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if states_kd(runs) else {})
@@ -92,7 +92,7 @@ def sized_center(
     if runs.gain_unit == PHYSICAL_GAINS:
         return center
     names = parameters_of(terms)
-    torques = np.array([name in (*_TORQUES, "kp") for name in names])
+    torques = np.array([name in TORQUES for name in names])
     gain = np.array([name == "kp" for name in names])
     sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
     nowhere = np.zeros((runs.num_motors, len(names)))

@@ -129,9 +129,17 @@ def _left(steady: _Steady, gravity: Gravity, turned: tuple[int, ...]) -> float:
 
 def _squares_left(torque: np.ndarray, error: np.ndarray, speed: np.ndarray) -> float:
     """Sum of the squares that one joint's fit leaves [rad²]."""
-    from scipy.optimize import lsq_linear
+    columns = np.stack([np.sign(speed), speed, -torque, np.ones_like(speed), error], axis=1)
+    pull, one, left = np.linalg.qr(columns, mode="r")[2:, 2:].T  # the same sum, friction and lag taken out
+    softness, offset = np.linalg.lstsq(np.stack([pull, one], axis=1), left, rcond=None)[0]
+    if softness >= 0.0 and abs(offset) <= OFFSET:
+        found = [(softness, offset)]
+    else:  # a convex sum has its least on the bounds then
+        found = [(max(_fitted(pull, left - bound * one), 0.0), bound) for bound in (-OFFSET, OFFSET)]
+        found.append((0.0, np.clip(_fitted(one, left), -OFFSET, OFFSET)))
+    return min(float(np.sum((left - softness * pull - offset * one) ** 2)) for softness, offset in found)
 
-    columns = np.stack([-torque, np.ones_like(speed), np.sign(speed), speed, error], axis=1)
-    _, small = np.linalg.qr(columns)  # the same sum, of five rows
-    least, most = [0.0, -OFFSET, -np.inf, -np.inf], [np.inf, OFFSET, np.inf, np.inf]
-    return 2.0 * float(lsq_linear(small[:, :-1], small[:, -1], (least, most), method="bvls").cost)
+
+def _fitted(column: np.ndarray, values: np.ndarray) -> float:
+    """Factor of a column that leaves the least of the values."""
+    return float(column @ values / max(column @ column, np.finfo(float).tiny))
