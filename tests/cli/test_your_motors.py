@@ -18,6 +18,7 @@ from motorprior.cli.main import RUN, parse
 from motorprior.identification import load_fit
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
+from motorprior.logs.formats.bag_columns import CLOCK
 from motorprior.logs.formats.column_map import load_column_map
 from motorprior.logs.formats.column_units import Conversion
 from motorprior.pipeline import demo
@@ -154,10 +155,22 @@ def test_the_column_map_on_the_page_is_understood(tmp_path: Path):
 
 def test_the_tables_of_channels_on_the_page_are_understood(tmp_path: Path):
     path = tmp_path / "columns.toml"
-    plain, channels = blocks("your-motors.md", "toml")
+    plain, channels = blocks("your-motors.md", "toml")[:2]
     path.write_text(re.sub(r"kp = .*", "", plain) + channels, "utf-8")
     pan, lift, gripper = load_column_map(path).joints
     tick, degree = math.tau / 4096, math.tau / 360
     factors = [joint.conversions[name].factor for joint in (pan, lift) for name in ("position_target", "joint_pos")]
     assert factors == pytest.approx([-degree, -tick, tick, -tick], rel=1e-12)
     assert gripper.conversions["joint_pos"] == gripper.conversions["position_target"] == Conversion(0.0175, -0.17)
+
+
+def test_the_maps_of_bags_on_the_page_name_topics_and_fields(tmp_path: Path):
+    path = tmp_path / "columns.toml"
+    unitree, controller = blocks("your-motors.md", "toml")[2:]
+    path.write_text(unitree, "utf-8")
+    known = load_column_map(path)
+    assert known.columns_of("joint_pos", known.joints) == ["/lowstate:motor_state[0].q"] and known.time == CLOCK
+    path.write_text(f'motor = "servo"\ntime = "{CLOCK}"\n{controller}', "utf-8")
+    known = load_column_map(path)
+    assert known.columns_of("joint_pos", known.joints) == ["/joint_states:position[shoulder_pan]"]
+    assert known.columns_of("position_target", known.joints) == ["/forward_position_controller/commands:data[0]"]

@@ -157,7 +157,9 @@ def test_a_column_of_anything_but_texts_is_refused_before_it_is_read(
 
 def test_tensors_have_one_posture(tmp_path: Path):
     path, columns = write_pt(tmp_path), tmp_path / "columns.toml"
-    with pytest.raises(LogError, match=r"log\.pt: .*posture = 'time': that is no posture, and tensors hold no"):
+    with pytest.raises(
+        LogError, match=r"log\.pt: .*posture = 'time': that is no posture, and a file of tensors has no"
+    ):
         read_log(path, columns=stating(tmp_path, "time", columns.read_text("utf-8")))
 
 

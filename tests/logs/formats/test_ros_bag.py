@@ -59,7 +59,7 @@ def test_states_with_the_command_in_force(tmp_path: Path):
         ({"commands": "/b/joint_states"}, "topics of"),
         (
             {"states": "/arm/states", "numbers": "/cmd"},
-            r"/arm/states; others: /cmd \(std_msgs/msg/Float64MultiArray\) -> .* as sensor_msgs/msg/JointState",
+            r"/arm/states; others: /cmd \(std_msgs/msg/Float64MultiArray\) -> .* or read its topics with columns",
         ),
         ({"names": ("pan", "tail")}, "the command has a joint 'tail'"),
         ({"names": ("pan", "pan")}, "is of the joints"),
@@ -94,13 +94,6 @@ def test_a_bag_in_another_storage_is_told_to_be_converted(tmp_path: Path):
     (folder / "run_0.db3").write_bytes(b"SQLite format 3")
     with pytest.raises(LogError, match=r"not stored as MCAP: run_0\.db3 -> .*ros2 bag convert"):
         read_log(folder)
-
-
-def test_a_bag_takes_no_column_map(tmp_path: Path):
-    path = write_bag(tmp_path / "a.mcap")
-    with pytest.raises(LogError, match=r"its messages name the joints themselves, .* -> leave columns out") as refusal:
-        read_log(path, columns="so101_sage")
-    assert refusal.value.argument == "columns"
 
 
 def test_a_bag_without_joint_states_says_what_it_has(tmp_path: Path):

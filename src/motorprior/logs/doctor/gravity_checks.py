@@ -130,7 +130,8 @@ def _left(steady: _Steady, gravity: Gravity, turned: tuple[int, ...]) -> float:
 def _squares_left(torque: np.ndarray, error: np.ndarray, speed: np.ndarray) -> float:
     """Sum of the squares that one joint's fit leaves [rad²]."""
     columns = np.stack([np.sign(speed), speed, -torque, np.ones_like(speed), error], axis=1)
-    pull, one, left = np.linalg.qr(columns, mode="r")[2:, 2:].T  # the same sum, friction and lag taken out
+    _, small = np.linalg.qr(columns)
+    pull, one, left = small[2:, 2:].T  # the same sum, friction and lag taken out
     softness, offset = np.linalg.lstsq(np.stack([pull, one], axis=1), left, rcond=None)[0]
     if softness >= 0.0 and abs(offset) <= OFFSET:
         found = [(softness, offset)]

@@ -21,17 +21,17 @@
     kp = 20                                 # gains that the motor was told, in units.gain: N·m/rad or firmware
     kd = 0.5
 
-An angle is sign·unit·value + zero, a velocity or torque sign·unit·value. ``action[{joint}]`` is one number of a column
-of lists. A joint may have units of its own, ``scale`` [rad per unit of its columns] where its unit has no name, and a
-table per channel that has other ones, ``[joints.1.joint_pos]``; a velocity has the sign of the angle. Where no column
-says the time, ``rate`` [Hz] stands for ``time``; time stamps are read as they are. ``posture`` is one of POSTURES,
-or else the name of a column of such names.
+``{name}`` in the name of a column stands for the joint's name. An angle is sign·unit·value + zero, a velocity or torque
+sign·unit·value. ``action[{joint}]`` is one number of a column of lists. A joint may have units of its own, ``scale``
+[rad per unit of its columns] where its unit has no name, and a table per channel that has other ones,
+``[joints.1.joint_pos]``; a velocity has the sign of the angle. Where no column says the time, ``rate`` [Hz] stands for
+``time``; time stamps are read as they are. ``posture`` is one of POSTURES, or else the name of a column of such names.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.resources import files
@@ -56,7 +56,8 @@ from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of, requir
 
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")
 """Channels that have a column for every joint."""
-JOINT = "{joint}"
+JOINT, NAME = "{joint}", "{name}"
+"""In the name of a column: the joint's table [joints.…], and its name (the same, unless the table has a name)."""
 KP, KD = (1e-6, 1e6), (0.0, 1e6)
 """Least and most of a stated gain."""
 _REMEDY = "see docs/your-motors.md"
@@ -129,7 +130,7 @@ class ColumnMap:
         rate: of the rows [Hz], or None.
         segment: column of the number of the recording, or None for a single one.
         posture: one of POSTURES, which holds for all rows, or else the column that says it; None if nobody says it.
-        series: channel -> name of its columns, with JOINT where the joint's name stands.
+        series: channel -> name of its columns, with JOINT or NAME where the joint's stands.
         joints: in the order of the map.
         gain_unit: of the joints' gains (`MotorLog`).
         firmware: registers of all the motors (`MotorLog`).
@@ -153,6 +154,10 @@ class ColumnMap:
     def posture_column(self) -> str | None:
         """Name of the column of postures; None if one holds for all rows, or if nobody says it."""
         return None if self.posture in POSTURES else self.posture
+
+    def columns_of(self, channel: str, joints: Iterable[MappedJoint]) -> list[str]:
+        """Names of the columns of a channel, one per joint."""
+        return [self.series[channel].replace(JOINT, joint.column).replace(NAME, joint.name) for joint in joints]
 
     def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
         """(J,) of the channels stated_kp and stated_kd of these joints, as far as they are stated."""
@@ -218,7 +223,7 @@ def _require_one_clock(table: dict[str, Any], units: dict[str, Any], where: str)
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
     series = {name: table[name] for name in SERIES if name in table}
     for name, column in series.items():
-        if JOINT not in column:
+        if JOINT not in column and NAME not in column:
             raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT}", where=where, remedy=f"{_PIVOT}; {_REMEDY}")
     if series["position_target"] == series["joint_pos"]:
         problem = f"position_target and joint_pos are both {series['joint_pos'][:40]!r}"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError, shown
-from motorprior.logs.formats.column_map import JOINT, ColumnMap, MappedJoint
+from motorprior.logs.formats.column_map import ColumnMap, MappedJoint
 from motorprior.logs.formats.column_units import Conversion
 from motorprior.logs.formats.growing_array import GrowingArray
 from motorprior.logs.formats.parquet_pages import COPY_AGAIN, MAX_NUMBERS
@@ -49,7 +49,7 @@ def read_mapped_log(
     path = Path(path)
     source = source or _source(path, columns)
     joints = _in_order(columns, robot, path)
-    wanted = {name: [text.replace(JOINT, joint.column) for joint in joints] for name, text in columns.series.items()}
+    wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
     singles = [name for name in (columns.time, columns.segment, columns.posture_column) if name]
     parts: dict[str, GrowingArray] = {}
     rows = 0
@@ -79,6 +79,20 @@ def read_mapped_log(
     )  # fmt: skip
 
 
+def require_one_posture(columns: ColumnMap, path: Path, kind: str) -> None:
+    """Refuse a map that names a column of postures, for a kind of file that has no texts.
+
+    Raises:
+        LogError: names the column.
+    """
+    if columns.posture_column:
+        raise LogError(
+            f"the column map {columns.source} says posture = {shown(columns.posture_column)}: that is no posture, and "
+            f"{kind} has no column of texts",
+            where=path, remedy=f"state one posture for all rows: {NAMES}",
+        )  # fmt: skip
+
+
 def if_it_has(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:
     """The robot, if all these joints are its own: a log that names its joints may be of another one."""
     return robot if robot is not None and set(joint_names) <= set(robot.joint_names) else None
@@ -87,12 +101,7 @@ def if_it_has(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None
 def _source(path: Path, columns: ColumnMap) -> Columns:
     if path.suffix != ".pt":
         return partial(table_columns, time=columns.time, posture=columns.posture_column)
-    if columns.posture_column:
-        raise LogError(
-            f"the column map {columns.source} says posture = {shown(columns.posture_column)}: that is no posture, and "
-            "tensors hold no column of texts",
-            where=path, remedy=f"state one posture for all rows: {NAMES}",
-        )  # fmt: skip
+    require_one_posture(columns, path, "a file of tensors")
     return tensor_columns
 
 

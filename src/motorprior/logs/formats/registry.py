@@ -6,15 +6,17 @@ from functools import partial
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.formats.bag_columns import bag_columns
+from motorprior.logs.formats.bag_messages import is_bag
 from motorprior.logs.formats.bam import BAM
 from motorprior.logs.formats.column_map import ColumnMap, load_column_map, shipped_maps
 from motorprior.logs.formats.lerobot import LEROBOT, is_lerobot_folder, lerobot_columns
 from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader
-from motorprior.logs.formats.mapped_table import read_mapped_log
+from motorprior.logs.formats.mapped_table import Columns, read_mapped_log, require_one_posture
 from motorprior.logs.formats.parquet_io import PARQUET
 from motorprior.logs.formats.puppersim import PUPPERSIM
 from motorprior.logs.formats.robot_run import ROBOT_RUN
-from motorprior.logs.formats.ros_bag import ROS_BAG, is_bag
+from motorprior.logs.formats.ros_bag import ROS_BAG
 from motorprior.logs.formats.sage import SAGE
 from motorprior.logs.formats.tensor_file import contents_in_words
 from motorprior.logs.motor_log import MotorLog
@@ -24,7 +26,7 @@ READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LERO
 """In the order in which they are asked."""
 
 
-TABLES = (".csv", ".csv.gz", ".parquet", ".pt")
+TABLES = (".csv", ".csv.gz", ".parquet", ".pt", ".mcap")
 """Endings of files that a column map can be for."""
 OF_TENSORS = "_tensors"
 """How the names of shipped maps for files of tensors end."""
@@ -37,7 +39,8 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
         path: the file, or the folder of a format that is one.
         robot: that was recorded; formats that name their joints need none.
         columns: what the columns of a table of somebody else (.csv, .csv.gz, .parquet), of a LeRobot dataset's folder,
-            or the tensors of a .pt mean: a map, the name of a shipped one, or its file (docs/your-motors.md).
+            the tensors of a .pt, or the topics of a ROS 2 bag mean: a map, the name of a shipped one, or its file
+            (docs/your-motors.md).
 
     Returns:
         The log in SI units, checked for shape, order and finite numbers; `check_log` says whether it is any good.
@@ -51,11 +54,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     if columns is not None:
         known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
         _require_same_robot(known, robot, path)
-        _require_no_bag(path)
-        if path.is_dir() and not is_lerobot_folder(path):
-            raise LogError("a folder, not a table", where=path, remedy=_files_to_give(path))
-        of_folder = partial(lerobot_columns, posture=known.posture_column)
-        return read_mapped_log(path, known, robot, of_folder if is_lerobot_folder(path) else None)
+        return read_mapped_log(path, known, robot, _source(path, known))
     for reader in READERS:
         if reader.takes(path):
             return reader.read(path, robot)
@@ -106,11 +105,20 @@ def _tensors_without_map(path: Path) -> LogError:
     return LogError(problem, where=path, remedy=remedy, argument="columns")
 
 
-def _require_no_bag(path: Path) -> None:
+def _source(path: Path, columns: ColumnMap) -> Columns | None:
+    """What reads the columns of a path that is no table by its ending; None for one that is.
+
+    Raises:
+        LogError: a folder of none that is known.
+    """
+    if is_lerobot_folder(path):
+        return partial(lerobot_columns, posture=columns.posture_column)
     if is_bag(path):
-        problem = "a ROS 2 bag and columns: its messages name the joints themselves, and are in SI units"
-        remedy = "leave columns out; for other units, signs or names write its topics as a table (.csv)"
-        raise LogError(problem, where=path, remedy=remedy, argument="columns")
+        require_one_posture(columns, path, "a bag")
+        return partial(bag_columns, rows=columns.columns_of("joint_pos", columns.joints)[0])
+    if path.is_dir():
+        raise LogError("a folder, not a table", where=path, remedy=_files_to_give(path))
+    return None
 
 
 def _require_same_robot(columns: ColumnMap, robot: Robot | None, path: Path) -> None:

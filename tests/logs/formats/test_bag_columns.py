@@ -1,0 +1,130 @@
+"""Any topics of a ROS 2 bag become a motor log by a column map; it needs the extra `ros`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign_files import ANGLE, TARGET, TIME
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motorprior.exceptions import LogError
+from motorprior.logs.formats.registry import read_log
+from motorprior.pipeline.log_import.log_folder import read_log_folder
+
+pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")
+LINE = "=" * 80
+COMMAND, STATE = ("std_msgs/msg/Float64MultiArray", "float64[] data"), ("demo_msgs/msg/State", "")
+STATE_TEXT = f"Motor[2] motor_state\nstring[] name\nfloat32 level\n{LINE}\nMSG: demo_msgs/Motor\nfloat64 q\nfloat64 dq"
+LEGGED = """
+motor = "servo"
+time = "log_time"
+position_target = "/commands:data[{joint}]"
+joint_pos = "/state:motor_state[{joint}].q"
+joint_vel = "/state:motor_state[{joint}].dq"
+posture = "hung"
+
+[joints]
+0 = { name = "pan", kp = 20 }
+1 = { name = "lift", kp = 20, sign = -1 }
+"""
+
+
+def write_bag(path: Path, late: int = 0) -> Path:
+    """Commands as plain numbers, states of an own type; commands begin ``late`` rows after the states."""
+    from mcap_ros2.writer import Writer
+
+    with open(path, "wb") as file, Writer(file) as writer:
+        command = writer.register_msgdef(*COMMAND)
+        state = writer.register_msgdef(STATE[0], STATE_TEXT)
+        for row, (time, target, angle) in enumerate(zip(TIME, TARGET, ANGLE, strict=True)):
+            now = int(1e9 * time) + 5_000_000
+            if row >= late:
+                writer.write_message("/commands", command, {"data": target.tolist()}, log_time=now - 1)
+            motors: list[Any] = [{"q": q, "dq": 2.0 * q} for q in angle.tolist()]
+            message = {"motor_state": motors, "name": ["a.left", "b"], "level": 0.5}
+            writer.write_message("/state", state, message, log_time=now)
+    return path
+
+
+def written(tmp_path: Path, text: str = LEGGED) -> str:
+    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+    return str(tmp_path / "map.toml")
+
+
+def test_messages_of_any_type_by_their_fields(tmp_path: Path):
+    log = read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path))
+    assert log.joint_names == ("pan", "lift") and log.stated_kp is not None and log.joint_vel is not None
+    np.testing.assert_allclose(log.time, TIME, atol=2e-9)
+    np.testing.assert_array_equal(log.position_target, TARGET * [1.0, -1.0])
+    np.testing.assert_array_equal(log.joint_pos, ANGLE * [1.0, -1.0])
+    np.testing.assert_array_equal(log.joint_vel, 2.0 * ANGLE * [1.0, -1.0])
+
+
+def test_rows_begin_where_every_topic_has_said_something(tmp_path: Path):
+    log = read_log(write_bag(tmp_path / "a.mcap", late=3), columns=written(tmp_path))
+    np.testing.assert_array_equal(log.joint_pos[:, 0], ANGLE[3:, 0])
+    np.testing.assert_allclose(log.time, TIME[3:] - TIME[3], atol=2e-9)
+
+
+def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_path: Path):
+    text = LEGGED.replace("motor_state[{joint}]", "motor_state[{name}]").replace('"pan"', '"b"')
+    log = read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path, text.replace('"lift"', '"a.left"')))
+    np.testing.assert_array_equal(log.position_target, TARGET * [1.0, -1.0])
+    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1] * [1.0, -1.0])
+
+
+def test_a_joint_by_the_name_that_the_message_gives_it(tmp_path: Path):
+    text = LEGGED.replace("/commands:data[", "/state:motor_state[").replace(
+        'motor_state[{joint}]"', 'motor_state[{joint}].dq"'
+    )
+    text = text.replace("\n0 =", '\n"a.left" =').replace("\n1 =", "\nb =")
+    log = read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path, text))
+    np.testing.assert_array_equal(log.joint_pos, ANGLE * [1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "/commands:data",
+            "/cmd:data",
+            r"no topic '/cmd'; it has /commands \(std_msgs/msg/Float64MultiArray\), /state",
+        ),
+        ("motor_state[{joint}].q", "motor_state[{joint}].angle", r"message 0 of .* '/state:motor_state\[0\]\.angle'"),
+        ("motor_state[{joint}].q", "motor_state[7{joint}].q", r"no number '/state:motor_state\[70\]\.q' \(.*range"),
+        ("motor_state[{joint}].q", "motor_state[x{joint}].q", r"it names the joints \['a.left', 'b'\]"),
+        ("motor_state[{joint}].q", "motor_state[{joint}]", "it is a Motor"),
+        ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' names no number .* -> name log_time for the"),
+        ('"log_time"', '"t_s"', "'t_s' names no number of a bag's messages"),
+        ('"hung"', '"mode"', "posture = 'mode': that is no posture, and a bag has no column of texts"),
+    ],
+)
+def test_what_a_map_gets_wrong_is_named(tmp_path: Path, old: str, new: str, said: str):
+    with pytest.raises(LogError, match=said):
+        read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path, LEGGED.replace(old, new)))
+
+
+def test_a_folder_of_bags_is_read_by_a_map(tmp_path: Path):
+    (tmp_path / "bags").mkdir()
+    for name in ("run_0", "run_1"):
+        write_bag(tmp_path / "bags" / f"{name}.mcap")
+    assert list(read_log_folder(tmp_path / "bags", None, written(tmp_path)).logs) == ["run_0", "run_1"]
+
+
+@given(share=st.floats(0.0, 1.0, exclude_max=True), byte=st.none() | st.integers(0, 255))
+@settings(max_examples=25, deadline=None)
+def test_a_damaged_bag_is_a_log_or_one_error(tmp_path_factory: pytest.TempPathFactory, share: float, byte: int | None):
+    folder = tmp_path_factory.mktemp("bag")
+    path = write_bag(folder / "a.mcap")
+    data = bytearray(path.read_bytes())
+    if byte is None:
+        del data[int(share * len(data)) :]
+    else:
+        data[int(share * len(data))] = byte
+    path.write_bytes(data)
+    try:
+        read_log(path, columns=written(folder))
+    except LogError as error:
+        assert "a.mcap" in str(error) and len(str(error)) < 1000
