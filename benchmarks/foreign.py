@@ -22,12 +22,11 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.bench.facts import BenchFacts, read_bench
+from motorprior.bench.facts import read_bench
 from motorprior.identification.judging.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.motor_choice import nominal_pd
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import FIGURES, description, is_finished, working
 from motorprior.pipeline.validation.held_out import adapt_all, adapted_models, distribution, held_out_motors
@@ -85,7 +84,7 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     facts = read_bench(settings.out / family / "bench")[1]
-    pd = tuned_pd(settings, family, facts)
+    pd = tuned_pd(settings, family)
     with PROGRESS.start(f"{family}: train, new, coverage, draws", 4) as task:
         train: dict[str, ModelOfMotors] = {name: prior.training_motors for name, prior in priors.items()}
         found = errors(settings, family, "train", facts.physical_motors(), train | pd)
@@ -104,14 +103,14 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
     return found
 
 
-def tuned_pd(settings: Settings, family: str, facts: BenchFacts) -> dict[str, ModelOfMotors]:
+def tuned_pd(settings: Settings, family: str) -> dict[str, ModelOfMotors]:
     """One PD for all motors, fitted to the log of the bench."""
-    from motorprior.identification.baselines.tuned_pds import EVALUATIONS, EVERYTHING, fit_pd, repeated
+    from motorprior.identification.baselines import tuned_pds
 
-    log, nominal = read_bench(settings.out / family / "bench")[0], nominal_pd(facts.fleet, 1)
-    with PROGRESS.start(f"{family}: tune the PD", EVALUATIONS) as task:
-        tuned = fit_pd(log, nominal, EVERYTHING, task.advance)
-    return {"tuned_pd": lambda index: repeated(tuned, len(index))}
+    log = read_bench(settings.out / family / "bench")[0]
+    with PROGRESS.start(f"{family}: tune the PD", tuned_pds.TUNING) as task:
+        tuned = tuned_pds.tuned_pd(log, task.advance)
+    return {"tuned_pd": lambda index: tuned_pds.repeated(tuned, len(index))}
 
 
 def errors(

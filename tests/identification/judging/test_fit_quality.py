@@ -11,7 +11,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.tuned_pds import trials
+from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.judging.fit_quality import MEASURED, MISSING, FitQuality, fit_quality
 from motorprior.identification.judging.reference import replayed_segments
 from motorprior.identification.latents.standardise import standardised, widened

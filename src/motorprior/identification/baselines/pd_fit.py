@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from scipy.optimize import OptimizeResult, minimize
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.identification.baselines.tuned_pds import START, closed_loop_error, least
+from motorprior.identification.baselines.replay_error import Told, as_they_are, closed_loop_error
 from motorprior.logs.motor_log import MotorLog
 
-_ROUNDS, _ROUND = 6, 600
-"""Most searches, see `baselines.least`, each from the best of the one before; most evaluations of each."""
-_FIRST_ROUND = 100
-"""Most evaluations of the search from each beginning."""
-_BEGINNINGS = tuple(
-    (("armature", armature), ("delay", delay)) for armature in (0.001, 0.005) for delay in (0.002, 0.008)
-)
-"""Constants to begin with [kg·m²], [s]: of a slow rotor and of a late one the error is alike."""
-MOST_EVALUATIONS = len(_BEGINNINGS) * _FIRST_ROUND + _ROUNDS * _ROUND
-"""Of a fit."""
+START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}
+"""Where the fit of a constant begins, that a nominal PD does not have [kg·m²], [s], [N·m]."""
 _DELAY = 0.01
 """[s]; a delay is searched in this unit, since its logarithm has no way back from 0."""
 CONVERGED, NOTHING = 0.002, 1e-5
 """A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Most evaluations of a fit: of the search from each beginning, and of each of the further ones, so many rounds."""
+
+    first: int = 100
+    rounds: int = 6
+    evaluations: int = 600
+
+    def most(self, starts: int) -> int:
+        """Evaluations of a fit with so many beginnings."""
+        return starts * self.first + self.rounds * self.evaluations
+
+
+THOROUGH = Effort()
 
 
 @dataclass(frozen=True)
@@ -48,44 +58,61 @@ def pd_motors(constants: Mapping[str, float], count: int) -> Actuator:
 
 
 def fit_to_the_end(
-    log: MotorLog, start: Mapping[str, float], free: tuple[str, ...], progress: Callable[[int], None]
+    log: MotorLog,
+    starts: Sequence[Mapping[str, float]],
+    free: tuple[str, ...],
+    progress: Callable[[int], None] | None = None,
+    effort: Effort = THOROUGH,
+    told: Told = as_they_are,
 ) -> PdFit:
     """One PD for all motors of a log with known loads, with the least closed-loop error on the whole of it.
 
     Nelder-Mead over the ``free`` constants: the delay in units of _DELAY, the logarithms of the others. A search from
-    each of some armatures and delays, then, from the best, restarts with a new simplex.
+    each start, then, from the best, restarts with a new simplex.
 
     Args:
         log: of a bench.
-        start: kp, kd and torque_limit to begin with.
+        starts: constants to begin with, by name; what is not free is that of the first.
         free: names of the constants to fit.
         progress: called after every evaluation.
+        effort: at most.
+        told: what the PD is told of each segment.
     """
-    judge = closed_loop_error(log, progress)
-    known = {name: value for name, value in start.items() if name not in free}
+    judge = closed_loop_error(log, progress, told)
+    known, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
 
     def constants(point: np.ndarray) -> dict[str, float]:
-        values = np.where(np.array(free) == "delay", _DELAY * np.abs(point), np.exp(point))
+        values = np.where(delayed, _DELAY * np.abs(point), np.exp(point))
         return known | {name: float(value) for name, value in zip(free, values, strict=True)}
 
     def cost(point: np.ndarray) -> float:
         return judge(pd_motors(constants(point), log.num_joints))
 
-    searches = [least(cost, first, _FIRST_ROUND) for first in _beginnings(start, free)]
+    points = [np.array([start[name] for name in free]) for start in starts]
+    searches = [_least(cost, np.where(delayed, point / _DELAY, np.log(point)), effort.first) for point in points]
     evaluations, converged = sum(found.nfev for found in searches), False
     best, error = min(((found.x, float(found.fun)) for found in searches), key=lambda each: each[1])
-    for _ in range(_ROUNDS):
-        found = least(cost, best, _ROUND)
+    for _ in range(effort.rounds):
+        found = _least(cost, best, effort.evaluations)
         evaluations += found.nfev
-        converged = found.nfev < _ROUND and error - found.fun < max(CONVERGED * error, NOTHING)
+        converged = found.nfev < effort.evaluations and error - found.fun < max(CONVERGED * error, NOTHING)
         best, error = found.x, float(found.fun)
         if converged:
             break
     return PdFit(constants(best), error, evaluations, bool(converged))
 
 
-def _beginnings(start: Mapping[str, float], free: tuple[str, ...]) -> list[np.ndarray]:
-    """Points to search from: every one of _BEGINNINGS that differs in what is free."""
-    made = {tuple((START | dict(start) | dict(values))[name] for name in free) for values in _BEGINNINGS}
-    delayed = np.array(free) == "delay"
-    return [np.where(delayed, np.array(point) / _DELAY, np.log(point)) for point in sorted(made)]
+def beginnings(
+    start: Mapping[str, float], free: tuple[str, ...], lags: Mapping[str, Iterable[float]]
+) -> list[dict[str, float]]:
+    """``start`` with every combination of the lags that are free; START says what else is free and it lacks."""
+    names = [name for name in lags if name in free]
+    common = {name: START[name] for name in free if name in START} | dict(start)
+    return [common | dict(zip(names, values, strict=True)) for values in product(*(lags[name] for name in names))]
+
+
+def _least(cost: Callable[[np.ndarray], float], first: np.ndarray, evaluations: int) -> OptimizeResult:
+    """Nelder-Mead search over (N,) numbers from ``first``, with so many evaluations at most."""
+    simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
+    options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
+    return minimize(cost, first, method="Nelder-Mead", options=options)

@@ -15,7 +15,8 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator
-from motorprior.identification.baselines.tuned_pds import Told, in_proportion, tuned_pd
+from motorprior.identification.baselines.replay_error import Told, in_proportion
+from motorprior.identification.baselines.tuned_pds import tuned_pd
 from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays, told
 from motorprior.identification.training_data.windows import seconds_of_work
 from motorprior.logs.motor_log import MotorLog

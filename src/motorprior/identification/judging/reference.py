@@ -11,7 +11,7 @@ from scipy.stats import t as student_t
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Response, run
-from motorprior.identification.baselines.tuned_pds import Told, trials
+from motorprior.identification.baselines.replay_error import Told, trials
 from motorprior.identification.latents.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData

@@ -20,20 +20,23 @@ if TYPE_CHECKING:
     from motorprior.identification.baselines.pd_fit import PdFit
 
 FITTED = (BASELINE, TUNED_PD, PD_FRICTION)
+LAGS = {"armature": (0.001, 0.005), "delay": (0.002, 0.008)}
+"""[kg·m²], [s]; a fit begins with each of these: of a slow rotor and of a late one the error is alike."""
+_MOST_STARTS = 4
 ROBOT_PD = "pd.json"
 """Name of the file of the PD of one robot."""
 
 
 def fit_robot_pd(config: Study, log: Path, folder: Path, progress: Progress) -> None:
     """Fit a PD with friction to the log of one robot, as `fit_pds` does to that of the bench; pd.json is alike."""
-    from motorprior.identification.baselines.pd_fit import fit_to_the_end
+    from motorprior.identification.baselines.pd_fit import beginnings, fit_to_the_end
     from motorprior.identification.baselines.tuned_pds import FRICTION  # here: they import scipy
 
     robot, start = load_robot(config.robot), _start(config)
     wanted = description("study", __file__, {"start": start, "kinds": FRICTION}, [log, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            fit = fit_to_the_end(read_parquet(log), start, FRICTION, lambda _: None)
+            fit = fit_to_the_end(read_parquet(log), beginnings(start, FRICTION, LAGS), FRICTION)
             _note_no_end(folder.name, fit, progress)
             write_json(folder / ROBOT_PD, asdict(fit))
 
@@ -54,7 +57,7 @@ def _note_no_end(name: str, fit: PdFit, progress: Progress) -> None:
 
 def fit_pds(config: Study, progress: Progress) -> None:
     """Fit the three PDs to the bench's log, each until it has converged; fits.json has constants, error and effort."""
-    from motorprior.identification.baselines.pd_fit import MOST_EVALUATIONS, fit_to_the_end
+    from motorprior.identification.baselines.pd_fit import THOROUGH, beginnings, fit_to_the_end
     from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS  # here: they import scipy
 
     robot = load_robot(config.robot)
@@ -66,10 +69,13 @@ def fit_pds(config: Study, progress: Progress) -> None:
         return
     with (
         working(folder, wanted),
-        progress.start("fit the PDs", len(kinds) * MOST_EVALUATIONS) as task,
+        progress.start("fit the PDs", len(kinds) * THOROUGH.most(_MOST_STARTS)) as task,
     ):
         recorded = read_bench(log.parent)[0]
-        fits = {name: fit_to_the_end(recorded, start, free, task.advance) for name, free in kinds.items()}
+        fits = {
+            name: fit_to_the_end(recorded, beginnings(start, free, LAGS), free, task.advance)
+            for name, free in kinds.items()
+        }
         for name, fit in fits.items():
             _note_no_end(name, fit, progress)
         write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})

@@ -186,13 +186,13 @@ def _held_out(
 def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchFacts, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
-    from motorprior.identification.baselines.tuned_pds import EVALUATIONS, EVERYTHING, GAINS, fit_pd
+    from motorprior.identification.baselines.tuned_pds import GAINS_ALONE, TUNING, best_gains, tuned_pd
 
     nominal = nominal_pd(facts.fleet, 1)
-    with progress.start("tune the PD baselines on the bench log", 2 * EVALUATIONS) as task:
+    with progress.start("tune the PD baselines on the bench log", GAINS_ALONE + TUNING) as task:
         log = record(motors, bench_preset("rollout").for_robot(robot), facts.steps, facts.seed, facts.fleet)
-        best_gains, tuned = (fit_pd(log, nominal, free, task.advance) for free in (GAINS, EVERYTHING))
-    for name, model in ((GAINS_FILE, best_gains), (TUNED, tuned)):
+        gains, tuned = best_gains(log, nominal, task.advance), tuned_pd(log, task.advance)
+    for name, model in ((GAINS_FILE, gains), (TUNED, tuned)):
         write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
     return tuned
 
