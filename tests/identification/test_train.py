@@ -158,6 +158,13 @@ def test_motors_are_fitted_first_and_a_network_that_brings_nothing_is_left_out(t
     assert found.losses[-1] < 0.05
 
 
+def test_a_network_whose_training_diverges_is_left_out_and_the_physics_stay(two_motors):
+    found = identify(two_motors, replace(PHYSICS, learning_rate=1e6, steps=200), 0)
+    assert found.preset.num_neurons == found.network.num_neurons == 0 and "saved_residual" not in found.metrics
+    assert "residual network: left out, its training diverged" in found.notes
+    assert found.losses[-1] < 0.05
+
+
 def test_chosen_terms_that_save_next_to_nothing_of_all_motors_loss_are_left_out_again(
     two_motors, monkeypatch: pytest.MonkeyPatch
 ):

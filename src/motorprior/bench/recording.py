@@ -178,8 +178,9 @@ def _bounded(motors: TrueMotors, part: Trial, response: Response) -> Response:
         motor = int(broken[0])
         raise ConfigError(
             f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
-            f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff",
-            remedy="give the fleet a softer gear, or the robot's file a larger load_inertia = [least, most]",
+            f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff "
+            "or too damped",
+            remedy="give the fleet a softer, less damped gear, or the robot's file larger load_inertia = [least, most]",
             argument="fleet",
         )
     return response

@@ -18,7 +18,7 @@ from motorprior.actuator.limits_not_shown import NOT_SHOWN, UNKNOWN_SIZE, limit_
 from motorprior.identification.judging.distribution import aggregate_posterior_summary
 from motorprior.identification.latents.assumed_spread import assumed_spread
 from motorprior.identification.latents.standardise import standard_posterior
-from motorprior.identification.networks.descent import Checkpoints, Report, descend
+from motorprior.identification.networks.descent import Checkpoints, DivergedError, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.physics.felt import WORSE, limits_not_felt, sizes_not_felt
 from motorprior.identification.physics.fleet_fit import held_constants
@@ -140,26 +140,12 @@ def _physics_first(
     longer = longer_runs(data, preset, runs)
     report(0, "constants settle")
     fleet = _settled(fitted, longer, preset)
-    judged = held_out_windows(longer)
-    if preset.num_neurons and (judged.all() or not judged.any()):
-        preset = replace(preset, num_neurons=0)
-        notes.append("residual network: left out, the log is too short to judge it")
     if preset.num_neurons:
         stored = None if checkpoints is None else _Beside(checkpoints, physics.arrays())
-        seen = replace(data, starts=starts_of_seen(data, preset, longer.preset, judged))
-        network = trained_residual(fitted, seen, preset, seed, report, stored)
-        candidate = _settled(Fleet(network, fitted.z), longer, preset)
-        less, closer = gain(fleet, candidate, longer, judged)
-        metrics["saved_residual"] = less
-        if less > LEAST_GAIN and closer >= 0.0:
-            fleet = candidate
-            notes.append(f"residual network: saves {100 * less:.0f} % of the held-out loss")
-        else:
-            preset = replace(preset, num_neurons=0)
-            notes.append(
-                f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
-                f"error of position by {-100 * closer:+.1f} %"
-            )
+        residual = _Residual(data, preset, seed, longer, report, stored)
+        fleet, note = residual.beside(fitted, fleet, metrics)
+        preset = preset if fleet.network.num_neurons else replace(preset, num_neurons=0)
+        notes.append(note)
     notes += _limits_not_shown(fleet, longer, metrics) + _size_not_shown(fleet, longer, metrics)
     log_var, losses = np.zeros_like(fleet.z), MotorFit(fleet.network, runs).losses(fleet.z).mean(keepdims=True)
     assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
@@ -171,6 +157,44 @@ def _settled(fleet: Fleet, longer: WindowRuns, preset: Preset) -> Fleet:
     if longer.preset.window <= preset.window:
         return fleet
     return replace(fleet, z=settled(fleet.network, fleet.z, longer, preset.physics_first == "together"))
+
+
+@dataclass(frozen=True)
+class _Residual:
+    """How a residual network is trained and judged."""
+
+    data: TrainingData
+    preset: Preset
+    seed: int
+    runs: WindowRuns
+    report: Report
+    checkpoints: Checkpoints | None
+
+    def beside(self, fitted: Fleet, fleet: Fleet, metrics: dict[str, float]) -> tuple[Fleet, str]:
+        """``fleet``, or ``fitted`` with a residual, settled, where it earns its place; and a note on it.
+
+        Args:
+            fitted: physics alone, as short runs found them.
+            fleet: the same, settled.
+            metrics: where the share of the loss goes that it saves.
+        """
+        judged = held_out_windows(self.runs)
+        if judged.all() or not judged.any():
+            return fleet, "residual network: left out, the log is too short to judge it"
+        seen = replace(self.data, starts=starts_of_seen(self.data, self.preset, self.runs.preset, judged))
+        try:
+            network = trained_residual(fitted, seen, self.preset, self.seed, self.report, self.checkpoints)
+        except DivergedError:
+            return fleet, "residual network: left out, its training diverged"
+        candidate = _settled(Fleet(network, fitted.z), self.runs, self.preset)
+        less, closer = gain(fleet, candidate, self.runs, judged)
+        metrics["saved_residual"] = less
+        if less > LEAST_GAIN and closer >= 0.0:
+            return candidate, f"residual network: saves {100 * less:.0f} % of the held-out loss"
+        return fleet, (
+            f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
+            f"error of position by {-100 * closer:+.1f} %"
+        )
 
 
 def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:

@@ -232,7 +232,7 @@ def _tell(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress
     if line := told_at_rest(log):
         progress.note(line)
     if prior.network.motor is not None:
-        told_quality(LatentActuator(prior.network, found.mean), log, progress)
+        told_quality(LatentActuator(prior.network, found.mean), log, progress, of_the_log=False)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 

@@ -13,13 +13,16 @@ if TYPE_CHECKING:  # it imports JAX
     from motorprior.identification.judging.fit_quality import FitQuality
 
 
-def told_quality(motors: LatentActuator, log: MotorLog, progress: Progress) -> FitQuality:
-    """Errors of the motors of a log beside those of a tuned PD, and what they mean; each line is a note."""
+def told_quality(motors: LatentActuator, log: MotorLog, progress: Progress, of_the_log: bool = True) -> FitQuality:
+    """Errors of the motors of a log beside those of a tuned PD, and what they mean; each line is a note.
+
+    ``of_the_log`` tells whether the motors were fitted to it.
+    """
     from motorprior.identification.baselines.tuned_pds import TUNING
     from motorprior.identification.judging.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
-        quality = fit_quality(motors, log, task.advance)
+        quality = fit_quality(motors, log, task.advance, of_the_log)
     for line in quality.lines():
         progress.note(line)
     return quality

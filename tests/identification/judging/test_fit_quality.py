@@ -65,6 +65,19 @@ def test_single_motors_that_lack_physics_are_named():
     assert not any("warning" in line for line in replace(found, motors=np.full(3, 0.003)).lines())
 
 
+@pytest.mark.parametrize(
+    ("of_the_log", "error", "cause"),
+    [
+        (True, 0.03, "the fit ended beside their constants"),
+        (False, 0.01, "these motors are unlike the prior's, or have physics"),
+        (False, 0.03, "the log is of other motors than the prior's"),
+    ],
+)
+def test_what_is_left_has_a_cause_and_a_prior_that_a_pd_beats_is_of_others(of_the_log: bool, error: float, cause: str):
+    found = FitQuality(np.full(2, error), np.full(2, 0.02), {"slow": 0.001}, {0: 0.001}, 1, ("hip", "knee"), of_the_log)
+    assert cause in found.lines()[-1] and found.lines()[-1].endswith("Do not read the constants as physics")
+
+
 def test_motors_that_warm_are_replayed_as_warm_as_they_were(log: MotorLog, grey_network: Callable[..., LatentNetwork]):
     """A log that motors of a prior with heat made, cold at its beginning, is replayed by them without an error."""
     network = grey_network(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)

@@ -2,8 +2,8 @@
 
 Segments are replayed from where they begin with their commands and loads, nothing corrected on the way: the error is
 that of a simulation. Where the motors leave more than MISSING of the PD's error, besides what no log can tell
-(MEASURED), physics that they lack makes most of it: then constants are not to be read as physics, and draws are
-widened. Where the log states gains, the PD follows them as the motors do, in proportion.
+(MEASURED), they lack physics, or have other constants than the true motors: then constants are not to be read as
+physics, and draws are widened. Where the log states gains, the PD follows them as the motors do, in proportion.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ _NAMED = 10
 class FitQuality:
     """Root mean square errors of replayed angles [rad].
 
+    ``of_the_log`` tells whether the motors were fitted to this log, or are those of a prior that was fitted to others.
+
     Attributes:
         motors: (M,) of every motor.
         baseline: (M,) of the tuned PD, the same for all motors.
@@ -51,6 +53,7 @@ class FitQuality:
     segments: dict[int, float]
     num_segments: int
     joint_names: tuple[str, ...]
+    of_the_log: bool = True
 
     @property
     def unexplained_of_each(self) -> np.ndarray:
@@ -81,8 +84,8 @@ class FitQuality:
         some = "" if len(self.segments) == self.num_segments else some
         speeds = ", ".join(f"{name} {1e3 * value:.1f}" for name, value in self.speeds.items() if np.isfinite(value))
         said = (
-            f"replayed logs: {1e3 * np.median(self.motors):.1f} mrad (median over motors), one tuned PD "
-            f"{1e3 * np.median(self.baseline):.1f} mrad",
+            f"replayed logs: {1e3 * np.median(self.motors):.1f} mrad (median over motors), one PD tuned "
+            f"to all of them {1e3 * np.median(self.baseline):.1f} mrad",
             f"worst: {self.joint_names[worst]} with {1e3 * self.motors[worst]:.1f} mrad, segment {segment} with "
             f"{1e3 * self.segments[segment]:.1f} mrad{some}; by speed of the joint [mrad]: {speeds}",
         )
@@ -90,9 +93,20 @@ class FitQuality:
             return (*said, *self._odd_motors())
         return (
             *said,
-            f"warning: {100 * self.unexplained:.0f} % of the PD's error is left (above {100 * MISSING:.0f} %): these "
-            "motors have physics that the model lacks. Do not read its constants as physics",
+            f"warning: {100 * self.unexplained:.0f} % of the PD's error is left (above {100 * MISSING:.0f} %): "
+            f"{self._cause()}. Do not read the constants as physics",
         )
+
+    def _cause(self) -> str:
+        """Why the motors may replay the log badly."""
+        if self.of_the_log:
+            return (
+                "these motors have physics that the model lacks, or the fit ended beside their constants, as on short "
+                "logs of few motors (try another seed, or more log)"
+            )
+        if self.unexplained > 1.0:
+            return "the log is of other motors than the prior's, whatever else was found: learn a prior of such motors"
+        return "these motors are unlike the prior's, or have physics that the model lacks"
 
     def _odd_motors(self) -> tuple[str, ...]:
         """A line about single motors of which more than MISSING is left; none where there is none."""
@@ -108,13 +122,16 @@ class FitQuality:
         )
 
 
-def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None) -> FitQuality:
+def fit_quality(
+    motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None, of_the_log: bool = True
+) -> FitQuality:
     """Replay a log with its motors, and with a PD tuned to it.
 
     Args:
         motors: one per joint of the log.
         log: with known loads.
         report: called after every evaluation of the tuning.
+        of_the_log: whether the motors were fitted to this log.
     """
     tell = in_proportion(log)
     pd = tuned_pd(log, report, tell)
@@ -126,7 +143,7 @@ def fit_quality(motors: Actuator, log: MotorLog, report: Callable[[int], None] =
         _rms(error, axis=0), _rms(baseline, axis=0),
         {name: float(_rms(error[pool == index])) for index, name in enumerate(SPEEDS)},
         {place: float(_rms(missed)) for place, missed in zip(places, segments, strict=True)},
-        len(log.segment_slices()), log.joint_names,
+        len(log.segment_slices()), log.joint_names, of_the_log,
     )  # fmt: skip
 
 

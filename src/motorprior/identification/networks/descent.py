@@ -26,6 +26,12 @@ DIVERGED = 3.0
 SLOWER, RESTARTS = 3.0, 3
 """By how much a restart lowers the learning rate, and how many there are."""
 _PHYSICS = ("motor_center", "motor_slope")
+
+
+class DivergedError(MotorPriorError):
+    """A training that diverged at every learning rate that was tried."""
+
+
 Report = Callable[[int, str], None]
 """(steps made, what to say of them)."""
 
@@ -58,7 +64,7 @@ def descend(
         The trained parameters, and the mean loss of every CHUNK steps.
 
     Raises:
-        MotorPriorError: it diverged at every learning rate that was tried.
+        DivergedError: at every learning rate that was tried.
     """
     kept = checkpoints.load() if checkpoints is not None else None
     first = int(kept["restart"]) if kept is not None else 0
@@ -71,7 +77,7 @@ def descend(
             return trained, np.asarray(losses)
         kept, problem = None, f"the loss is {losses[-1]:.3g} by Adam step {CHUNK * len(losses)} at a rate of {rate:.2g}"
         report(-CHUNK * (len(losses) - 1), f"{problem}: again, slower")
-    raise MotorPriorError(
+    raise DivergedError(
         f"training diverged: {problem}, and at larger ones",
         remedy="check the log with `motorprior logs check`, or try another seed",
     )
