@@ -1,13 +1,17 @@
 """PDs fitted to a log with known loads, the same for all its motors: gains alone, or armature and delay besides.
 
-Of a log that shows neither clearly, a slow rotor and a late one are alike, and a search from one of them does not find
-the other. So it begins at the best of many gains and limits with each of some armatures and delays.
+Of a log that shows neither clearly, a slow rotor and a late one are alike, and a search from one does not find the
+other; nor does one that begins without a limit of torque find one. So searches begin with each of some armatures and
+delays, at the best of some gains, without a limit, and again with the limit that suits what they found best. This is
+on a part of the log; the best with and without a limit go on, on all of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import product
+
+import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.identification.baselines.pd_fit import Effort, beginnings, fit_to_the_end, pd_motors
@@ -20,14 +24,19 @@ EVERYTHING = (*GAINS, "armature", "delay")
 """Constants that are fitted for the tuned PD."""
 FRICTION = (*EVERYTHING, "coulomb")
 """Constants that are fitted for a PD with friction."""
-_SIZES = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18), (1.5, 15.0, 150.0)))
-"""kp [N·m/rad], kd/kp [s] and torque_limit [N·m] that are tried: of small servos to large direct drives."""
+_GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
+"""kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives."""
+_NO_LIMIT, _LIMITS = 1000.0, tuple(0.4 * 1.5**power for power in range(12))
+"""[N·m]; the latter up to 35."""
 _LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}
-"""[kg·m²], [s]; with each of these a search begins, at the best of the sizes with them."""
-_EFFORT = Effort(first=80, rounds=3, evaluations=200)
-TUNING = len(_SIZES) * 4 + _EFFORT.most(4)
+"""[kg·m²], [s]."""
+_STARTS = 4
+_MOST_SEGMENTS, _MOST_ROWS = 16, 8000
+"""Of the part of a log that searches begin with."""
+_BEGIN, _GO_ON = Effort(first=60, rounds=0), Effort(first=80, rounds=3, evaluations=150)
+TUNING = _STARTS * (len(_GAINS) + len(_LIMITS)) + 2 * _STARTS * (_BEGIN.first + 1) + _GO_ON.most(2)
 """About how often `tuned_pd` reports."""
-GAINS_ALONE = _EFFORT.most(1)
+GAINS_ALONE = _GO_ON.most(1)
 """About how often `best_gains` reports."""
 
 
@@ -41,14 +50,37 @@ def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None, told:
         progress: called after every evaluation.
         told: what the PD is told of each segment.
     """
-    error = closed_loop_error(log, progress, told)
+    part = _part(log)
+    error = closed_loop_error(part, progress, told)
 
     def cost(constants: Mapping[str, float]) -> float:
         return error(pd_motors(constants, log.num_joints))
 
-    sizes = [{"kp": kp, "kd": kp * share, "torque_limit": limit} for kp, share, limit in _SIZES]
-    best = [min((size | lag for size in sizes), key=cost) for lag in beginnings({}, EVERYTHING, _LAGS)]
-    return _pd(fit_to_the_end(log, best, EVERYTHING, progress, _EFFORT, told).constants, log.num_joints)
+    gains = [{"kp": kp, "kd": kp * share} for kp, share in _GAINS]
+    lags = beginnings({"torque_limit": _NO_LIMIT}, EVERYTHING, _LAGS)
+    free = [_begun(part, min((lag | each for each in gains), key=cost), progress, told) for lag in lags]
+    best = [min((each | {"torque_limit": limit} for limit in _LIMITS), key=cost) for each in free]
+    limited = [_begun(part, each, progress, told) for each in best]
+    starts = [min(found, key=cost) for found in (free, limited)]
+    found = fit_to_the_end(log, starts, EVERYTHING, progress, _GO_ON, told)
+    return _pd(found.constants, log.num_joints)
+
+
+def _begun(
+    part: MotorLog, start: Mapping[str, float], progress: Callable[[int], None] | None, told: Told
+) -> dict[str, float]:
+    """Constants that a short search from these finds."""
+    return dict(fit_to_the_end(part, [start], EVERYTHING, progress, _BEGIN, told).constants)
+
+
+def _part(log: MotorLog) -> MotorLog:
+    """The beginnings of some segments from all over a log, or all of it where it is short."""
+    if log.num_rows <= _MOST_ROWS:
+        return log
+    segments = log.segment_slices()
+    some = np.linspace(0, len(segments) - 1, min(len(segments), _MOST_SEGMENTS)).astype(int)
+    each = _MOST_ROWS // len(some)
+    return log.rows(np.concatenate([np.arange(log.num_rows)[segments[place]][:each] for place in some]))
 
 
 def best_gains(log: MotorLog, nominal: IdealPd, progress: Callable[[int], None] | None = None) -> IdealPd:
@@ -60,7 +92,7 @@ def best_gains(log: MotorLog, nominal: IdealPd, progress: Callable[[int], None] 
         progress: called after every evaluation.
     """
     start = {name: float(values[0]) for name, values in vars(nominal).items()}
-    return _pd(fit_to_the_end(log, [start], GAINS, progress, _EFFORT).constants, log.num_joints)
+    return _pd(fit_to_the_end(log, [start], GAINS, progress, _GO_ON).constants, log.num_joints)
 
 
 def repeated(model: IdealPd, num_motors: int) -> IdealPd:
