@@ -133,6 +133,11 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
     return True
 
 
+def require_possible(config: Walk) -> None:
+    """Raise the ConfigError or ArtifactError that `run_walk` would for its settings or files, and touch nothing."""
+    _planned(config)
+
+
 def _train(plan: _Plan, scenes: list[Scene], clock: Stopwatch, progress: Progress, name: str) -> None:
     """Train from the checkpoint, if there is one, and write what came out."""
     config = plan.config
