@@ -190,15 +190,15 @@ def test_what_cannot_be_played_is_refused(gait_walk: Path, tmp_path: Path, chang
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_several_seeds_is_refused_with_the_policies_in_it(gait_walk: Path, tmp_path: Path):
-    for seed in (3, 12):
-        shutil.copytree(gait_walk, tmp_path / "walks" / f"seed_{seed}")
-    with pytest.raises(ConfigError) as error:
-        run_play(Play((tmp_path / "walks",), tmp_path / "out"))
-    policies = [str(tmp_path / "walks" / f"seed_{seed}" / "policy.safetensors") for seed in (3, 12)]
-    assert [each for each in policies if each not in str(error.value)] == [] and not (tmp_path / "out").exists()
-    shutil.copy(gait_walk / "policy.safetensors", tmp_path / "walks")
-    assert run_play(Play((tmp_path / "walks",), tmp_path / "out", seconds=0.2, film="drawn")).steps == {"walks": 20}
+def test_a_folder_of_several_seeds_is_refused_with_a_policy_in_it(gait_walk: Path, tmp_path: Path):
+    walks = tmp_path / "walks"
+    for seed in (3, 4):
+        shutil.copytree(gait_walk, walks / f"seed_{seed}")
+    with pytest.raises(ConfigError, match="in 2 folders of seeds below") as error:
+        run_play(Play((walks,), tmp_path / "out"))
+    assert str(walks / "seed_3" / "policy.safetensors") in str(error.value) and not (tmp_path / "out").exists()
+    shutil.copy(gait_walk / "policy.safetensors", walks)
+    assert run_play(Play((walks,), tmp_path / "out", seconds=0.2, film="drawn")).steps == {"walks": 20}
 
 
 def test_without_opengl_the_film_is_drawn_and_that_is_said(

@@ -76,7 +76,7 @@ class Walk:
     hidden_units: int = 0
     """Hidden units of the policy, an even number of a symmetric one; none for a linear one."""
     symmetric: bool = True
-    """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp."""
+    """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp to one side."""
     search: ArsConfig = field(default_factory=ArsConfig)
     """Augmented random search."""
     task: TaskWeights = field(default_factory=TaskWeights)

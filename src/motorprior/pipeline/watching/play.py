@@ -166,10 +166,9 @@ def _policy_in(folder: Path) -> Path:
     """
     seeds = sorted(folder.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
     if seeds and not (folder / POLICY).is_file():
-        some = " ".join(str(path) for path in seeds[:MOST_POLICIES])
         raise ConfigError(
-            f"{len(seeds)} seeds of a training, each in a folder of its own", where=folder,
-            remedy=f"give up to {MOST_POLICIES} of their policies: {some}",
+            f"no {POLICY} in it, but in {len(seeds)} folders of seeds below", where=folder,
+            remedy=f"give one of these, or up to {MOST_POLICIES}: {seeds[0]}",
         )  # fmt: skip
     return folder / POLICY
 
