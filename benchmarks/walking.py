@@ -5,11 +5,11 @@
 Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
 PLACE/MEASURE/SPEED of each speed, where PLACE is sampled (draws of the learned prior, where it was trained), twin
 (physical motors, noisy sensors) or hard (a twin with other friction, masses, slope, late sensors and pushes); the same
-of the untrained gait, as untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told … of commands to turn, to go backward
-and to stand (`turning.py`); seconds_to_quarter_meter_per_second and seconds_to_straight_quarter_meter_per_second, where
-most seeds got there, and seeds_to_…, the share that did, see `seconds_to_goal`; and the highest speeds
-oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`. Bench, prior and the five policies are kept;
-what follows them is computed again. Half an hour on two cores.
+of the untrained gait, as untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told … of commands to turn, to go backward,
+to stand, and to stop and go (`turning.py`); seconds_to_quarter_meter_per_second and
+seconds_to_straight_quarter_meter_per_second, where most seeds got there, and seeds_to_…, the share that did, see
+`seconds_to_goal`; and the highest speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`.
+Bench, prior and the five policies are kept; what follows them is computed again. Half an hour on two cores.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, drawn_from, load_robot_fleet
@@ -50,7 +51,7 @@ from motorprior.transfer.gait_quality import gait_quality
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
 from motorprior.transfer.twin import HARD, NOISY, twin_of
-from turning import TURNS, commands_of, followed, rows_of
+from turning import TURNS, followed, rows_of, told
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)
@@ -121,10 +122,10 @@ class Stage:
         return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
 
     def episodes(
-        self, place: str, policy: PolicyArrays, command: tuple[float, float], draws: int, steps: int
+        self, place: str, policy: PolicyArrays, commands: Commands | Timetable, draws: int, steps: int
     ) -> list[Episode]:
-        """One of every draw, told a speed [m/s] and a yaw rate [rad/s]."""
-        walk = WalkConfig(steps, commands=Commands.steady(*command))
+        """One of every draw, told the same."""
+        walk = WalkConfig(steps, commands=commands)
         executor = make_executor(partial(self.simulator, place, walk), self.workers)
         episodes = executor.map(_walk, policy, [STUDY_SEED + draw for draw in range(draws)])
         executor.close()
@@ -133,16 +134,16 @@ class Stage:
     def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
         """Measures of every draw at one commanded speed."""
         steps = round(seconds / self.robot.control_dt)
-        episodes = self.episodes(place, policy, (forward, 0.0), draws, steps)
+        episodes = self.episodes(place, policy, Commands.steady(forward), draws, steps)
         qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
         return Results.of(row for each in qualities for row in quality_results(each, self.robot, "walk", place))
 
     def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
-        """How a policy follows commands to turn, to go backward and to stand."""
+        """How a policy follows commands to turn, to go backward, to stand, and to stop and go."""
         steps, rows = round(settings.seconds / self.robot.control_dt), []
-        for command in commands_of(self.robot):
-            episodes = self.episodes(place, policy, command, settings.draws, steps)
-            rows += rows_of(place, command, seed, followed(self.robot, episodes, steps))
+        for name, commands in told(self.robot, settings.seconds).items():
+            episodes = self.episodes(place, policy, commands, settings.draws, steps)
+            rows += rows_of(place, name, seed, followed(self.robot, episodes, steps))
         return Results.of(rows)
 
     def watch(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:

@@ -1,5 +1,6 @@
 """A bar ends where its work ends, and bars of several threads share one drawing."""
 
+import re
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -14,6 +15,7 @@ from motorprior.cli.console import Bar, Terminal
 from motorprior.identification.networks import descent
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.side_by_side import side_by_side
+from motorprior.pipeline.walking.walk_metrics import Extent, Metrics
 
 
 @pytest.mark.parametrize("steps", [1, 4, 10, 11])
@@ -46,3 +48,22 @@ def test_work_in_several_threads_is_shown_together(monkeypatch: pytest.MonkeyPat
     assert drawings[0] is drawings[1] and (drawings[0] is not None) == terminal
     assert progress._drawing is None, "the last one ends the drawing"
     assert all(f"{name}: " in shown.getvalue() for name in ("first", "second"))
+
+
+@pytest.mark.parametrize("width", [80, 160])
+def test_iterations_and_time_left_of_a_training_are_seen_on_any_terminal(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, width: int
+):
+    shown, progress = StringIO(), Terminal()
+    monkeypatch.setattr(console, "CONSOLE", Console(file=shown, force_terminal=True, width=width, color_system=None))
+    metrics = Metrics(tmp_path, [], Extent(1000, 100, 32, may_end_early=True))
+    means = {"mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "mean_speed_error": 0.05}
+    with progress.start("walk, seed 12: 1000 iterations", 1000) as task:
+        task.advance(120, metrics.add({"iteration": 119, **means, "faults": {}}))
+        assert progress._drawing is not None
+        shown.truncate(shown.seek(0))
+        progress._drawing.refresh()
+        line = next(line for line in shown.getvalue().splitlines() if "seed 12" in line)
+    assert "walk, seed 12: 1000 iterations" in line and " 120/1000 " in line
+    assert re.search(r"at most \d+:\d\d left, return 1", line), line
+    assert ("━" in line, "episodes/s" in line) == (width == 160, width == 160)

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking.walk import Walk, run_walk
+from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 
 SMALL = ("walk", "--actuator", "pd", "--episode-steps", 10, "--iterations", 1)
 
@@ -21,6 +22,9 @@ def test_one_seed_is_the_training_of_the_library(motorprior: Callable[..., Any],
 def test_several_seeds_have_a_folder_each_and_one_picture(motorprior: Callable[..., Any], tmp_path: Path):
     done = motorprior(*SMALL, "--out", tmp_path, "--seeds", 2, "--search.seed", 7)
     assert done.code == 0 and "seeds.png" in done.out and "in their own simulation" in " ".join(done.out.split())
+    returns = {seed: Policy.load(tmp_path / f"seed_{seed}" / POLICY).provenance["own_return"] for seed in (7, 8)}
+    best = max(returns, key=lambda seed: returns[seed])
+    assert f"motorprior play {tmp_path / f'seed_{best}'}\n" in done.out
     assert {path.parent.name for path in tmp_path.glob("*/policy.safetensors")} == {"seed_7", "seed_8"}
     judged = motorprior(*SMALL, "--out", tmp_path, "--seeds", 2, "--validation", "mixed")
     assert "Best policies on validation motors (mixed)" in " ".join(judged.out.split())

@@ -24,6 +24,14 @@ def test_a_standing_robot_touches_the_floor_with_four_feet_that_do_not_slide():
     np.testing.assert_allclose(foot_motion(ROBOT, *standing(lifted=0.05)).clearance, 0.05, atol=1e-9)
 
 
+@pytest.mark.parametrize("yaw", [0.0, 2.5])
+def test_a_foot_is_so_far_ahead_of_the_base_as_it_rests_wherever_the_robot_looks(yaw: float):
+    qpos, qvel = standing()
+    qpos[0, :2], qpos[0, 3:7] = (3.0, -1.0), (np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2))
+    found = foot_motion(ROBOT, qpos, qvel).ahead[0]
+    np.testing.assert_allclose(found, [leg.rest[0] for leg in ROBOT.legs], atol=1e-9)
+
+
 def test_a_sliding_robot_slides_as_fast_as_it_goes_in_any_direction_and_not_by_falling():
     qpos, qvel = standing(3)
     qvel[0, :2], qvel[1, :2], qvel[2, 2] = (0.3, -0.4), (-0.2, 0.0), -1.0

@@ -8,7 +8,9 @@ import pytest
 from motorprior.locomotion.body import body_of, observation_size
 from motorprior.locomotion.control_step import follow_command, new_gait
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.simulation.foot_motion import FootMotion
 from motorprior.simulation.rollout import Episode
+from motorprior.transfer import gait_quality as module
 from motorprior.transfer.gait_quality import GaitQuality, gait_quality
 from motorprior.transfer.quality_results import quality_results
 
@@ -48,8 +50,8 @@ def test_speed_is_along_the_robots_own_heading_and_its_error_a_share_of_the_comm
     assert away.speed == pytest.approx(0.3)
     backward = measured(gliding(-0.1), forward=-0.2)
     assert (backward.speed, backward.speed_error) == (pytest.approx(-0.1), pytest.approx(0.5))
-    still = measured(gliding(0.05), forward=0.0)
-    assert still.speed_error == pytest.approx(0.1), "of the fastest command, 0.5 m/s"
+    slowly = measured(gliding(0.04), forward=0.05)
+    assert slowly.speed_error == pytest.approx(0.2), "a tenth of the fastest command, 0.5 m/s"
 
 
 def test_the_share_to_the_side_is_of_the_line_that_it_was_told_to_walk():
@@ -83,13 +85,25 @@ def told_heading(rate: float) -> np.ndarray:
     return np.array(headings)
 
 
+PER_METRE = {"heading_deg_per_m", "lateral_share", "slip", "transport"}
+
+
 def test_a_robot_that_got_nowhere_is_told_nothing_per_metre():
-    still = measured(gliding(0.01), forward=0.0)
-    assert still.speed == pytest.approx(0.01) and still.upright == 1.0 and still.roll_deg == pytest.approx(0.0)
-    rows = quality_results(still, ROBOT, "walk", "own").distinct("quantity")
-    assert not {"heading_deg_per_m", "lateral_share", "slip", "transport"} & set(rows)
-    assert {"speed", "speed_error", "torque", "foot_lift_mm"} <= set(rows)
-    assert measured(gliding(0.02), forward=0.0).slip == pytest.approx(1.0, rel=0.01), "8 cm are enough"
+    stuck = measured(gliding(0.01))
+    assert stuck.speed == pytest.approx(0.01) and stuck.upright == 1.0 and stuck.roll_deg == pytest.approx(0.0)
+    rows = set(quality_results(stuck, ROBOT, "walk", "own").distinct("quantity"))
+    assert not PER_METRE & rows and {"speed", "speed_error", "torque", "foot_lift_mm"} <= rows
+    assert measured(gliding(0.02)).slip == pytest.approx(1.0, rel=0.01), "8 cm are enough"
+
+
+@pytest.mark.parametrize("forward", [0.0, 1e-9, 0.049, -0.049])
+def test_of_a_robot_that_is_told_no_speed_to_speak_of_nothing_is_told_per_metre_or_by_the_command(forward: float):
+    """It creeps some centimetres, for example while it turns on the spot."""
+    creeps = measured(gliding(0.04), forward, yaw_rate=0.6)
+    rows = set(quality_results(creeps, ROBOT, "walk", "own").distinct("quantity"))
+    assert not (PER_METRE | {"speed_error"}) & rows and {"upright", "speed", "foot_lift_mm", "torque"} <= rows
+    fell = quality_results(measured(gliding(steps=150), forward), ROBOT, "walk", "own")
+    assert set(fell.distinct("quantity")) == {"upright", "speed"}
 
 
 def test_lean_is_the_root_of_the_mean_square():
@@ -118,6 +132,39 @@ def test_the_lift_of_a_foot_is_its_highest_clearance_in_the_middle_one_of_its_sw
     found = measured(episode).foot_lift_mm
     assert found[1] == pytest.approx(20.0, abs=0.5)
     assert found[0] == found[2] == found[3] == 0.0, "never left the ground"
+
+
+def trotting(lifts: np.ndarray, way: float) -> FootMotion:
+    """Feet that go back and forth, a step in 35 frames, each lifted by (feet, steps) of these heights [m] in its swing.
+
+    The second touches the ground in the middle of every swing, and the last stays where it is. A robot that goes
+    ``way`` 1 brings its feet back in the stance, one that goes -1 forward.
+    """
+    step, phase = np.divmod(np.arange(STEPS - 100), 35)
+    turn = 2.0 * np.pi * phase / 35
+    clearance = (lifts[:, step] * np.maximum(0.0, -np.cos(turn))).T
+    clearance[phase == 17, 1] = 0.0
+    ahead = np.outer(-way * 0.02 * np.sin(turn), [1.0, 1.0, 1.0, 0.0])
+    return FootMotion(clearance, np.zeros_like(clearance), ahead)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_foot_that_drags_in_six_of_ten_steps_is_told_so_though_the_others_are_lifted(
+    monkeypatch: pytest.MonkeyPatch, way: float
+):
+    """Ten whole steps; in three of the six it is lifted by less than 2 mm, in three not at all."""
+    lifts = np.full((4, 12), 0.02)
+    lifts[0, [1, 2, 3]], lifts[0, [6, 7, 8]] = 0.0, 0.0015
+    monkeypatch.setattr(module, "foot_motion", lambda *_: trotting(lifts, way))
+    found = measured(gliding(way * 0.3), forward=way * 0.3)
+    assert found.dragged_steps == pytest.approx((0.6 + 0.0 + 0.0) / 3), "of the three feet that make steps"
+    assert found.foot_lift_mm[0] == pytest.approx(20.0, abs=0.2), "of the other four"
+    rows = quality_results(found, ROBOT, "walk", "own")
+    assert rows.value(quantity="dragged_steps") == found.dragged_steps
+
+
+def test_feet_that_make_no_steps_drag_none():
+    assert np.isnan(measured(gliding()).dragged_steps)
 
 
 def _bent(leg, height: float) -> np.ndarray:

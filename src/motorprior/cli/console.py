@@ -10,10 +10,12 @@ from threading import Lock
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 CONSOLE = Console(stderr=True, highlight=False)
+_WIDE = 150
+"""Columns of a terminal from which on there is room for a bar, too."""
 
 
 class Bar:
@@ -71,9 +73,7 @@ class Terminal:
         with self._lock:
             self._bars += 1
             if self._drawing is None and CONSOLE.is_terminal:
-                elapsed, note = TimeElapsedColumn(), TextColumn("{task.fields[note]}")
-                columns = TextColumn("{task.description}"), BarColumn(), elapsed, note
-                self._drawing = Progress(*columns, console=CONSOLE, transient=True)
+                self._drawing = _drawing(CONSOLE)
                 self._drawing.start()
             return self._drawing
 
@@ -83,6 +83,14 @@ class Terminal:
             if self._drawing is not None and self._bars == 0:
                 self._drawing.stop()
                 self._drawing = None
+
+
+def _drawing(console: Console) -> Progress:
+    """Name, parts done, bar, time and note; where there is no room for all, no bar, and the end of the note is cut."""
+    count, bar = TextColumn("{task.completed:.0f}/{task.total:.0f}"), [BarColumn(20)] if console.width >= _WIDE else []
+    note = TextColumn("{task.fields[note]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+    columns = TextColumn("{task.description}"), count, *bar, TimeElapsedColumn(), note
+    return Progress(*columns, console=console, transient=True, expand=True)
 
 
 TERMINAL = Terminal()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -11,7 +12,7 @@ from motorprior.cli.console import TERMINAL, table
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
-from motorprior.pipeline.walking.walk_seeds import PICTURE, run_walk_seeds
+from motorprior.pipeline.walking.walk_seeds import PICTURE, SEED_FOLDER, run_walk_seeds
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
@@ -36,14 +37,20 @@ def walk(config: WalkCommand) -> None:
     rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
     table(f"Best policies {_judged_on(config, 'their')}", ("seed", "mean return [m]"), rows)
     print(config.out / PICTURE)
+    best = max(results, key=lambda row: row.value).seed
+    print(f"see the best one walk: {_play(config, config.out / SEED_FOLDER.format(best))}")
 
 
 def _kept(config: WalkCommand) -> str:
     """Which policy of the search is in the folder, and how to see it walk."""
     found = Policy.load(config.out / POLICY).provenance
     score = f"mean return {found['own_return']:.2f} m {_judged_on(config, 'its')}"
-    play = f"motorprior play {config.out}" + (f" --robot {config.robot}" if config.robot != DEFAULT_ROBOT else "")
-    return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: {play}"
+    return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: {_play(config, config.out)}"
+
+
+def _play(config: WalkCommand, folder: Path) -> str:
+    """What shows the policy in a folder."""
+    return f"motorprior play {folder}" + (f" --robot {config.robot}" if config.robot != DEFAULT_ROBOT else "")
 
 
 def _judged_on(config: WalkCommand, whose: str) -> str:

@@ -1,7 +1,8 @@
 """Left and right swapped: what a robot observes and does in a mirror.
 
 A robot whose legs come in pairs is its own mirror image, and so is its gait half a cycle later, or at once where the
-legs of a pair step together. A policy that answers the mirrored observation with the mirrored action cannot limp.
+legs of a pair step together. A policy that answers the mirrored observation with the mirrored action cannot limp
+to one side; its front and rear legs may differ.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,6 +21,12 @@ FALLING = 0.5
 """Time before a fall that no measure counts, since who tumbles does not walk [s]."""
 TOUCHING = 0.0005
 """A foot whose lowest point is below this height [m] is on the ground."""
+LIFTED = 4.0 * TOUCHING
+"""A foot whose lowest point never gets above this height [m] in a step is dragged through it."""
+LEAST_COMMAND = 0.1
+"""Commanded speed below which nothing is told per metre or as a share of the command, of the robot's fastest [-]."""
+_LEAST_STROKE = 0.02
+"""What moves a foot by less along the body is no step, of the height at which the robot stands [-]."""
 _LEAST_WAY = 0.05
 """Way below which nothing is told per metre [m]."""
 _LEAST_TIME = 1.0
@@ -31,17 +38,23 @@ class GaitQuality:
     """Measures of one walk, after its first second and, if it fell, before its last half second; NaN if not known.
 
     Where this leaves less than a second, a walk is upright or not, and no more is known of it, but that who fell in
-    that time got nowhere. Of less than 5 cm of way nothing is told per metre.
+    that time got nowhere. Of less than 5 cm of way nothing is told per metre, and nothing of a robot that is told less
+    than a tenth of its fastest speed: it creeps.
 
     Attributes:
         upright: 1 if it did not fall, else 0.
         speed: way along the robot's own heading over time [m/s].
-        speed_error: |speed - command| over |command| [-]; over the fastest command where the robot is to stand.
+        speed_error: |speed - command| over |command| [-]; of a command of at least a tenth of the fastest.
         heading_deg_per_m: |heading - commanded heading| at the end over the way [°/m].
         lateral_share: sideways distance at the end from the way at its own speed along the commanded headings, which is
             a straight line without a turn, over the way [-].
-        foot_lift_mm: (legs,) median over the swings of the highest clearance of a foot [mm].
-        slip: way that a foot's lowest point slides on the ground, mean of the feet, over the way [m/m].
+        foot_lift_mm: (legs,) median over the swings of the highest clearance of a foot [mm]; a swing of no more than
+            2 mm is none.
+        dragged_steps: share of a foot's steps in which its lowest point stays within 2 mm of the ground, mean of the
+            feet that make steps [-]. A step is what a foot does until it passes, once more and in the same direction,
+            the middle of its stroke along the body, so that one that never leaves the ground makes steps, too.
+        slip: way that a foot's lowest point slides on the ground, within 0.5 mm of it, mean of the feet, over the way
+            [m/m].
         step_frequency: swings per leg and second [Hz].
         body_rate: RMS of the rates about the body's x and y axes: how much it shakes [rad/s].
         roll_deg: RMS [°].
@@ -56,6 +69,7 @@ class GaitQuality:
     heading_deg_per_m: float
     lateral_share: float
     foot_lift_mm: np.ndarray
+    dragged_steps: float
     slip: float
     step_frequency: float
     body_rate: float
@@ -83,8 +97,9 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
     upright = float(lasted(episode, steps))
     end = len(episode.trace) - (0 if upright else round(FALLING / dt))
+    walks = abs(forward) >= LEAST_COMMAND * robot.require_legs().forward[1]
     if end < begin + round(_LEAST_TIME / dt):
-        return _of_a_short_walk(upright, len(robot.legs))
+        return _of_a_short_walk(upright, len(robot.legs), walks)
     heading = headings(episode.trace[:end])
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
     qpos, moved = episode.trace[begin:end], episode.motion[begin:end]
@@ -92,18 +107,19 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
     yaw, time = heading[begin:], dt * (len(qpos) - 1)
     along = way_along(qpos[:, :2], yaw)
-    speed, got_somewhere = along / time, abs(along) >= _LEAST_WAY
-    way, pace = (abs(along), abs(speed)) if got_somewhere else (math.nan, math.nan)
+    speed = along / time
+    way, pace = (abs(along), abs(speed)) if walks and abs(along) >= _LEAST_WAY else (math.nan, math.nan)
     feet = foot_motion(robot, qpos, qvel)
     swings = _swings(feet)
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
     return GaitQuality(
         upright=upright,
         speed=speed,
-        speed_error=abs(speed - forward) / (abs(forward) or robot.require_legs().forward[1]),
+        speed_error=abs(speed - forward) / abs(forward) if walks else math.nan,
         heading_deg_per_m=math.degrees(abs(float(heading[-1] - goal[-1]))) / way,
         lateral_share=abs(_aside(qpos[:, :2], goal[begin:], speed * dt)) / way,
         foot_lift_mm=np.array([1e3 * float(np.median(lifts or [0.0])) for lifts in swings]),
+        dragged_steps=_dragged(feet, _LEAST_STROKE * robot.standing_height),
         slip=float(np.mean(np.sum(feet.sliding * (feet.clearance < TOUCHING), axis=0))) * dt / way,
         step_frequency=float(np.mean([len(lifts) for lifts in swings])) / time,
         body_rate=float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
@@ -158,11 +174,40 @@ def _swings(feet: FootMotion) -> list[list[float]]:
     for clearance in feet.clearance.T:
         edges = np.flatnonzero(np.diff((clearance >= TOUCHING).astype(int)))
         parts = [part for part in np.split(clearance, edges + 1)[1:-1] if part[0] >= TOUCHING]
-        lifts.append([float(part.max()) for part in parts if part.max() > 4.0 * TOUCHING])
+        lifts.append([float(part.max()) for part in parts if part.max() > LIFTED])
     return lifts
 
 
-def _of_a_short_walk(upright: float, legs: int) -> GaitQuality:
+def _dragged(feet: FootMotion, least: float) -> float:
+    """Mean over the feet of the share of their steps without a lift; NaN where none moves by ``least`` [m]."""
+    peaks = [_step_peaks(*each, least) for each in zip(feet.clearance.T, feet.ahead.T, strict=True)]
+    shares = [float(np.mean(each <= LIFTED)) for each in peaks if len(each)]
+    return float(np.mean(shares)) if shares else math.nan
+
+
+def _step_peaks(clearance: np.ndarray, ahead: np.ndarray, least: float) -> np.ndarray:
+    """Highest clearance [m] in every whole step of a foot.
+
+    A step is counted by the foot's stroke, not by its lift: a foot that touches twice in a swing makes one step, and so
+    does one that never leaves the ground. It passes the middle when it is a quarter of the stroke beyond.
+
+    Args:
+        clearance: (F,) [m].
+        ahead: (F,) place along the body [m].
+        least: stroke below which there is no step [m].
+    """
+    rear, front = np.percentile(ahead, (5.0, 95.0))
+    if front - rear <= least:
+        return np.zeros(0)
+    off = (ahead - 0.5 * (front + rear)) / (front - rear)
+    beyond = np.flatnonzero(np.abs(off) > 0.25)
+    passes = 1 + np.flatnonzero(np.diff(np.sign(off[beyond])))
+    both = [beyond[passes[first::2]] for first in (0, 1)]  # forward, and backward
+    edges = min(both, key=lambda each: clearance[each].mean() if len(each) else math.inf)  # where the foot stands
+    return np.array([clearance[begin:end].max() for begin, end in pairwise(edges)])
+
+
+def _of_a_short_walk(upright: float, legs: int, walks: bool) -> GaitQuality:
     """Who fell at once got nowhere; of who is upright yet, nothing is known."""
-    speed, error = (math.nan, math.nan) if upright else (0.0, 1.0)
-    return GaitQuality(upright, speed, error, math.nan, math.nan, np.full(legs, math.nan), *7 * [math.nan])
+    speed, error = (math.nan, math.nan) if upright else (0.0, 1.0 if walks else math.nan)
+    return GaitQuality(upright, speed, error, math.nan, math.nan, np.full(legs, math.nan), *8 * [math.nan])

@@ -16,6 +16,7 @@ UNITS = {
     "heading_deg_per_m": "°/m",
     "lateral_share": "1",
     "foot_lift_mm": "mm",
+    "dragged_steps": "1",
     "slip": "m/m",
     "step_frequency": "Hz",
     "body_rate": "rad/s",

@@ -1,5 +1,6 @@
 """Several seeds of one training: each is the training of that seed alone, whatever was interrupted."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,16 @@ def test_what_is_finished_is_not_trained_again(seeds: Path, monkeypatch: pytest.
     run_walk_seeds(small(seeds), 3)
     assert before == {path: path.stat().st_mtime_ns for path in seeds.glob(f"*/{POLICY}")}
     assert (seeds / PICTURE).read_bytes() == picture
+
+
+def test_a_seed_that_is_refused_ends_all_before_another_is_touched(tmp_path: Path):
+    """The policy of the second seed is the start: what the first one has would be gone when that is found out."""
+    run_walk_seeds(small(tmp_path), 2)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    further = replace(small(tmp_path), start=tmp_path / "seed_4" / POLICY)
+    with pytest.raises(ConfigError, match="which the training would overwrite"):
+        run_walk_seeds(replace(further, workers=1), 2)
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 
 def test_a_failing_seed_ends_all_with_its_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
@@ -84,3 +85,9 @@ def test_lines_of_one_model_have_colors_of_their_own():
     colors = distinct_colors(["ideal_pd (gait trot)", "rollout", "ideal_pd (gait pace)", "unknown"])
     assert len(set(colors.values())) == 4 and colors["rollout"] == model_color("rollout")
     assert colors["ideal_pd (gait trot)"] == model_color("ideal_pd")
+
+
+def test_a_policy_in_place_of_its_folder_is_refused_with_the_folder(trained: Path):
+    with pytest.raises(ConfigError, match="not a folder") as error:
+        build_walk_report(trained / "trot" / POLICY, "pupper_v2", "motorprior report", False)
+    assert error.value.remedy == f"give the folder of the policy: {trained / 'trot'}"

@@ -67,7 +67,8 @@ def train_policy(
         commands: what the robot is told to do; all that it is built for if not given; faster, too.
         randomization: what differs between episodes besides the motors: floor, masses, slope, sensors, pushes.
         start: a policy to go on from; the gait itself if not given. What comes out is never worse on its own motors.
-        symmetric: the policy answers what it would observe in a mirror with the mirrored action: it cannot limp.
+        symmetric: the policy answers what it would observe in a mirror with the mirrored action: it cannot limp to
+            one side.
         hidden_units: of the policy, an even number of a symmetric one; none for a linear one.
         validation: a fleet, its name or its .toml file, on whose physical motors the contests are walked that decide
             which policy is kept; on the motors of the training if not given. Not the fleet of a twin that is to judge

@@ -76,7 +76,7 @@ class Walk:
     hidden_units: int = 0
     """Hidden units of the policy, an even number of a symmetric one; none for a linear one."""
     symmetric: bool = True
-    """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp."""
+    """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp to one side."""
     search: ArsConfig = field(default_factory=ArsConfig)
     """Augmented random search."""
     task: TaskWeights = field(default_factory=TaskWeights)
@@ -131,6 +131,11 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
             _train(plan, scenes, clock, progress, name)
         remove(config.out, CHECKPOINT)  # once the marker is there: killed before, the same command goes on from it
     return True
+
+
+def require_possible(config: Walk) -> None:
+    """Raise the ConfigError or ArtifactError that `run_walk` would for its settings or files, and touch nothing."""
+    _planned(config)
 
 
 def _train(plan: _Plan, scenes: list[Scene], clock: Stopwatch, progress: Progress, name: str) -> None:

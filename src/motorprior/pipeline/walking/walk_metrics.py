@@ -67,7 +67,7 @@ class Metrics:
             self._also(row)
 
     def add(self, point: dict[str, Any]) -> str:
-        """Append a line; returns it in words: return, speed error, time upright, episodes a second, time left."""
+        """Append a line; returns it in words, the first ones first where a terminal is narrow: time left, return."""
         with self._path.open("a", encoding="utf-8") as file:
             file.write(_line(row := self._row(point)))
         self._also(row)
@@ -77,8 +77,8 @@ class Metrics:
         rate = self._extent.episodes * done / seconds
         upright, at_most = 100.0 * self._upright(point), "at most " if self._extent.may_end_early else ""
         return (
-            f"return {point['mean_return']:.2f} m, off the speed by {point['mean_speed_error']:.2f} m/s, "
-            f"upright {upright:.0f} %, {rate:.0f} episodes/s, {at_most}{_time(left)} left"
+            f"{at_most}{_time(left)} left, return {point['mean_return']:.2f} m, upright {upright:.0f} %, "
+            f"{point['mean_speed_error']:.2f} m/s off, {rate:.0f} episodes/s"
         )
 
     def _upright(self, point: dict[str, Any]) -> float:

@@ -13,11 +13,11 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.side_by_side import side_by_side, threads_here
 from motorprior.pipeline.stage import write_results
-from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY, Walk, run_walk
+from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY, Walk, require_possible, run_walk
 from motorprior.pipeline.walking.walk_metrics import read_metrics
 from motorprior.results import Result, Results
 
-PICTURE, MOST_SEEDS = "seeds.png", 1000
+PICTURE, MOST_SEEDS, SEED_FOLDER = "seeds.png", 1000, "seed_{}"
 SEEDS_APART = 1000
 """Policies of demos or studies with different seeds share no search seed."""
 
@@ -33,13 +33,15 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
         it is in figures.json, too.
 
     Raises:
-        ConfigError, ArtifactError, SimulationFault, KeyboardInterrupt: see `run_walk`; the other seeds leave a
-            checkpoint.
+        ConfigError, ArtifactError, SimulationFault, KeyboardInterrupt: see `run_walk`. Settings that cannot be used
+            are refused before any seed is touched; of what happens later the other seeds leave a checkpoint.
     """
     require_count("seeds", seeds, 1, MOST_SEEDS)
     require_count("workers", config.workers, 1, MOST_WORKERS)
     side = min(seeds, threads_here(config.workers, progress)) if config.executor == "threads" else 1
     walks = [_of_seed(config, config.search.seed + number, side) for number in range(seeds)]
+    for walk in walks:  # all before the first begins, since that throws away what its folder held
+        require_possible(walk)
     works = [partial(_train, walk) for walk in walks]
     side_by_side(works, side, progress)
     _draw(config, walks)
@@ -55,7 +57,7 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
 def _of_seed(config: Walk, seed: int, side: int) -> Walk:
     """The training with one seed, of ``side`` at a time."""
     workers, search = max(1, config.workers // side), replace(config.search, seed=seed)
-    return replace(config, out=config.out / f"seed_{seed}", search=search, workers=workers)
+    return replace(config, out=config.out / SEED_FOLDER.format(seed), search=search, workers=workers)
 
 
 def _train(walk: Walk, progress: Progress) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import write_results
 from motorprior.pipeline.transfer_study.transfer import own_scene, policy_for
 from motorprior.pipeline.walking.walk import POLICY
+from motorprior.pipeline.walking.walk_seeds import SEED_FOLDER
 from motorprior.pipeline.watching.schedule_file import read_schedule
 from motorprior.pipeline.watching.walk_film import Look, Scenes, write_film
 from motorprior.results import Result, Results
@@ -28,7 +30,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.viewer import require_screen, show
-from motorprior.transfer.gait_quality import WARM_UP, gait_quality, headings, lasted, steps_along
+from motorprior.transfer.gait_quality import gait_quality, headings, lasted, steps_along
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
 from motorprior.transfer.twin import HARD, NOISY, together, twin_of
@@ -37,7 +39,7 @@ Place = Literal["own", "twin", "hard"]
 LONGEST, MOST_POLICIES = 600.0, 4
 """Of a walk [s]; more than four policies would be too small to see."""
 _PLACES = {"own": "on its own motors", "twin": "on the twin", "hard": "on a hard twin"}
-_OF_A_PATH = ("heading_deg_per_m", "lateral_share")
+_OF_ONE_COMMAND = ("speed_error", "heading_deg_per_m", "lateral_share")
 _TWINS = {"twin": NOISY, "hard": HARD}
 
 
@@ -146,7 +148,7 @@ def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
 
 def _names(policies: Sequence[Path]) -> dict[str, Path]:
     """Files of the policies by the names of their folders, or of themselves where they have other names than usual."""
-    files = [path / POLICY if path.is_dir() else path for path in policies]
+    files = [_policy_in(path) if path.is_dir() else path for path in policies]
     if not 1 <= len(files) <= MOST_POLICIES:
         raise ConfigError(f"{len(files)} policies given", remedy=f"give 1 to {MOST_POLICIES}")
     names: dict[str, Path] = {}
@@ -154,6 +156,21 @@ def _names(policies: Sequence[Path]) -> dict[str, Path]:
         name = path.resolve().parent.name if path.name == POLICY else path.stem
         names[name if name not in names else f"{name} ({len(names) + 1})"] = path
     return names
+
+
+def _policy_in(folder: Path) -> Path:
+    """The policy of a training.
+
+    Raises:
+        ConfigError: the folder is of several trainings: names those that are finished.
+    """
+    seeds = sorted(folder.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
+    if seeds and not (folder / POLICY).is_file():
+        raise ConfigError(
+            f"no {POLICY} in it, but in {len(seeds)} folders of seeds below", where=folder,
+            remedy=f"give one of these, or up to {MOST_POLICIES}: {seeds[0]}",
+        )  # fmt: skip
+    return folder / POLICY
 
 
 def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
@@ -170,19 +187,27 @@ def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
 
 
 def _measured(config: Play, robot: Robot, name: str, episode: Episode, told: np.ndarray) -> Results:
-    """The measures of a walk, against the mean of its commands; where these change, there is no path to keep to.
+    """The measures of a walk; where commands change, there is no path to keep to, and a speed at every moment.
 
-    An engine that tells no torques (PyBullet) leaves one measure.
+    speed_off is then the mean of |filtered speed - command in force|, see `Episode.speed_error` [m/s]. An engine that
+    tells no torques (PyBullet) leaves one measure.
     """
     if not len(episode.motion):
         upright = float(lasted(episode, len(told)))
         return Results.of([Result("upright", "1", upright, name, config.place)])
-    begin = min(round(WARM_UP / robot.control_dt), episode.steps - 1)
-    forward, turn = told[begin : episode.steps].mean(axis=0)
-    quality = gait_quality(robot, episode, float(forward), float(turn), len(told))
+    quality = gait_quality(robot, episode, _slowest(told[:, 0]), float(told[0, 1]), len(told))
     measured = quality_results(quality, robot, name, config.place)
-    steady = bool((told == told[0]).all())
-    return Results.of(row for row in measured if steady or row.quantity not in _OF_A_PATH)
+    if (told == told[0]).all():
+        return measured
+    rows = [row for row in measured if row.quantity not in _OF_ONE_COMMAND]
+    if math.isfinite(episode.speed_error):
+        rows.append(Result("speed_off", "m/s", episode.speed_error, name, config.place))
+    return Results.of(rows)
+
+
+def _slowest(forward: np.ndarray) -> float:
+    """The commanded speed nearest to standing [m/s]; 0 where the direction changes."""
+    return 0.0 if forward.min() < 0.0 < forward.max() else float(forward[np.abs(forward).argmin()])
 
 
 def _held(trace: np.ndarray, steps: int) -> np.ndarray:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+import re
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +16,22 @@ from motorprior.robots.robot import Robot
 
 COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")
 _MOST_ROWS = 100_000
+_ROW = re.compile(r"^(a quote is opened in )?row (\d+)")
+"""How `read_number_table` names a row, from 0; a column's name may say the same elsewhere."""
 
 
 def read_schedule(path: Path, robot: Robot) -> Timetable:
     """The commands in a file, each held until the time of the next row.
 
     Raises:
-        ConfigError: a file that is none, or a row that the robot cannot follow: names the file, the row from 0, the
-            value and its bound.
+        ConfigError: a file that is none, or a row that the robot cannot follow: names the file, its line, the value
+            and its bound.
     """
     try:
         table = read_number_table(path, COLUMNS)
     except LogError as error:
         raise ConfigError(
-            error.problem,
+            _ROW.sub(lambda row: f"{row[1] or ''}line {_line_of(path, int(row[2]))}", error.problem),
             where=error.where,
             remedy=f"write the columns {', '.join(COLUMNS)} and a number in every cell",
         ) from error
@@ -38,8 +43,8 @@ def read_schedule(path: Path, robot: Robot) -> Timetable:
     for column, (name, (least, most)) in enumerate(bounds.items(), start=1):
         for row in np.flatnonzero(~((table[:, column] >= least) & (table[:, column] <= most)))[:1]:
             raise ConfigError(
-                f"row {row}: {name} {table[row, column]:g} is not within {least:g} to {most:g}, which robot "
-                f"{robot.name!r} can be told here", where=path, remedy="give a command that it can follow",
+                f"line {_line_of(path, row)}: {name} {table[row, column]:g} is not within {least:g} to {most:g}, which "
+                f"robot {robot.name!r} can be told here", where=path, remedy="give a command that it can follow",
             )  # fmt: skip
     return Timetable(tuple((float(time), float(forward), float(turn)) for time, forward, turn in table))
 
@@ -47,7 +52,16 @@ def read_schedule(path: Path, robot: Robot) -> Timetable:
 def _require_order(time: np.ndarray, path: Path) -> None:
     before = np.concatenate([[-np.inf], time[:-1]])
     for row in np.flatnonzero(~((time > before) & (time >= 0.0) & np.isfinite(time)))[:1]:
-        earlier = "not a time from 0 s on" if row == 0 else f"not after the {before[row]:g} s of the row before"
+        earlier = "not a time from 0 s on" if row == 0 else f"not after the {before[row]:g} s of the line before"
         raise ConfigError(
-            f"row {row}: {COLUMNS[0]} {time[row]:g} is {earlier}", where=path, remedy="order the rows by their time"
-        )
+            f"line {_line_of(path, row)}: {COLUMNS[0]} {time[row]:g} is {earlier}", where=path,
+            remedy="order the lines by their time",
+        )  # fmt: skip
+
+
+def _line_of(path: Path, row: int) -> int:
+    """Line of the file, from 1, with a row of numbers, from 0: the names come first, and empty lines are no rows."""
+    opener = gzip.open if path.suffix == ".gz" else open
+    with opener(path, "rb") as file:
+        filled = (number for number, line in enumerate(file, start=1) if line.strip(b"\r\n"))
+        return next(islice(filled, row + 1, None))

@@ -76,7 +76,7 @@ def build_walk_report(
         progress: where to report to.
 
     Raises:
-        ConfigError: no policy there.
+        ConfigError: no policy there, or no folder.
         ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
     """
     from motorprior.report.gait_sections import gaits, robustness_section  # here: they import matplotlib, which is slow
@@ -84,6 +84,8 @@ def build_walk_report(
     from motorprior.report.page import Report, write_report
 
     folders = [path.parent for path in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}")))]
+    if run.is_file():
+        raise ConfigError("not a folder", where=run, remedy=f"give the folder of the policy: {run.parent}")
     if not folders:
         raise ConfigError(
             f"no {POLICY} in it or one folder below", where=run,
