@@ -224,6 +224,10 @@ def test_a_recording_of_pace_is_read_by_its_map(tmp_path: Path):
         ({"time": Name("os", "system")}, "os.system, which is refused"),
         ({"time": Name("torch", "load")}, "torch.load, which is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "its storage has 10"),
+        (
+            {"time": Tensor(Storage("BFloat16Storage", "0", 20), 0, (6,), (1,))},
+            "type bfloat16 -> save them as float32, by tensor.float()",
+        ),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "40 bytes for 1000 numbers"),

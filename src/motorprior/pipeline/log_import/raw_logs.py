@@ -40,7 +40,8 @@ class LogsImport:
     paths: tuple[Path, ...]
     """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), raw logs of
     jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
-    datasets, or, with ``columns``, any table (.csv, .csv.gz, .parquet) and tensors (.pt)."""
+    datasets, ROS 2 bags (.mcap, or the folder of one), or, with ``columns``, any table (.csv, .csv.gz, .parquet), any
+    topics of a bag and tensors (.pt)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
@@ -48,10 +49,11 @@ class LogsImport:
     period: float | None = None
     """Sample period of the result [s]; as recorded if not given."""
     kp: tuple[float, ...] = ()
-    """Proportional gain [N·m/rad] that the motors were told: one for all joints, or one per joint in the order of the
-    robot that is given. Takes the place of what ``columns`` says; in firmware units where that says so."""
+    """Proportional gain that the motors were told: one for all joints, or one per joint in the order of the robot that
+    is given. Takes the place of the log's or of what ``columns`` says, in the unit of the log's own gains: N·m/rad, or
+    that of the firmware, as of logs of Rhoban/bam and where ``columns`` says so."""
     kd: tuple[float, ...] = ()
-    """Derivative gain [N·m·s/rad], like ``kp``."""
+    """Derivative gain, like ``kp``; N·m·s/rad where that is in N·m/rad."""
     profile_acceleration: float | None = None
     """Largest acceleration of the profile that every servo's firmware was told [rad/s²], in place of what ``columns``
     says; 0 if it has no such limit. Feetech STS: 0.1534 rad/s² per unit."""
