@@ -10,6 +10,9 @@ motion; pure_delay and second_order use none. figures.json has means over joints
 the share of the recorded angles inside the adapted prior's 90 % bands as ROBOT/coverage90. tables.md has more: what
 every model does on the rest alone. Stages that are finished are kept.
 
+unseen_gains: motor logs (.parquet of ``logs import``, with their own stated gains and loads) beside the raw logs of the
+Go2, of another robot or at other gains, are judged by models of all raw logs.
+
 leave_one_motor_out: the prior was fitted to the motors of the other legs (recipe first_look) and is judged, as are
 ``adapted`` and ``per_motor``, which know the motor's own first 10 s, on the rest of a log; ``same_place`` is the mean
 of the other legs' motors at the same place.
@@ -44,7 +47,7 @@ from motorprior.logs.formats.puppersim import short_name
 from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
-from motorprior.pipeline.adapt import adapt_to, first_seconds
+from motorprior.pipeline.adapt import adapt_to, first_and_rest
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.progress import Lines
@@ -71,6 +74,8 @@ TABLE_ONLY = ("tuned_pd", "same_place")
 TOLD = 10.0
 """Seconds of a held-out log that ``adapted`` knows."""
 RECIPE = PRESETS["rollout"]
+UNSEEN = "unseen_gains"
+"""A test: motor logs that nothing was fitted to, each with its own gains."""
 MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "first_look"
 """A test, and its recipe: one that takes seconds, since it is fitted once per leg."""
 IDENTIFIED = "long_runs"
@@ -151,8 +156,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     for path in fold.judged:
         log = read_parquet(path)
         told_models = at_gains_of(log, models, known)
-        told = first_seconds(log, min(TOLD, log.duration / 2))
-        rest = log.rows(slice(told.num_rows, None))
+        told, rest = first_and_rest(log, min(TOLD, log.duration / 2))
         posterior = adapt_to(prior, folder / "prior" / PRIOR, told, str(path))
         adapted = {"adapted": LatentActuator(prior.network, posterior.mean)}
         covered = log_coverage(prior, posterior, whole_runs(rest, preset, str(path)))
@@ -185,14 +189,19 @@ def named(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
         name: value for name, value in means.get("rest", {}).items() if name == "adapted"
     }
     keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model not in TABLE_ONLY}
-    place = f"{robot}/{test}" if test == MOTORS_OUT else robot
+    place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
     return keys | {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
 
 
 def go2(settings: Settings) -> Iterator[Test]:
-    """Twelve motors of a hung quadruped, six logs of the same chirp: each is left out in turn."""
+    """Twelve motors of a hung quadruped, six logs of the same chirp: each is left out in turn.
+
+    Raw logs have the gains of their map; motor logs (.parquet) are taken as they are, and only judged, by all raw ones.
+    """
     description_file = robot_file(settings, "go2")
     paths = imported(settings, "go2", "go2_identification", description_file, "*.csv.gz")
+    if judged := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
+        yield UNSEEN, [measure(settings, "go2", Fold(UNSEEN, tuple(paths), judged))]
     folds = leave_out(paths, [[path] for path in paths])
     yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
     groups = list(enumerate(motor_groups(load_robot(str(description_file)))))

@@ -75,18 +75,25 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
     found = read_results(out)
     for quantity in ("free_run_rmse", "whole_run_rmse"):
         errors = {row.model: row.value for row in found.where(quantity=quantity, statistic="median")}
-        assert set(errors) == {"rollout", "prior_mean", *LOG_BASELINES}
-        assert errors["rollout"] < errors["prior_mean"] and errors["rollout"] < 0.5 * errors["tuned_pd"]
+        assert list(errors)[:2] == ["adapted", "prior"] and set(errors) == {"adapted", "prior", *LOG_BASELINES}
+        assert errors["adapted"] < errors["prior"] and errors["adapted"] < 0.5 * errors["tuned_pd"]
         assert errors["second_order"] < errors["pure_delay"]
         each = found.where(quantity=quantity, model="per_motor", statistic=None)
         assert [row.part for row in each] == ["motor_000", "motor_001", "motor_002"]
     for coverage in ("coverage", "whole_run_coverage"):  # how wide the bands of three motors are, rounding decides
-        half, most = (found.where(quantity=f"{coverage}{level}").value() for level in (50, 90))
-        assert 0.0 < half < most <= 1.0 and most > 0.3
+        for model in ("adapted", "prior"):
+            half, most = (found.value(quantity=f"{coverage}{level}", model=model) for level in (50, 90))
+            assert 0.0 < half < most <= 1.0 and most > 0.3
+    told = read_json(out / "figures.json")
+    assert {"coverage90/adapted", "whole_run_coverage50/prior", "whole_run_rmse_mean/adapted"} <= set(told)
     assert sorted(path.name for path in (out / "pictures").iterdir()) == [f"motor_00{n}.png" for n in range(3)]
     others = folder / "new" / "log.parquet"
     words = ("new/log.parquet: joints motor_000", "held_out/log.parquet has", "same joints")
     refused("validate-log", prior, held_out, "--fitted-on", others, "--out", tmp_path / "others", words=words)
+    for seconds, word in ((7.0, "finite number from 0 to 5.99"), (-1.0, "finite number"), ("nan", "finite number")):
+        refused("validate-log", prior, held_out, "--seconds", seconds, "--out", out, words=("--seconds", word))
+    line = ("validate-log", prior, held_out, "--seconds", 2, "--fitted-on", held_out, "--out", out)
+    refused(*line, words=("--seconds: the other logs", "leave seconds, or the other logs, out"))
     short = folder / "few" / "log.parquet"
     refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 

@@ -22,6 +22,8 @@ from motorprior.logs.formats.bag_columns import CLOCK
 from motorprior.logs.formats.column_map import load_column_map
 from motorprior.logs.formats.column_units import Conversion
 from motorprior.pipeline import demo
+from motorprior.pipeline.log_import.raw_logs import LogsImport
+from motorprior.pipeline.validation.validate_log import ValidateLog
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
@@ -110,6 +112,14 @@ def test_a_loop_on_the_page_leaves_out_the_log_that_it_judges(tmp_path: Path, mo
     assert identify[1:3] == others and identify[identify.index("--out") + 1] == "runs/go2/without_0"
     known = judge.index("--fitted-on")
     assert judge[2] == "runs/go2/traj_0.parquet" and judge[known + 1 : known + 3] == others
+
+
+def test_the_commands_for_another_robot_with_other_gains_are_understood():
+    imported, judged = (words for words in commands("real-logs.md") if "runs/other_go2" in " ".join(words))
+    known, told = parse(imported), parse(judged)
+    assert isinstance(known, LogsImport) and (known.kp, known.kd, known.hung) == ((20.0,), (1.5,), True)
+    assert isinstance(told, ValidateLog) and told.seconds == 10.0 and not told.fitted_on
+    assert told.log == known.out / "other.parquet" and known.paths == (Path("other.csv.gz"),)
 
 
 @pytest.mark.slow

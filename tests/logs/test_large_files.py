@@ -38,6 +38,28 @@ report = check_log(log)
 print(log.num_rows, sum(values.nbytes for values in channels(log).values()), reading, peak() - before, report.usable)
 """
 
+OWN = """
+import sys
+import numpy as np
+import pyarrow, pyarrow.parquet
+from motorprior.logs.formats.parquet_io import read_parquet, write_log
+from motorprior.logs.motor_log import MotorLog, channels
+
+def peak():
+    return 1024 * int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0])
+
+if sys.argv[2] == "write":
+    angle = np.sin(1e-3 * np.arange(10_000_000)[:, None] * np.array([1.3, 2.3]))
+    log = MotorLog(
+        time=1e-3 * np.arange(10_000_000), position_target=angle, joint_pos=angle, joint_vel=angle,
+        external_torque=angle, stated_kp=np.ones_like(angle), joint_names=("a", "b"), robot="", motor="", source="",
+    )
+before = peak()
+write_log(sys.argv[1], log) if sys.argv[2] == "write" else None
+log = log if sys.argv[2] == "write" else read_parquet(sys.argv[1])
+print(log.num_rows, sum(values.nbytes for values in channels(log).values()), peak() - before)
+"""
+
 
 def write(path: Path) -> None:
     """Two joints that follow sines 50 ms late, at 1 kHz."""
@@ -70,3 +92,14 @@ def test_ten_million_rows_take_a_few_times_their_own_size(tmp_path: Path, name: 
     assert (rows, size, said[4]) == (ROWS, 8 * 5 * ROWS, "True")
     assert reading < 3.5 * size, reading / size
     assert checking < 4.5 * size, checking / size
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="the peak of memory is read from Linux's /proc")
+def test_a_motor_log_of_ten_million_rows_takes_hardly_more_than_its_size(tmp_path: Path):
+    for action, most in (("write", 0.8), ("read", 1.8)):  # where it is written, the log is there before
+        command = [sys.executable, "-c", OWN, str(tmp_path / "log.parquet"), action]
+        said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        rows, size, more = (int(word) for word in said)
+        assert (rows, size) == (ROWS, 8 * 11 * ROWS)
+        assert more < most * size, (action, more / size)

@@ -8,7 +8,15 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validation.validate_log import COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.pipeline.validation.validate_log import (
+    ADAPTED,
+    COVERAGE,
+    PRIOR,
+    SPANS,
+    TRAINED_ON,
+    ValidateLog,
+    run_validate_log,
+)
 from motorprior.results import Results
 
 
@@ -31,10 +39,15 @@ def validate_log(config: ValidateLogCommand) -> None:
     said = " (warning: no test, the prior was trained on this log)" if known else ""
     table(f"Free runs, joint RMSE [mrad], over motors{said}", ["model", *titles], rows)
     shares = [
-        [span, *(f"{100 * results.where(quantity=f'{COVERAGE[quantity]}{level}').value():.0f}" for level in (50, 90))]
+        [model, span, *(_percent(results, f"{COVERAGE[quantity]}{level}", model) for level in (50, 90))]
+        for model in (ADAPTED, PRIOR)
         for quantity, span in SPANS.items()
     ]
-    table(f"Recorded angles inside the bands [%]{said}", ["free runs", "50 % band", "90 % band"], shares)
+    table(f"Recorded angles inside the bands [%]{said}", ["model", "free runs", "50 % band", "90 % band"], shares)
+
+
+def _percent(results: Results, quantity: str, model: str) -> str:
+    return f"{100 * results.where(quantity=quantity).value(model=model):.0f}"
 
 
 def _milli(errors: Results, model: str, quantity: str, statistic: str) -> str:

@@ -16,7 +16,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
 from motorprior.bounds import require_number
-from motorprior.exceptions import ArtifactError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.validity import checked
@@ -71,6 +71,22 @@ def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
     kept = log.rows(slice(0, max(2, round(seconds / period))))
     last = kept.segment_slices()[-1]
     return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
+
+
+def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
+    """`first_seconds`, and what follows; of a segment of which a single row is left there, nothing.
+
+    Raises:
+        ConfigError: nothing would be left.
+    """
+    require_number("seconds", seconds, 0.0, log.duration)
+    first = first_seconds(log, seconds)
+    rest = log.rows(slice(first.num_rows, None))
+    starts = [part.start for part in rest.segment_slices() if part.stop - part.start > 1]
+    if not starts:
+        problem = f"seconds {seconds:g}: nothing is left of {log.duration:.4g} s of log"
+        raise ConfigError(problem, where=log.source, remedy="give fewer seconds", argument="seconds")
+    return first, rest.rows(slice(starts[0], None))
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def log_against_bands(
         time: (T,) [s].
         position_target: (T,) [rad], drawn thin.
         joint_pos: (T,) recorded [rad].
-        model: (T,) simulated by the central motor of the draws [rad].
+        model: (T,) simulated by the prior, adapted [rad].
         bands: level [%] -> lower and upper end (T,) [rad] of what the drawn motors do.
         title: above the first panel.
     """
@@ -48,7 +48,7 @@ def log_against_bands(
         angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **look)
         error.fill_between(time, low - joint_pos, high - joint_pos, **look)
     angle.plot(time, joint_pos, color=INK, linewidth=1.1, label="recorded")
-    name = f"simulated, RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
+    name = f"prior, adapted: RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
     angle.plot(time, model, color=color, linewidth=0.9, label=name)
     error.plot(time, model - joint_pos, color=color, linewidth=0.9)
     error.axhline(0.0, color=INK, linewidth=0.8)

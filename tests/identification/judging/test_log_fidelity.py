@@ -22,6 +22,7 @@ from motorprior.identification.judging.log_fidelity import (
     known_half,
     log_coverage,
     log_traces,
+    untold,
     whole_runs,
     within_a_turn,
 )
@@ -110,6 +111,9 @@ def test_bands_hold_what_they_promise(
     central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
     found = log_coverage(prior, central, [runs])
     assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
+    wide = WindowRuns(decoder_data(network, rng.standard_normal((24, 3)), segments=3), PRESET)
+    told_nothing = log_coverage(prior, untold(prior, 24), [wide])
+    assert 0.35 < told_nothing[50] < 0.65 and 0.8 < told_nothing[90] <= 0.97
     sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), [runs])
     assert sure[90] < 0.3
 

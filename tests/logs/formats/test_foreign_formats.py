@@ -136,6 +136,55 @@ def test_lerobots_description_must_fit(tmp_path: Path):
         read_log(path)
 
 
+LEROBOT_MAP = """
+motor = "servo"
+time = "timestamp"
+segment = "episode_index"
+position_target = "action[{joint}]"
+joint_pos = "observation.state[{joint}]"
+[units]
+angle = "deg"
+[joints]
+0 = { name = "pan" }
+1 = { name = "lift" }
+"""
+
+
+def described(path: Path, **changes: Any) -> Path:
+    """A dataset whose info.json says more."""
+    info = path / "meta" / "info.json"
+    info.write_text(json.dumps(json.loads(info.read_text()) | changes))
+    return path
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_a_dataset_that_lacks_a_file_is_refused_with_both_numbers(tmp_path: Path, mapped: bool):
+    (tmp_path / "map.toml").write_text(LEROBOT_MAP)
+    columns = tmp_path / "map.toml" if mapped else None
+    path = described(write_lerobot(tmp_path), total_frames=ROWS, total_episodes=2)
+    np.testing.assert_allclose(read_log(path, columns=columns).joint_pos, ANGLE, atol=1e-6)
+    (path / "data" / "chunk-000" / "file-001.parquet").unlink()
+    with pytest.raises(LogError, match=rf"info\.json: total_frames is {ROWS}, its .* have {ROWS // 2} -> copy"):
+        read_log(path, columns=columns)
+    described(path, total_frames=ROWS // 2)
+    with pytest.raises(LogError, match=r"total_episodes is 2, its .* have 1 -> copy"):
+        read_log(path, columns=columns)
+    assert read_log(described(path, total_frames=None, total_episodes=None), columns=columns).num_rows == ROWS // 2
+
+
+def test_what_lerobot_does_not_call_a_position_is_no_angle(tmp_path: Path):
+    """Names without an ending, of older datasets, pass."""
+    for names, odd in ((["pan.pos", "x.vel"], "x.vel"), (["pan", "lift"], None)):
+        path = described(
+            write_lerobot(tmp_path), features={key: {"names": names} for key in ("action", "observation.state")}
+        )
+        if odd is None:
+            assert read_log(path).joint_names == JOINTS
+            continue
+        with pytest.raises(LogError, match=r"action has 'x\.vel', which is no position \(\.pos\) -> .* column map"):
+            read_log(path)
+
+
 def test_tensors_of_any_layout_come_through(tmp_path: Path):
     log = read_log(write_pt(tmp_path), columns=tmp_path / "columns.toml")
     np.testing.assert_array_equal(log.joint_pos, ANGLE.astype(np.float32))
@@ -175,6 +224,10 @@ def test_a_recording_of_pace_is_read_by_its_map(tmp_path: Path):
         ({"time": Name("os", "system")}, "os.system, which is refused"),
         ({"time": Name("torch", "load")}, "torch.load, which is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "its storage has 10"),
+        (
+            {"time": Tensor(Storage("BFloat16Storage", "0", 20), 0, (6,), (1,))},
+            "type bfloat16 -> save them as float32, by tensor.float()",
+        ),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "is refused"),
         ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "40 bytes for 1000 numbers"),

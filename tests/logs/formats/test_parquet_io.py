@@ -8,7 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from motorprior.exceptions import LogError
+from motorprior.logs.formats.log_size import most_rows, numbers_per_row
 from motorprior.logs.formats.parquet_io import METADATA_KEY, read_parquet, write_log
+from motorprior.logs.formats.parquet_pages import MAX_NUMBERS
 from motorprior.logs.motor_log import channels
 
 
@@ -67,6 +69,38 @@ def test_a_bad_log_is_not_written(tmp_path, make_log):
     with pytest.raises(LogError, match="row 3, joint_pos/left"):
         write_log(tmp_path / "log.parquet", log)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_could_not_be_read_again_is_not_written(tmp_path, make_log, monkeypatch):
+    """200 rows of 1.99 s; 7 columns."""
+    write_log(tmp_path / "log.parquet", make_log())
+    for most, fits in ((7 * 200, True), (7 * 200 - 1, False)):
+        monkeypatch.setattr("motorprior.logs.formats.log_size.MAX_LOG_NUMBERS", most)
+        if fits:
+            write_log(tmp_path / "again.parquet", make_log())
+            assert read_parquet(tmp_path / "again.parquet").num_rows == 200
+            continue
+        said = r"200 rows of 7 numbers, 0\.0332 minutes: a motor log has at most 199 such rows, 0\.033 minutes"
+        with pytest.raises(LogError, match=rf"new\.parquet: {said} .* -> split the recording, or .* longer period"):
+            write_log(tmp_path / "new.parquet", make_log())
+        with pytest.raises(LogError, match=r"200 rows of 7 numbers, and a motor log has at most 199"):
+            read_parquet(tmp_path / "log.parquet")
+    assert not (tmp_path / "new.parquet").exists()
+
+
+def test_a_table_of_the_largest_size_fits_with_its_gains_and_loads():
+    """Of any number of joints, by the channels that an import makes of its time, commands and angles."""
+    told = ("joint_vel", "load_inertia", "external_torque", "load_stiffness", "stated_kp", "stated_kd", "posture")
+    for joints in range(1, 40):
+        rows = MAX_NUMBERS // numbers_per_row(("position_target", "joint_pos"), joints)
+        assert rows <= most_rows(numbers_per_row(("position_target", "joint_pos", *told), joints))
+
+
+def test_a_log_is_written_in_parts(tmp_path, make_log, monkeypatch):
+    monkeypatch.setattr("motorprior.logs.formats.parquet_io._GROUP", 77)
+    write_log(tmp_path / "log.parquet", make_log())
+    assert pq.ParquetFile(tmp_path / "log.parquet").metadata.num_row_groups == 3
+    np.testing.assert_array_equal(read_parquet(tmp_path / "log.parquet").joint_pos, make_log().joint_pos)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])

@@ -46,8 +46,19 @@ def test_more_numbers_than_a_log_may_have_are_refused(tmp_path: Path, monkeypatc
     monkeypatch.setattr("motorprior.logs.formats.parquet_pages.MAX_NUMBERS", 99)
     pq.write_table(pa.table({"t": np.zeros(50), "x": np.zeros(50), "y": np.zeros(50)}), tmp_path / "x.parquet")
     require_small_pages(tmp_path / "x.parquet", {"x"})
-    with pytest.raises(LogError, match="100 numbers in t, x, more than 99"):
+    with pytest.raises(
+        LogError, match=r"more than 99 numbers: it has 50 rows of 2 numbers .* may have 49 \(2 columns: t, x\)"
+    ):
         require_small_pages(tmp_path / "x.parquet", {"t", "x"})
+
+
+def test_a_table_of_a_robot_says_first_how_many_rows_it_may_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("motorprior.logs.formats.parquet_pages.MAX_NUMBERS", 99)
+    names = [f"commanded_position_of_the_joint_{joint}" for joint in range(25)]
+    pq.write_table(pa.table(dict.fromkeys(names, np.zeros(4))), tmp_path / "x.parquet")
+    with pytest.raises(LogError, match=r"4 rows of 25 numbers .* may have 3 \(25 columns: .*, …\)") as refusal:
+        require_small_pages(tmp_path / "x.parquet", set(names))
+    assert len(str(refusal.value)) < 500
 
 
 def number(value: int) -> bytes:
@@ -129,7 +140,7 @@ def test_columns_within_structures_and_lists_belong_to_the_outermost(tmp_path: P
         monkeypatch.setattr("motorprior.logs.formats.parquet_pages.MAX_NUMBERS", count)
         require_small_pages(tmp_path / "x.parquet", names)
         monkeypatch.setattr("motorprior.logs.formats.parquet_pages.MAX_NUMBERS", count - 1)
-        with pytest.raises(LogError, match=f"{count} numbers in"):
+        with pytest.raises(LogError, match=f"50 rows of {count // 50} numbers"):
             require_small_pages(tmp_path / "x.parquet", names)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damaged_files import damage
 from foreign_files import ANGLE, JOINTS, TARGET, TIME
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.mcap_chunks import unpacked
 from motorprior.logs.formats.registry import read_log
+from motorprior.logs.motor_log import log_digest
 from motorprior.pipeline.log_import.log_folder import read_log_folder
 
 LINE = "=" * 80
@@ -25,17 +27,24 @@ DEFINITION = "\n".join(
 
 
 def write_bag(
-    path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS, numbers: str = ""
-) -> Path:
-    """A bag of two topics of JointState, and one of plain numbers where its name is given."""
+    path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS, numbers: str = "",
+    packing: str = "ZSTD", checksums: bool = True, lacks: dict[str, int] | None = None,
+) -> Path:  # fmt: skip
+    """A bag of two topics of JointState, and one of plain numbers where its name is given.
+
+    Of the second joint the fields that are named in ``lacks`` are NaN in that row and all after it.
+    """
     writer_of = pytest.importorskip("mcap_ros2.writer", reason="the extra ros is not installed")
-    with open(path, "wb") as file, writer_of.Writer(file) as writer:
+    how = pytest.importorskip("mcap.writer").CompressionType[packing]
+    with open(path, "wb") as file, writer_of.Writer(file, compression=how, enable_crcs=checksums) as writer:
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION)
         head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
-        for time, target, angle in zip(TIME, TARGET, ANGLE, strict=True):
+        for row, (time, target, angle) in enumerate(zip(TIME, TARGET, ANGLE, strict=True)):
             order = {"name": names[::-1], "position": target[::-1].tolist(), "velocity": [], "effort": []}
             writer.write_message(commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1)
             measured = {"name": JOINTS, "position": angle.tolist(), "velocity": (2 * angle).tolist(), "effort": []}
+            for name, first in (lacks or {}).items():
+                measured[name] = [0.0, np.nan if row >= first else 0.0]
             writer.write_message(states, schema, {"header": head} | measured, log_time=int(1e9 * time) + 2)
         if numbers:
             plain = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
@@ -50,6 +59,19 @@ def test_states_with_the_command_in_force(tmp_path: Path):
     np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
     np.testing.assert_array_equal(log.joint_vel, 2 * ANGLE[:, ::-1])
     np.testing.assert_array_equal(log.position_target, TARGET[:, ::-1])
+
+
+def test_a_velocity_or_an_effort_that_a_joint_never_says_is_absent(tmp_path: Path):
+    """As the broadcaster of ros2_control writes it, where a joint lacks the interface."""
+    log = read_log(write_bag(tmp_path / "a.mcap", lacks={"velocity": 0, "effort": 0}))
+    assert log.joint_vel is None and log.joint_torque is None
+    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
+
+
+@pytest.mark.parametrize("lacks", [{"velocity": 5}, {"effort": 5}, {"position": 0}])
+def test_what_a_joint_says_in_some_rows_only_is_refused(tmp_path: Path, lacks: dict[str, int]):
+    with pytest.raises(LogError, match=rf"row {min(lacks.values())}, joint_\w+/lift is nan"):
+        read_log(write_bag(tmp_path / "a.mcap", lacks=lacks))
 
 
 @pytest.mark.parametrize(
@@ -106,19 +128,71 @@ def test_a_bag_without_joint_states_says_what_it_has(tmp_path: Path):
 
 
 @given(share=st.floats(0.0, 1.0, exclude_max=True), byte=st.none() | st.integers(0, 255))
-@settings(max_examples=25, deadline=None)
-def test_a_damaged_bag_is_a_log_or_one_error(tmp_path_factory: pytest.TempPathFactory, share: float, byte: int | None):
+@settings(max_examples=50, deadline=None)
+def test_a_damaged_bag_is_refused_or_read_as_it_was(
+    tmp_path_factory: pytest.TempPathFactory, share: float, byte: int | None
+):
+    """Chunks and summary have checksums, and nothing else is read."""
     path = write_bag(tmp_path_factory.mktemp("bag") / "a.mcap")
-    data = bytearray(path.read_bytes())
-    if byte is None:
-        del data[int(share * len(data)) :]
-    else:
-        data[int(share * len(data))] = byte
-    path.write_bytes(data)
+    whole, is_cut = read_log(path), damage(path, share, byte)
     try:
-        read_log(path)
+        assert log_digest(read_log(path)) == log_digest(whole) and not is_cut
     except LogError as error:
         assert "a.mcap" in str(error) and len(str(error)) < 1000
+
+
+def test_every_byte_of_a_bag_may_be_another_one(tmp_path: Path):
+    path = write_bag(tmp_path / "a.mcap")
+    data, whole, refused = path.read_bytes(), log_digest(read_log(path)), 0
+    for place in range(0, len(data), 7):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x40]) + data[place + 1 :])
+        try:
+            assert log_digest(read_log(path)) == whole, place
+        except LogError:
+            refused += 1
+    assert refused > len(data) // 14, "only what nobody reads, such as the index of messages, may be damaged"
+
+
+@pytest.mark.parametrize("packing", ["NONE", "LZ4", "ZSTD"])
+def test_a_chunk_of_another_checksum_is_refused(tmp_path: Path, packing: str):
+    """Unpacked, such a byte is an angle."""
+    path = write_bag(tmp_path / "a.mcap", packing=packing)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    path.write_bytes(data)
+    with pytest.raises(LogError, match=r"a\.mcap: (a chunk is damaged: its checksum|cannot be read)"):
+        read_log(path)
+
+
+def test_a_bag_without_checksums_is_read(tmp_path: Path):
+    path = write_bag(tmp_path / "a.mcap", checksums=False)
+    np.testing.assert_array_equal(read_log(path).joint_pos, ANGLE[:, ::-1])
+
+
+@pytest.mark.parametrize("left", [40, 2000, -8, -1])
+def test_a_bag_whose_recorder_died_is_told_to_be_recovered(tmp_path: Path, left: int):
+    path = write_bag(tmp_path / "a.mcap")
+    path.write_bytes(path.read_bytes()[:left])
+    with pytest.raises(
+        LogError, match=r"a\.mcap: the bag is not finished: its recorder was not closed.*`mcap recover`"
+    ):
+        read_log(path)
+
+
+def test_a_bag_without_a_summary_is_told_to_be_recovered(tmp_path: Path):
+    path = write_bag(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    data[-8 - 20 : -8] = bytes(20)  # of the footer: where the summary begins, where its offsets do, its checksum
+    path.write_bytes(data)
+    with pytest.raises(LogError, match=r"a\.mcap: the bag has no summary: .*`mcap recover`"):
+        read_log(path)
+
+
+def test_what_is_no_bag_says_so(tmp_path: Path):
+    pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
+    (tmp_path / "a.mcap").write_bytes(b"SQLite format 3")
+    with pytest.raises(LogError, match=r"a\.mcap: not an MCAP file"):
+        read_log(tmp_path / "a.mcap")
 
 
 def test_without_the_extra_the_message_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -129,13 +203,14 @@ def test_without_the_extra_the_message_names_it(tmp_path: Path, monkeypatch: pyt
 
 
 def write_packed(
-    path: Path, packing: str, message: bytes, chunk_size: int = 1_000_000, count: int = 1, encoding: str = "cdr"
-) -> Path:
+    path: Path, packing: str, message: bytes, chunk_size: int = 1_000_000, count: int = 1, encoding: str = "cdr",
+    checksums: bool = True,
+) -> Path:  # fmt: skip
     """A bag of one topic whose messages are these bytes."""
     writer_of = pytest.importorskip("mcap.writer", reason="the extra ros is not installed")
     how = {"zstd": writer_of.CompressionType.ZSTD, "lz4": writer_of.CompressionType.LZ4}[packing]
     with open(path, "wb") as file:
-        writer = writer_of.Writer(file, chunk_size=chunk_size, compression=how)
+        writer = writer_of.Writer(file, chunk_size=chunk_size, compression=how, enable_crcs=checksums)
         writer.start()
         schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", DEFINITION.encode())
         channel = writer.register_channel("/joint_states", encoding, schema)
@@ -216,7 +291,7 @@ def test_a_bag_whose_summary_names_no_chunks_is_read_from_its_beginning(
 def test_a_chunk_where_the_summary_should_be_is_refused(tmp_path: Path):
     """The library would unpack it, without a bound."""
     pytest.importorskip("mcap.reader", reason="the extra ros is not installed")
-    path = write_packed(tmp_path / "a.mcap", "zstd", bytes(5_000_000))
+    path = write_packed(tmp_path / "a.mcap", "zstd", bytes(5_000_000), checksums=False)
     data = bytearray(path.read_bytes())
     footer = len(data) - 8 - 29  # magic, and the record: kind, length, where the summary begins, two more numbers
     assert data[footer] == 2

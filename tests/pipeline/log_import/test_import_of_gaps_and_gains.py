@@ -253,6 +253,11 @@ def test_what_a_log_states_is_told_and_which_gain_stays(tmp_path: Path):
     assert "stays" not in imported(replace(config, kd=(1.0,))) and "stays" not in imported(replace(config, kp=()))
 
 
+def test_a_gain_for_a_log_in_units_of_the_firmware_is_told_in_them(tmp_path: Path):
+    said = imported(LogsImport((write_bam(tmp_path),), tmp_path / "out", kp=(20.0,)))
+    assert said.splitlines()[-1].endswith("states kp 20 in units of the firmware")
+
+
 def test_an_import_with_loads_that_is_replaced_by_one_without_is_told(tmp_path: Path):
     config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
     imported(config)

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exceptions import ConfigError
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline import adapt, identify
+from motorprior.pipeline.adapt import first_and_rest
 from motorprior.pipeline.identify import Identify, fit_prior, run_identify
 from motorprior.pipeline.prior_file import trained_on
 from motorprior.pipeline.progress import Lines
@@ -71,6 +73,32 @@ def test_who_judges_a_log_that_the_prior_was_trained_on_is_warned(tmp_path: Path
         found = run_validate_log(ValidateLog(path, tmp_path / f"{seed}.parquet", tmp_path / f"out{seed}"), Lines(said))
         assert (f"{WARNING} {tmp_path / f'{seed}.parquet'}" in said.getvalue()) is known
         assert found.where(quantity=TRAINED_ON).value() == float(known)
+
+
+@pytest.mark.usefixtures("fit")
+@pytest.mark.parametrize(("seconds", "rows"), [(None, 450), (0.5, 250), (1.0, 500)])
+def test_the_first_seconds_are_known_and_the_rest_is_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seconds: float | None, rows: int
+):
+    seen: list[MotorLog] = []
+    monkeypatch.setattr(
+        validate_log, "_measure", lambda _, __, known, judged, ___: seen.extend((known, judged)) or Results()
+    )
+    path, recorded = tmp_path / "prior.safetensors", tmp_path / "log.parquet"
+    fit_prior(log(0), "pace").save(path)
+    write_log(recorded, log(1))
+    run_validate_log(ValidateLog(path, recorded, tmp_path / "out", seconds=seconds))
+    assert [each.num_rows for each in seen] == [rows, 900 - rows]
+    np.testing.assert_array_equal(np.concatenate([each.joint_pos for each in seen]), log(1).joint_pos)
+
+
+def test_seconds_that_leave_a_single_row_of_a_segment_leave_the_next_one():
+    two = replace(log(0), segment=np.repeat([0, 1], [301, 599]))
+    first, rest = first_and_rest(two, 0.6)
+    assert first.num_rows == 300 and rest.num_rows == 599
+    with pytest.raises(ConfigError, match=r"seconds 1\.798: nothing is left of 1\.798 s") as refusal:
+        first_and_rest(log(0), 1.798)
+    assert refusal.value.argument == "seconds"
 
 
 @pytest.mark.usefixtures("fit")

@@ -19,6 +19,8 @@ START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}
 """Where the fit of a constant begins, that a nominal PD does not have [kg·m²], [s], [N·m]."""
 _DELAY = 0.01
 """[s]; a delay is searched in this unit, since its logarithm has no way back from 0."""
+_FAR = 100.0
+"""Of logarithms: where a log tells nothing of a constant, the search goes on until it overflows."""
 CONVERGED, NOTHING = 0.002, 1e-5
 """A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit."""
 
@@ -82,7 +84,7 @@ def fit_to_the_end(
     known, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
 
     def constants(point: np.ndarray) -> dict[str, float]:
-        values = np.where(delayed, _DELAY * np.abs(point), np.exp(point))
+        values = np.where(delayed, _DELAY * np.abs(point), np.exp(np.clip(point, -_FAR, _FAR)))
         return known | {name: float(value) for name, value in zip(free, values, strict=True)}
 
     def cost(point: np.ndarray) -> float:

@@ -26,8 +26,8 @@ FRICTION = (*EVERYTHING, "coulomb")
 """Constants that are fitted for a PD with friction."""
 _GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
 """kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives."""
-_NO_LIMIT, _LIMITS = 1000.0, tuple(0.4 * 1.5**power for power in range(12))
-"""[N·m]; the latter up to 35."""
+_NO_LIMIT, _LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())
+"""[N·m]"""
 _LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}
 """[kg·m²], [s]."""
 _STARTS = 4

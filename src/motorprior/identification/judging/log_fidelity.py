@@ -89,6 +89,13 @@ def angle_errors(runs: WindowRuns, model: LogModel) -> np.ndarray:
     return model.errors(runs) if isinstance(model, ResponseMotors) else POSITION_SCALE * runs.errors(model)[:, :, 0]
 
 
+def untold(prior: MotorPrior, num_motors: int) -> Posterior:
+    """What is believed of motors of which nothing is told, not even their names: z ~ N(0, I)."""
+    latents = prior.network.num_latents
+    spread = np.tile(np.eye(latents), (num_motors, 1, 1))
+    return Posterior(np.zeros((num_motors, latents)), spread, np.zeros(num_motors), 0)
+
+
 def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
     """Share of the recorded angles inside the central bands of draws from the posterior, by the band's level [%]."""
     rng = np.random.default_rng(_STREAM)

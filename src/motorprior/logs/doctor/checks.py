@@ -17,6 +17,7 @@ from motorprior.logs.doctor import (
     response_checks,
     sensor_checks,
     stuck_checks,
+    torque_checks,
     unit_checks,
 )
 from motorprior.logs.doctor.excited_stretch import excited_stretches
@@ -71,6 +72,7 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gr
 
 def _statistics(log: MotorLog) -> list[Finding]:
     stretches = excited_stretches(log)
+    of_load, judged = torque_checks.torque_and_load(log)
     followed = {joint: response_checks.best_followed(parts) for joint, parts in stretches.items()}
     found = [
         *joint_checks.constant_channels(log),
@@ -82,12 +84,12 @@ def _statistics(log: MotorLog) -> list[Finding]:
         *response_checks.copied(log),
         *response_checks.velocity(log),
         *coverage_checks.turns(log),
-        *load_checks.torque_and_load(log),
+        *of_load,
         *load_checks.load_given(log),
     ]
     for joint, parts in stretches.items():
         found += response_checks.tracking(*followed[joint])
-        found += sensor_checks.torque_sign(parts[0]) if log.load_inertia is None else []
+        found += [] if joint in judged else sensor_checks.torque_sign(parts[0])
         found += coverage_checks.coverage(parts)
     return found + joint_checks.not_judged(log, tuple(stretches))
 

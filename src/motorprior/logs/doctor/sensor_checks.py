@@ -73,7 +73,7 @@ def torque_sign(stretch: Stretch) -> list[Finding]:
 
     A motor that holds a position pushes towards it, and one that moves a joint pays for its friction, so that neither
     the correlation of torque and position error nor the share of the work, ∫τ·dq / ∫|τ·dq|, is clearly negative. Where
-    the load is known, `load_checks.torque_and_load` says it better.
+    the load is known, `torque_checks.torque_and_load` says it better.
     """
     torque, error, joint = stretch.torque, stretch.command - stretch.angle, stretch.joint
     if torque is None or np.std(torque) == 0.0 or np.std(error) == 0.0:

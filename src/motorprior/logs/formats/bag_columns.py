@@ -74,7 +74,8 @@ def _rows(bag: Bag, wanted: dict[str, dict[str, Way]], topic_of_rows: str, names
             times.append(time)
             values.extend(latest[name] for name in names)
             if len(values) > MAX_NUMBERS:
-                raise LogError(f"more than {MAX_NUMBERS} numbers", where=bag.path, remedy="split the recording")
+                problem = f"more than {MAX_NUMBERS // len(names):,} rows of {len(names)} numbers"
+                raise LogError(problem, where=bag.path, remedy="split the recording")
     if silent := [topic for topic, messages in count.items() if not messages]:
         raise LogError(f"no message of {shown(silent[0])}", where=bag.path, remedy=CORRECT)
     table = np.frombuffer(values, dtype=np.float64).reshape(len(times), len(names))

@@ -42,9 +42,6 @@ class Bag:
 
     def __init__(self, file: IO[bytes], path: Path):
         self.path, self._file, self._summary = path, file, mcap_summary(file, path)
-        if self._summary is None:
-            problem = "the bag has no summary: its recorder was not closed"
-            raise LogError(problem, where=path, remedy="repair it with `mcap recover`")
         self.types = {channel.topic: self._type(channel) for channel in self._summary.channels.values()}
 
     def _type(self, channel: Any) -> str:

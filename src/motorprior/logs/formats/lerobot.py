@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.bounds import is_number
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, shown
 from motorprior.logs.formats.column_map import ColumnMap, MappedJoint
 from motorprior.logs.formats.column_units import ANGLES, Conversion
 from motorprior.logs.formats.log_reader import FOLDER, LogReader
@@ -30,7 +30,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
 INFO = Path("meta") / "info.json"
-ACTION, STATE = "action", "observation.state"
+ACTION, STATE, EPISODE = "action", "observation.state", "episode_index"
 SUFFIX = ".pos"
 MAX_INFO = 10_000_000
 RATE_ERROR = 0.1
@@ -62,7 +62,8 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
 
     Raises:
         LogError: a file that is missing or damaged, a description that does not fit its data, as of another number of
-            joints, a rate that is another than the stated one; names the file, the key and the value.
+            joints, frames or episodes, or of what is no position, a rate that is another than the stated one; names the
+            file, the key and the value.
     """
     path = Path(path)
     info = _info(path)
@@ -72,7 +73,7 @@ def read_lerobot(path: str | Path, robot: Robot | None = None) -> MotorLog:
     units = {"position_target": degree, "joint_pos": degree}
     joints = tuple(MappedJoint(str(k), name, conversions=units) for k, name in enumerate(names))
     columns = ColumnMap(
-        source=str(path / INFO), motor="", robot=kind, time="timestamp", segment="episode_index", joints=joints,
+        source=str(path / INFO), motor="", robot=kind, time="timestamp", segment=EPISODE, joints=joints,
         series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
         firmware=tomllib.loads(ROBOTS.read_text("utf-8")).get(kind, {}),
     )  # fmt: skip
@@ -105,14 +106,31 @@ def lerobot_columns(
         posture: that of the columns which holds names of postures.
 
     Raises:
-        LogError: no files, or as `table_columns`.
+        LogError: no files, files with another number of frames or episodes than the description says, or as
+            `table_columns`.
     """
-    found = _tables(path)
+    info, found = _info(path), _tables(path)
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
     lengths: dict[str, int] | None = dict.fromkeys((ACTION, STATE), joints) if joints else None
+    frames, episodes = 0, set[float]()
     for file in found:
-        yield from table_columns(file, names, lengths=lengths, posture=posture)
+        for batch in table_columns(file, names, lengths=lengths, posture=posture):
+            frames += len(next(iter(batch.values())))
+            episodes.update(np.unique(batch[EPISODE]).tolist() if EPISODE in batch else ())
+            yield batch
+    _require_complete(info, "frames", frames, path)
+    if EPISODE in names:
+        _require_complete(info, "episodes", len(episodes), path)
+
+
+def _require_complete(info: dict[str, Any], what: str, count: int, path: Path) -> None:
+    """Refuse a dataset of which files are missing, where its description says how many rows and episodes it has."""
+    stated = info.get(f"total_{what}")
+    if stated is not None and stated != count:
+        problem = f"total_{what} is {str(stated)[:40]}, its data/chunk-*/file-*.parquet have {count}"
+        remedy = "copy the dataset again with all its files, or correct the number"
+        raise LogError(problem, where=path / INFO, remedy=remedy)
 
 
 def _info(path: Path) -> dict[str, Any]:
@@ -146,6 +164,10 @@ def _feature_names(info: dict[str, Any], feature: str, path: Path) -> tuple[str,
         (names,) = names.values()
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise LogError(f"features lacks the names of {feature}", where=path / INFO, remedy=_REMEDY)
+    if odd := [name for name in names if "." in name and not name.endswith(SUFFIX)]:
+        problem = f"{feature} has {shown(odd[0])}, which is no position ({SUFFIX})"
+        remedy = "name the joints whose angles to take by a column map (columns, docs/your-motors.md)"
+        raise LogError(problem, where=path / INFO, remedy=remedy, argument="columns")
     return tuple(name.removesuffix(SUFFIX) for name in names)
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,8 @@ import numpy as np
 from motorprior.artifacts import atomic_path, parse_json, require_keys
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader
-from motorprior.logs.formats.parquet_pages import MAX_NUMBERS, require_parquet, require_small_pages
+from motorprior.logs.formats.log_size import MAX_LOG_NUMBERS, most_rows, require_log_size
+from motorprior.logs.formats.parquet_pages import require_parquet, require_small_pages
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.outside_files import require_file
@@ -27,6 +30,8 @@ METADATA_KEY = b"motorprior"
 MAX_HEADER = 1_000_000
 """Bytes."""
 REWRITE = "write the log again with this version of motorprior"
+_GROUP = 2**20
+"""Rows that are written at once: beside a large log there is no second copy of it."""
 _OPTIONAL = (*CODES, "base_orientation")
 _HEADER_KEYS = (
     *("schema_version", "units", "sign_convention", "robot", "motor"),
@@ -42,7 +47,7 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         log: in SI units.
 
     Raises:
-        LogError: the log breaks a rule of `checked`.
+        LogError: the log breaks a rule of `checked`, or has more numbers than `read_parquet` takes.
         ArtifactError: the file cannot be written.
     """
     import pyarrow as pa
@@ -50,11 +55,15 @@ def write_log(path: str | Path, log: MotorLog) -> None:
 
     path = Path(path)
     log = checked(log, where=path)
+    require_log_size(log, _present(log), path)
     columns = _columns(log)
     metadata = {METADATA_KEY: json.dumps(_header(log), sort_keys=True).encode()}
-    table = pa.table({name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()})
-    with atomic_path(path) as temporary:
-        pq.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
+    schema = pa.schema([(name, pa.from_numpy_dtype(column.dtype)) for name, column in columns.items()], metadata)
+    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+        for first in range(0, log.num_rows, _GROUP):
+            rows = slice(first, first + _GROUP)
+            part = {name: np.ascontiguousarray(column[rows]) for name, column in columns.items()}
+            writer.write_table(pa.table(part, schema=schema))
 
 
 def read_parquet(path: str | Path) -> MotorLog:
@@ -62,11 +71,11 @@ def read_parquet(path: str | Path) -> MotorLog:
 
     Raises:
         LogError: missing or truncated file, another schema version, an unknown or missing column, another
-            unit or sign convention, or values that `checked` refuses.
+            unit or sign convention, more than `log_size.MAX_LOG_NUMBERS` numbers, or values that `checked` refuses.
     """
     path = Path(path)
-    table, header, wanted = _read_table(path)
-    values: dict[str, Any] = {channel: _stack(table, channel, names, path) for channel, names in wanted.items()}
+    with _opened(path) as (parquet, header, wanted):  # channel by channel: beside the log there is room for one
+        values: dict[str, Any] = {channel: _stack(parquet, channel, names, path) for channel, names in wanted.items()}
     values |= {key: header[key] for key in ("robot", "motor", "source", "encoder", "gain_unit", "firmware")}
     return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
@@ -132,8 +141,9 @@ def _header(log: MotorLog) -> dict[str, Any]:
     }
 
 
-def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
-    """The table, read only if its header, its columns and its size are those of a motor log."""
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any], dict[str, list[str]]]]:
+    """The open file, its header and the columns of each channel, if they and its size are those of a motor log."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -151,11 +161,12 @@ def _read_table(path: Path) -> tuple[Any, dict[str, Any], dict[str, list[str]]]:
             header = _read_header(parquet.schema_arrow.metadata, path)
             wanted = _column_names(header["channels"], tuple(header["joint_names"]))
             _require_columns(parquet.schema_arrow, [name for names in wanted.values() for name in names], path)
-            if (count := parquet.metadata.num_rows * len(parquet.schema_arrow.names)) > MAX_NUMBERS:
-                problem = f"{count} numbers, more than the {MAX_NUMBERS} of a motor log"
-                raise LogError(problem, where=path, remedy="split the recording")
-            require_small_pages(path, set(parquet.schema_arrow.names))
-            return parquet.read(), header, wanted
+            most, rows = most_rows(columns := len(parquet.schema_arrow.names)), parquet.metadata.num_rows
+            if rows > most:
+                problem = f"{rows:,} rows of {columns} numbers, and a motor log has at most {most:,} such rows"
+                raise LogError(problem, where=path, remedy="split the recording, or import it with a longer period")
+            require_small_pages(path, set(parquet.schema_arrow.names), most=MAX_LOG_NUMBERS)
+            yield parquet, header, wanted
     except (pa.ArrowException, OSError) as error:
         raise LogError(
             f"not a complete Parquet file ({error})",
@@ -224,9 +235,11 @@ def _require_columns(schema: Any, wanted: list[str], path: Path) -> None:
             raise LogError(f"column {field.name} is {field.type}, not {expected}", where=path, remedy=REWRITE)
 
 
-def _stack(table: Any, channel: str, names: list[str], path: Path) -> np.ndarray:
+def _stack(parquet: Any, channel: str, names: list[str], path: Path) -> np.ndarray:
+    table = parquet.read(columns=names)
     for name in names:
         if empty := table.column(name).null_count:
             raise LogError(f"column {name} has {empty} empty cells", where=path, remedy=REWRITE)
-    columns = [table.column(name).to_numpy() for name in names]
-    return columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
+    if channel in ("time", *CODES):
+        return table.column(names[0]).to_numpy()
+    return np.stack([table.column(name).to_numpy() for name in names], axis=1)

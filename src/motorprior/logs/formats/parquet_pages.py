@@ -21,6 +21,8 @@ MAX_FOOTER = 5_000_000
 MAX_NUMBERS = 60_000_000
 """Of a log: half a gigabyte."""
 _MOST_PAGES = 200_000
+_MOST_NAMED, _LONGEST = 4, 400
+"""Columns that an error names, and its letters."""
 _PAGE_HEAD = 8192
 """Most bytes of the head of a page of numbers."""
 _BYTES_PER_NUMBER, _BYTES_PER_TEXT, _ROOM, _LARGEST_PAGE = 16, 64, 65_536, 256_000_000
@@ -56,13 +58,16 @@ def require_parquet(path: Path) -> int:
     return length
 
 
-def require_small_pages(path: Path, wanted: Collection[str], texts: Collection[str] = ()) -> None:
-    """Refuse columns of more than `MAX_NUMBERS` numbers, or with a page that unpacks to more than numbers take.
+def require_small_pages(
+    path: Path, wanted: Collection[str], texts: Collection[str] = (), most: int | None = None
+) -> None:
+    """Refuse columns of too many numbers, or with a page that unpacks to more than numbers take.
 
     Args:
         path: a file that passes `require_parquet`.
         wanted: names of columns; those of lists count with all elements.
         texts: those of them that may hold time stamps as texts, which take more room.
+        most: numbers of all these columns together; `MAX_NUMBERS` if not given.
 
     Raises:
         LogError: so it is, or the description or the head of a page is damaged.
@@ -71,10 +76,9 @@ def require_small_pages(path: Path, wanted: Collection[str], texts: Collection[s
     with open(path, "rb") as file:
         file.seek(-length - 8, 2)
         try:
-            columns = [each for each in _columns(_Reader(file.read(length)).structure()) if each.name in wanted]
-            if (count := sum(column.numbers for column in columns)) > MAX_NUMBERS:
-                problem = f"{count} numbers in {', '.join(sorted(wanted))}, more than {MAX_NUMBERS}"
-                raise LogError(problem, where=path, remedy="split the recording")
+            footer = _Reader(file.read(length)).structure()
+            columns = [each for each in _columns(footer) if each.name in wanted]
+            _require_few(footer, columns, MAX_NUMBERS if most is None else most, path)
             for number, page in enumerate(_pages(file, columns)):
                 _require_small(page, _BYTES_PER_TEXT if page.column.name in texts else _BYTES_PER_NUMBER, path)
                 if number == _MOST_PAGES:
@@ -101,6 +105,21 @@ class _Page:
 
     column: _Column
     unpacked: int
+
+
+def _require_few(footer: Fields, columns: list[_Column], most: int, path: Path) -> None:
+    """Refuse more than ``most`` numbers, FileMetaData.num_rows of them in each column or, of lists, more."""
+    if (count := sum(column.numbers for column in columns)) <= most:
+        return
+    rows = max(1, _get(footer, 3, _LONG))
+    per_row = -(-count // rows)
+    names = sorted({column.name for column in columns})
+    problem = (
+        f"more than {most:,} numbers: it has {rows:,} rows of {per_row:,} numbers that are read, and may have "
+        f"{most // per_row:,} ({len(names)} columns: {', '.join(names[:_MOST_NAMED])}"
+    )
+    problem += ", …)" if len(names) > _MOST_NAMED else ")"
+    raise LogError(problem[:_LONGEST], where=path, remedy="split the recording")
 
 
 def _require_small(page: _Page, per_number: int, path: Path) -> None:

@@ -15,6 +15,8 @@ STORAGES = {
     "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1", "BoolStorage": "b1",
 }  # fmt: skip
 """PyTorch's names of arrays of one type, and numpy's codes."""
+BFLOAT16 = "BFloat16Storage"
+"""A type that numpy does not have."""
 _MAX_DIMENSIONS = 8
 _LARGEST = 2**40
 """Of a size, a step or an offset: the product of longer numbers could take hours."""
@@ -52,7 +54,10 @@ def storage_of(reference: Any) -> PickledStorage:
     if not isinstance(reference, tuple) or len(reference) != 5 or reference[0] != "storage":
         raise LogError(f"the pickle refers to {shown(reference)}, which is no storage of a tensor")
     _, kind, key, _, count = reference
-    code = STORAGES.get(repr(kind).removeprefix("torch.")) if isinstance(kind, Constructor) else None
+    name = repr(kind).removeprefix("torch.") if isinstance(kind, Constructor) else ""
+    if name == BFLOAT16:
+        raise LogError("it holds numbers of type bfloat16", remedy="save them as float32, by tensor.float()")
+    code = STORAGES.get(name)
     if code is None or not isinstance(key, str) or not key.isalnum() or not _whole((count,)):
         raise LogError(f"a storage {shown(key)} of {shown(count)} numbers of type {shown(kind)} is refused")
     return PickledStorage(key, code, count)
@@ -63,7 +68,7 @@ def tensor_constructors() -> Mapping[tuple[str, str], Constructor]:
     table: dict[tuple[str, str], Callable[..., Any]] = {
         ("torch._utils", "_rebuild_tensor_v2"): _tensor,
         ("collections", "OrderedDict"): _empty_dict,
-        **{("torch", name): _no_storage for name in STORAGES},
+        **{("torch", name): _no_storage for name in (*STORAGES, BFLOAT16)},
     }
     return {key: Constructor(".".join(key), build) for key, build in table.items()}
 

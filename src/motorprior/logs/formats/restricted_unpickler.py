@@ -56,7 +56,7 @@ def _load(data: bytes, where: str | Path | None, machine: PickleMachine, keys: C
         found = machine.run(data)
         return _plain(found if keys is None else _wanted(found, keys), 0, {})
     except LogError as error:
-        raise LogError(error.problem, where=where, remedy=NOT_A_LOG) from error
+        raise LogError(error.problem, where=where, remedy=error.remedy or NOT_A_LOG) from error
     except Exception as error:
         raise LogError(
             f"not a complete pickle ({type(error).__name__}: {error})",

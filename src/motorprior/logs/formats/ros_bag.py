@@ -1,8 +1,9 @@
 """ROS 2 bags become `MotorLog`s: two topics of sensor_msgs/JointState, one of states and one of commands.
 
 The states' topic is called ``joint_states``, in any namespace; the other topic of that type is the command. A row is a
-state, at the time at which the recorder wrote it, with the command in force: both topics on one clock. Bags of other
-topics are read by a column map (`bag_columns`).
+state, at the time at which the recorder wrote it, with the command in force: both topics on one clock. A velocity or an
+effort that is NaN in every row of some joint is left out: so says the broadcaster of ros2_control that there is none.
+Bags of other topics are read by a column map (`bag_columns`).
 """
 
 from __future__ import annotations
@@ -82,9 +83,14 @@ def _aligned(state: _Topic, command: _Topic, joints: tuple[str, ...], path: Path
     found["position_target"] = targets[in_force][:, [command.names.index(name) for name in joints]]
     for channel, word in _MEASURED.items():
         values = state.series(word)
-        if values is not None:
+        if values is not None and (word == "position" or not _is_absent(values[:, columns])):
             found[channel] = values[begun][:, columns]
     return found
+
+
+def _is_absent(values: np.ndarray) -> bool:
+    """Whether some joint never says it."""
+    return bool(np.isnan(values).all(axis=0).any())
 
 
 ROS_BAG = LogReader("ROS 2 bag", (".mcap", FOLDER), is_bag, read_ros_bag)

@@ -12,10 +12,11 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
 from motorprior.logs.doctor.gravity_checks import signs
 from motorprior.logs.formats.column_map import load_column_map
+from motorprior.logs.formats.log_size import most_rows, numbers_per_row
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.formats.registry import read_log, taken_for_granted
 from motorprior.logs.formats.robot_run import ROBOT_RUN, Mode, read_robot_run
-from motorprior.logs.motor_log import FIRMWARE, MotorLog
+from motorprior.logs.motor_log import FIRMWARE, MotorLog, channels
 from motorprior.logs.resampling import resample
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import.import_files import targets_of, tell, tell_replaced
@@ -28,8 +29,8 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1.0
 """Of a grid [s]; a recipe's sample period has the same bounds."""
-MOST_SAMPLES = 50_000_000
-"""Largest number of samples of all joints together on a grid: 2.3 hours of twelve motors every 2 ms."""
+_LOADS = ("joint_vel", "load_inertia", "external_torque", "load_stiffness", "posture")
+"""Channels that a log has once it has loads; a torque is left out."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class LogsImport:
     paths: tuple[Path, ...]
     """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), raw logs of
     jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
-    datasets, or, with ``columns``, any table (.csv, .csv.gz, .parquet) and tensors (.pt)."""
+    datasets, ROS 2 bags (.mcap, or the folder of one), or, with ``columns``, any table (.csv, .csv.gz, .parquet), any
+    topics of a bag and tensors (.pt)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
@@ -47,10 +49,11 @@ class LogsImport:
     period: float | None = None
     """Sample period of the result [s]; as recorded if not given."""
     kp: tuple[float, ...] = ()
-    """Proportional gain [N·m/rad] that the motors were told: one for all joints, or one per joint in the order of the
-    robot that is given. Takes the place of what ``columns`` says; in firmware units where that says so."""
+    """Proportional gain that the motors were told: one for all joints, or one per joint in the order of the robot that
+    is given. Takes the place of the log's or of what ``columns`` says, in the unit of the log's own gains: N·m/rad, or
+    that of the firmware, as of logs of Rhoban/bam and where ``columns`` says so."""
     kd: tuple[float, ...] = ()
-    """Derivative gain [N·m·s/rad], like ``kp``."""
+    """Derivative gain, like ``kp``; N·m·s/rad where that is in N·m/rad."""
     profile_acceleration: float | None = None
     """Largest acceleration of the profile that every servo's firmware was told [rad/s²], in place of what ``columns``
     says; 0 if it has no such limit. Feetech STS: 0.1534 rad/s² per unit."""
@@ -187,7 +190,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
         progress.note(f"{path}: {told}")
     if period is None:
         return log
-    _require_size(path, log, period)
+    _require_size(path, log, period, bool(wanted))
     if not wanted:
         return resample(log, period)
     return with_loads_on_grid(log, robot, period) if config.hung else _bare(log, period)
@@ -223,17 +226,20 @@ def _require_no_load(path: Path, log: MotorLog, wanted: str) -> None:
             raise ConfigError(problem, where=path, remedy=f"leave {wanted} out", argument=wanted)
 
 
-def _require_size(path: Path, log: MotorLog, period: float) -> None:
-    """Refuse a grid before it takes gigabytes.
+def _require_size(path: Path, log: MotorLog, period: float, loads: bool) -> None:
+    """Refuse a grid whose motor log could not be read again, before it takes gigabytes, and hours for its loads.
 
     Raises:
-        ConfigError: names the shortest period that is possible.
+        ConfigError: names the rows that there may be, and the shortest period that is possible.
     """
-    rows, shortest = log.duration / period, log.duration * log.num_joints / MOST_SAMPLES
-    if period < shortest:
+    present = channels(log).keys() - {"joint_torque"} | set(_LOADS) if loads else channels(log).keys()
+    rows, most = log.duration / period, most_rows(numbers_per_row(present, log.num_joints))
+    if rows > most:
         raise ConfigError(
-            f"period {period:g} s makes {rows:,.0f} rows of {log.num_joints} joints, above {MOST_SAMPLES:,} samples",
-            where=path, remedy=f"give a period of at least {1.01 * shortest:.3g} s", argument="period",
+            f"period {period:g} s makes {rows:,.0f} rows ({log.duration / 60.0:.3g} minutes) of {log.num_joints} "
+            f"joints; a motor log of these channels has at most {most:,}, {most * period / 60.0:.3g} minutes",
+            where=path, remedy=f"split the recording, or give a period of at least {1.01 * log.duration / most:.3g} s",
+            argument="period",
         )  # fmt: skip
 
 
@@ -241,7 +247,7 @@ def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     if config.period is None and not config.hung:
         return read_log(path, robot)
     period = config.period or robot.physics_dt
-    _require_size(path, read_log(path, robot), period)
+    _require_size(path, read_log(path, robot), period, config.hung)
     if not config.hung:
         return read_robot_run(path, robot, period=period)
     from motorprior.simulation.hung_load import with_loads

@@ -12,7 +12,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.adapt import adapt_to, first_seconds
+from motorprior.pipeline.adapt import adapt_to, first_and_rest
 from motorprior.pipeline.identify import PRIOR, fit_prior, fit_recipe
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -77,7 +77,7 @@ def leave_motors_out(
         progress: where to report to.
 
     Raises:
-        ConfigError: an unknown preset.
+        ConfigError: an unknown preset, or a judged log that is no longer than the seconds.
         LogError: a log that is too short, or lacks a channel.
     """
     from motorprior.identification.baselines.replay_error import in_proportion
@@ -87,8 +87,7 @@ def leave_motors_out(
 
     others = [joint for joint in range(known.num_joints) if joint not in group]
     left, of_group = with_joints(known, others), with_joints(judged, group)
-    told = first_seconds(of_group, seconds)
-    rest = of_group.rows(slice(told.num_rows, None))
+    told, rest = first_and_rest(of_group, seconds)
     alone = baseline_recipes(told, identification_preset(preset), {PER_MOTOR}).get(PER_MOTOR)
     prior = fit_prior(left, preset, seed, out=out / "others", progress=progress)
     models: dict[str, LogModel] = {}

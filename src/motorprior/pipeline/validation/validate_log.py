@@ -13,12 +13,12 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.doctor.joint_checks import joints_at_rest
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, other_firmware
-from motorprior.pipeline.adapt import adapt_to
+from motorprior.pipeline.adapt import adapt_to, first_and_rest
 from motorprior.pipeline.prior_file import prior_and_robot, trained_on
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -40,6 +40,8 @@ if TYPE_CHECKING:  # they import JAX
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
 """Errors that are measured, and how long their free runs are."""
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
+ADAPTED, PRIOR = "adapted", "prior"
+"""Models beside the baselines, as benchmarks/real_logs.py names them."""
 BASELINES, PICTURES = "baselines", "pictures"
 TRAINED_ON = "prior_was_trained_on_this_log"
 _DPI = 110
@@ -59,6 +61,8 @@ class ValidateLog:
     fitted_on: tuple[Path, ...] = ()
     """Other logs of the same motors: the baselines are fitted to them and the prior is adapted to them, and all of the
     log is judged. If none is given, the log's first half takes their place and its second half is judged."""
+    seconds: float | None = None
+    """The log's first seconds [s] take the place of its first half, and the rest is judged; not with other logs."""
     adam_steps: int | None = None
     """Adam steps of the pooled network; the preset's own number if not given."""
     seed: int = 0
@@ -73,14 +77,16 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
     Returns:
         ``free_run_rmse`` [rad] of free runs of a second and ``whole_run_rmse`` [rad] of free runs of whole segments:
-        median and mean over motors, and of each motor (``part``). Models: the prior adapted (by its preset's name), its
-        central motor (``prior_mean``), and the baselines of `log_baselines`. ``coverage50``, ``coverage90`` and
-        ``whole_run_coverage50``, ``whole_run_coverage90`` of the adapted prior's draws. TRAINED_ON: 1 if the judged log
-        is one that the prior was trained on, so that its figures are no test, otherwise 0.
+        median and mean over motors, and of each motor (``part``). Models: ADAPTED, the prior's motors as what is known
+        of them tells; PRIOR, the prior told only names of joints and stated gains: its motor of the same name, or its
+        central one; and the baselines of `log_baselines`. ``coverage50``, ``coverage90`` and ``whole_run_coverage50``,
+        ``whole_run_coverage90`` of the draws of both: of the posterior, and of z ~ N(0, I), which is told no names
+        either. TRAINED_ON: 1 if the judged log is one that the prior was trained on, so that its figures are no test,
+        otherwise 0.
 
     Raises:
         LogError, ArtifactError: a log or a prior that cannot be used.
-        ConfigError: a number out of range, or a prior of another robot.
+        ConfigError: a number out of range, seconds beside other logs, or a prior of another robot.
     """
     require_seed(config.seed)
     if config.adam_steps is not None:
@@ -112,8 +118,11 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
     from motorprior.identification.judging.log_fidelity import known_half
 
     log = replace(log, source=str(config.log))
+    if config.seconds is not None and config.fitted_on:
+        problem = "seconds: the other logs that are given say what is known"
+        raise ConfigError(problem, remedy="leave seconds, or the other logs, out", argument="seconds")
     if not config.fitted_on:
-        return known_half(log)
+        return known_half(log) if config.seconds is None else first_and_rest(log, config.seconds)
     known = joined([read_parquet(path) for path in config.fitted_on])
     if known.joint_names != log.joint_names:
         raise LogError(
@@ -137,8 +146,8 @@ def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: Mo
         found = adapt_to(prior, config.prior, known, known.source)
         task.advance()
     models: dict[str, LogModel] = {
-        prior.preset: LatentActuator(prior.network, found.mean),
-        "prior_mean": LatentActuator(prior.network, prior.expected(judged.joint_names)),
+        ADAPTED: LatentActuator(prior.network, found.mean),
+        PRIOR: LatentActuator(prior.network, prior.expected(judged.joint_names)),
     }
     fits = BaselineFits(config.out / BASELINES, config.adam_steps, config.seed)
     models |= at_gains_of(judged, fitted_baselines(known, preset, fits, progress), known)
@@ -156,8 +165,8 @@ def measured(
     joint_names: tuple[str, ...],
     report: Callable[[], None] = lambda: None,
 ) -> Results:
-    """Errors of all models and coverage of the adapted prior, over free runs of each of SPANS."""
-    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, within_a_turn
+    """Errors of all models, and coverage of the prior, adapted and told nothing, over free runs of each of SPANS."""
+    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, untold, within_a_turn
 
     rows = []
     for quantity, runs in spans.items():
@@ -170,8 +179,9 @@ def measured(
                 Result(quantity, "rad", float(within_a_turn(value)), model, part=joint)
                 for joint, value in zip(joint_names, values, strict=True)
             ]
-        covered = log_coverage(prior, found, runs)
-        rows += [Result(f"{COVERAGE[quantity]}{level}", "1", share) for level, share in covered.items()]
+        for model, believed in ((ADAPTED, found), (PRIOR, untold(prior, len(joint_names)))):
+            covered = log_coverage(prior, believed, runs)
+            rows += [Result(f"{COVERAGE[quantity]}{level}", "1", share, model) for level, share in covered.items()]
         report()
     return Results.of(rows)
 
