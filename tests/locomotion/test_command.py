@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Commands
+from motorprior.locomotion.command import BEYOND, Commands
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 
 GAIT = ROBOT.require_legs()
@@ -83,6 +83,8 @@ def test_an_impossible_command_is_refused_by_the_name_it_has_on_the_command_line
 
 def test_commands_beyond_the_robots_range_widen_it_and_others_leave_it():
     assert Commands((0.1, 0.3)).on(ROBOT) == Commands().on(ROBOT) == ROBOT
+    assert Commands().of_training(ROBOT).require_legs().forward == (GAIT.forward[0], BEYOND * GAIT.forward[1])
+    assert Commands((0.1, 0.9)).of_training(ROBOT) == ROBOT, "a range is taken as it is given"
     assert Commands((-0.5, 0.3)).on(ROBOT).require_legs().forward == (-0.5, GAIT.forward[1])
     assert Commands((0.1, 0.9)).on(ROBOT).require_legs().forward == (GAIT.forward[0], 0.9)
 

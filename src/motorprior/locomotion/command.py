@@ -11,6 +11,9 @@ from motorprior.exceptions import ConfigError, spelled
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
+BEYOND = 1.2
+"""Fastest command of a training over the fastest that its policy may be told: at the edge of what was trained for,
+policies fall."""
 Range = tuple[float, float]
 
 
@@ -19,7 +22,7 @@ class Commands:
     """Commands of an episode, each held for a while.
 
     The speeds of an episode are spread evenly over their range, in random order. The defaults are for training: all
-    that the robot is built for.
+    that the robot is built for, and a little more (`of_training`).
 
     Attributes:
         forward: lowest and highest speed [m/s]; the robot's own range if not given.
@@ -34,7 +37,7 @@ class Commands:
 
     forward: Range | None = None
     yaw_rate: Range | None = None
-    hold: float = 5.0
+    hold: float = 2.5
     straight: float = 0.5
     still: float = 0.1
 
@@ -78,6 +81,11 @@ class Commands:
             )  # fmt: skip
         low, high = self.forward or (slowest, fastest)
         return robot.told((min(slowest, low), max(fastest, high)))
+
+    def of_training(self, robot: Robot) -> Robot:
+        """The robot in a training: without a range of speeds it is told up to BEYOND times its fastest, too."""
+        slowest, fastest = robot.require_legs().forward
+        return robot if self.forward is not None else robot.told((slowest, BEYOND * fastest))
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""

@@ -64,7 +64,7 @@ def train_policy(
         workers: episodes at a time; two, or as many as there are cores, if not given.
         episode_steps: control steps per episode; see `Walk.episode_steps`.
         gait: which leg steps when, see `locomotion.gaits`.
-        commands: what the robot is told to do; all that it is built for if not given; faster, too.
+        commands: what the robot is told to do; all that it is built for, and a little more, if not given.
         randomization: what differs between episodes besides the motors: floor, masses, slope, sensors, pushes.
         start: a policy to go on from; the gait itself if not given. What comes out is never worse on its own motors.
         symmetric: the policy answers what it would observe in a mirror with the mirrored action: it cannot limp to
@@ -110,7 +110,8 @@ def train_policy(
         if is_of_the_twin(validation, robot):
             progress.note(NO_JUDGE)
     walk = WalkConfig(episode_steps, randomization=randomization, commands=told, gait=gait)
-    scenes = [Scene(robot, "mujoco", draw, physics_dt, walk) for draw, physics_dt in drawn]
+    trained = told.of_training(robot)
+    scenes = [Scene(trained, "mujoco", draw, physics_dt, walk) for draw, physics_dt in drawn]
     search, champion = new_search(config, shape, start), Champion.none_yet(shape)
     curve: list[dict[str, Any]] = []
     with (
