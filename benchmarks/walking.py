@@ -196,8 +196,7 @@ def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
     """
     draw, physics_dt = drawn_from(MotorPrior.load(stage.prior), stage.robot)
     shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
-    walk = WalkConfig(Walk.episode_steps, randomization=ROBUST)
-    scene = Scene(Commands().of_training(stage.robot), "mujoco", draw, physics_dt, walk)
+    scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
     search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)
     executor, seconds, walking = make_executor(scene.simulator, stage.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):

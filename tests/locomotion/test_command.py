@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import BEYOND, Commands
+from motorprior.locomotion.body import BEYOND
+from motorprior.locomotion.command import Commands
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 
 GAIT = ROBOT.require_legs()
@@ -34,7 +35,7 @@ def test_speeds_of_an_episode_are_one_of_each_part_of_the_range_in_any_order():
     first = []
     for seed in range(30):
         speeds = np.unique(Commands(hold=0.5, still=0.0).schedule(ROBOT, seed, 500)[:, 0])
-        parts = (speeds - GAIT.forward[0]) / (GAIT.forward[1] - GAIT.forward[0]) * 10
+        parts = (speeds - GAIT.forward[0]) / (BEYOND * GAIT.forward[1] - GAIT.forward[0]) * 10
         np.testing.assert_array_equal(np.floor(parts), np.arange(10))
         first.append(Commands(hold=0.5, still=0.0).schedule(ROBOT, seed, 500)[0, 0])
     assert np.ptp(first) > 0.5
@@ -83,8 +84,6 @@ def test_an_impossible_command_is_refused_by_the_name_it_has_on_the_command_line
 
 def test_commands_beyond_the_robots_range_widen_it_and_others_leave_it():
     assert Commands((0.1, 0.3)).on(ROBOT) == Commands().on(ROBOT) == ROBOT
-    assert Commands().of_training(ROBOT).require_legs().forward == (GAIT.forward[0], BEYOND * GAIT.forward[1])
-    assert Commands((0.1, 0.9)).of_training(ROBOT) == ROBOT, "a range is taken as it is given"
     assert Commands((-0.5, 0.3)).on(ROBOT).require_legs().forward == (-0.5, GAIT.forward[1])
     assert Commands((0.1, 0.9)).on(ROBOT).require_legs().forward == (GAIT.forward[0], 0.9)
 
@@ -94,3 +93,12 @@ def test_turns_beyond_the_robots_are_refused_and_slower_ones_not():
         Commands(yaw_rate=(-1.5, 1.5)).on(ROBOT)
     assert refused.value.argument == "commands.yaw_rate"
     assert Commands(yaw_rate=(0.0, 0.6)).on(ROBOT) == ROBOT
+
+
+def test_without_a_range_a_training_goes_beyond_what_its_policy_may_be_told_and_a_range_is_taken_as_given():
+    told = [Commands(still=0.0).schedule(ROBOT, seed, 1000)[:, 0] for seed in range(50)]
+    assert GAIT.forward[1] < np.max(told) <= BEYOND * GAIT.forward[1] and np.min(told) >= GAIT.forward[0]
+    assert len({*told[0]}) == 4, "four commands in ten seconds"
+    given = [Commands((0.1, 0.4), still=0.0).schedule(ROBOT, seed, 1000)[:, 0] for seed in range(50)]
+    assert np.min(given) >= 0.1 and np.max(given) <= 0.4
+    assert Commands().on(ROBOT).require_legs().forward == GAIT.forward, "what its policy may be told"

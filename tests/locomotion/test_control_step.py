@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.locomotion.body import LEAD, body_of
+from motorprior.locomotion.body import BEYOND, LEAD, body_of
 from motorprior.locomotion.control_step import (
     FURTHEST_DRIFT,
     FURTHEST_HEADING,
@@ -55,7 +55,7 @@ def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate()
 
 
 def test_a_command_beyond_the_robots_range_is_the_end_of_the_range():
-    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([BODY.fastest, BODY.yaw_rate])
+    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([BEYOND * BODY.fastest, BODY.yaw_rate])
     assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.slowest, -BODY.yaw_rate])
 
 

@@ -19,6 +19,8 @@ YAW_RATE = 4
 FOLLOWED = 6
 """Number of the last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and sine of
 the phase."""
+BEYOND = 1.2
+"""Fastest command of a training over a robot's fastest [-]: at the edge of what they were trained for policies fall."""
 UPRIGHT = 5.0
 """Stiffness against pitch that a walking body needs, in weight times height [-]. The small robot has 14 by its motors
 alone; one of 15 kg with gains of 30 N·m/rad has 2, falls, and walks with 5."""

@@ -8,12 +8,10 @@ import numpy as np
 
 from motorprior.bounds import is_range, require_number
 from motorprior.exceptions import ConfigError, spelled
+from motorprior.locomotion.body import BEYOND
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
-BEYOND = 1.2
-"""Fastest command of a training over the fastest that its policy may be told: at the edge of what was trained for,
-policies fall."""
 Range = tuple[float, float]
 
 
@@ -22,10 +20,10 @@ class Commands:
     """Commands of an episode, each held for a while.
 
     The speeds of an episode are spread evenly over their range, in random order. The defaults are for training: all
-    that the robot is built for, and a little more (`of_training`).
+    that the robot is built for, and BEYOND it: at the edge of what they were trained for, policies fall.
 
     Attributes:
-        forward: lowest and highest speed [m/s]; the robot's own range if not given.
+        forward: lowest and highest speed [m/s]; if not given the robot's slowest, and BEYOND times its fastest.
         yaw_rate: lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given.
         hold: time that a command is held [s].
         straight: share of the commands without a turn [-].
@@ -82,15 +80,11 @@ class Commands:
         low, high = self.forward or (slowest, fastest)
         return robot.told((min(slowest, low), max(fastest, high)))
 
-    def of_training(self, robot: Robot) -> Robot:
-        """The robot in a training: without a range of speeds it is told up to BEYOND times its fastest, too."""
-        slowest, fastest = robot.require_legs().forward
-        return robot if self.forward is not None else robot.told((slowest, BEYOND * fastest))
-
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
         rng, size = np.random.default_rng([_STREAM, seed]), robot.require_legs()
-        forward, turn = self.forward or size.forward, self.yaw_rate or (-size.yaw_rate, size.yaw_rate)
+        forward = self.forward or (size.forward[0], BEYOND * size.forward[1])
+        turn = self.yaw_rate or (-size.yaw_rate, size.yaw_rate)
         each = max(1, round(self.hold / robot.control_dt))
         count = -(-steps // each)
         shares = (rng.permutation(count) + rng.uniform(size=count)) / count

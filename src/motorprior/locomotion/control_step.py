@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.locomotion.body import FOLLOWED, Body, action_size
+from motorprior.locomotion.body import BEYOND, FOLLOWED, Body, action_size
 from motorprior.locomotion.foot_slip import sliding
 from motorprior.locomotion.policy import (
     FREQUENCY,
@@ -113,13 +113,13 @@ def follow_command(
     Args:
         body: of the robot.
         gait: command and heading are updated in place.
-        forward: commanded speed [m/s]; beyond the robot's range the range counts.
-        yaw_rate: commanded yaw rate [rad/s], to the left; likewise.
+        forward: commanded speed [m/s]; at least the robot's slowest, at most BEYOND times its fastest.
+        yaw_rate: commanded yaw rate [rad/s], to the left; at most the robot's.
         control_dt: control period [s].
         observation: shape (observations,), its last six are overwritten.
     """
     step = control_dt / RAMP
-    forward = min(body.fastest, max(body.slowest, forward))
+    forward = min(BEYOND * body.fastest, max(body.slowest, forward))
     yaw_rate = min(body.yaw_rate, max(-body.yaw_rate, yaw_rate))
     gait.twist[0] += min(step * body.fastest, max(-step * body.fastest, forward - gait.twist[0]))
     gait.twist[1] += min(step * body.yaw_rate, max(-step * body.yaw_rate, yaw_rate - gait.twist[1]))

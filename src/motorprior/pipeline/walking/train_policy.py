@@ -110,8 +110,7 @@ def train_policy(
         if is_of_the_twin(validation, robot):
             progress.note(NO_JUDGE)
     walk = WalkConfig(episode_steps, randomization=randomization, commands=told, gait=gait)
-    trained = told.of_training(robot)
-    scenes = [Scene(trained, "mujoco", draw, physics_dt, walk) for draw, physics_dt in drawn]
+    scenes = [Scene(robot, "mujoco", draw, physics_dt, walk) for draw, physics_dt in drawn]
     search, champion = new_search(config, shape, start), Champion.none_yet(shape)
     curve: list[dict[str, Any]] = []
     with (

@@ -253,7 +253,7 @@ def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> S
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
     terrain = Terrain(config.roughness)
-    return Scene(config.commands.of_training(robot), config.engine, draws, physics_dt, walk, terrain)
+    return Scene(robot, config.engine, draws, physics_dt, walk, terrain)
 
 
 def _policy(plan: _Plan, champion: Champion) -> Policy:
