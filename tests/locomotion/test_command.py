@@ -12,9 +12,9 @@ GAIT = ROBOT.require_legs()
 DT = ROBOT.control_dt
 
 
-def test_a_schedule_stays_within_what_the_robot_is_built_for_and_fills_it():
+def test_a_schedule_fills_what_the_robot_is_built_for_and_a_little_more():
     rows = np.concatenate([Commands().schedule(ROBOT, seed, 500) for seed in range(400)])
-    assert GAIT.forward[0] <= rows[:, 0].min() < -0.18 and 0.48 < rows[:, 0].max() <= GAIT.forward[1]
+    assert GAIT.forward[0] <= rows[:, 0].min() < -0.18 and 0.58 < rows[:, 0].max() <= BEYOND * GAIT.forward[1]
     assert -GAIT.yaw_rate <= rows[:, 1].min() < -0.58 and 0.58 < rows[:, 1].max() <= GAIT.yaw_rate
     assert rows.shape == (200_000, 2) and rows.flags.c_contiguous
 
@@ -95,10 +95,7 @@ def test_turns_beyond_the_robots_are_refused_and_slower_ones_not():
     assert Commands(yaw_rate=(0.0, 0.6)).on(ROBOT) == ROBOT
 
 
-def test_without_a_range_a_training_goes_beyond_what_its_policy_may_be_told_and_a_range_is_taken_as_given():
-    told = [Commands(still=0.0).schedule(ROBOT, seed, 1000)[:, 0] for seed in range(50)]
-    assert GAIT.forward[1] < np.max(told) <= BEYOND * GAIT.forward[1] and np.min(told) >= GAIT.forward[0]
-    assert len({*told[0]}) == 4, "four commands in ten seconds"
-    given = [Commands((0.1, 0.4), still=0.0).schedule(ROBOT, seed, 1000)[:, 0] for seed in range(50)]
-    assert np.min(given) >= 0.1 and np.max(given) <= 0.4
-    assert Commands().on(ROBOT).require_legs().forward == GAIT.forward, "what its policy may be told"
+def test_what_a_training_tells_beyond_the_robots_range_its_policy_may_not_be_told():
+    told = Commands(still=0.0).schedule(ROBOT, 0, 1000)[:, 0]
+    assert len({*told}) == 4, "four commands in ten seconds"
+    assert told.max() > GAIT.forward[1] == Commands().on(ROBOT).require_legs().forward[1]
