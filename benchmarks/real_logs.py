@@ -57,7 +57,6 @@ from motorprior.pipeline.stage import FIGURES, description, is_finished, working
 from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
 from motorprior.pipeline.validation.log_baselines import (
     BaselineFits,
-    at_gains_of,
     fitted_baselines,
     fitted_responses,
     with_gains_of,
@@ -155,13 +154,12 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     found: list[Figures] = []
     for path in fold.judged:
         log = read_parquet(path)
-        told_models = at_gains_of(log, models, known)
         told, rest = first_and_rest(log, min(TOLD, log.duration / 2))
         posterior = adapt_to(prior, folder / "prior" / PRIOR, told, str(path))
         adapted = {"adapted": LatentActuator(prior.network, posterior.mean)}
         covered = log_coverage(prior, posterior, whole_runs(rest, preset, str(path)))
         found.append({
-            "whole": _errors(log, preset, told_models), "rest": _errors(rest, preset, told_models | adapted),
+            "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
             "coverage": {str(level): share for level, share in covered.items()},
         })  # fmt: skip
     return _means(found)

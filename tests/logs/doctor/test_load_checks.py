@@ -53,6 +53,9 @@ def test_loads_without_velocities_are_judged_by_clean_angles(log: MotorLog):
     assert finding.value == pytest.approx(0.5, rel=0.02)
     (finding,) = check_log(replace(bare, joint_torque=-torque)).of("load")
     assert finding.value < -0.9
+    short = np.repeat([0, 1], [STEPS - 10, 10])  # a last segment that is too short to tell its noise
+    (finding,) = check_log(replace(bare, joint_torque=2.0 * torque, segment=short)).of("load")
+    assert finding.value == pytest.approx(0.5, rel=0.02)
 
 
 @pytest.mark.parametrize("lost", ["external_torque", "clean angles"])

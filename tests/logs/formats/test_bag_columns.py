@@ -33,7 +33,7 @@ posture = "hung"
 """
 
 
-def write_bag(path: Path, late: int = 0) -> Path:
+def write_bag(path: Path, late: int = 0, names: tuple[str, str] = ("a.left", "b")) -> Path:
     """Commands as plain numbers, states of an own type; commands begin ``late`` rows after the states."""
     from mcap_ros2.writer import Writer
 
@@ -45,7 +45,7 @@ def write_bag(path: Path, late: int = 0) -> Path:
             if row >= late:
                 writer.write_message("/commands", command, {"data": target.tolist()}, log_time=now - 1)
             motors: list[Any] = [{"q": q, "dq": 2.0 * q} for q in angle.tolist()]
-            message = {"motor_state": motors, "name": ["a.left", "b"], "level": 0.5}
+            message = {"motor_state": motors, "name": list(names), "level": 0.5}
             writer.write_message("/state", state, message, log_time=now)
     return path
 
@@ -84,6 +84,13 @@ def test_a_joint_by_the_name_that_the_message_gives_it(tmp_path: Path):
     text = text.replace("\n0 =", '\n"a.left" =').replace("\n1 =", "\nb =")
     log = read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path, text))
     np.testing.assert_array_equal(log.joint_pos, ANGLE * [1.0, -1.0])
+
+
+def test_a_number_that_is_also_the_name_of_another_joint_is_refused(tmp_path: Path):
+    path = write_bag(tmp_path / "a.mcap", names=("1", "0"))
+    with pytest.raises(LogError, match=r"no number '/state:motor_state\[0\]\.q' \(it names the joints \['1', '0'\]"):
+        read_log(path, columns=written(tmp_path))
+    read_log(write_bag(tmp_path / "b.mcap", names=("0", "1")), columns=written(tmp_path))
 
 
 @pytest.mark.parametrize(

@@ -152,6 +152,7 @@ def test_a_robot_told_to_stop_stops(gait_walk: Path, tmp_path: Path):
         ("time_s,forward_m_s,yaw_rate_rad_s\n-1,0.1,0\n", ("line 2", "time_s -1")),
         ("time,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n", ("'time'", "time_s")),
         ('time_s,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n1,"0.2,0\n', ("a quote is opened in line 3",)),
+        ('time_s,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n1,"0.\n2",0\n', ("the rows from line 2",)),
         ("time_s,forward_m_s,row 99\n0,0.1,0\n", ("'row 99'",)),
         ("time_s,forward_m_s,yaw_rate_rad_s\n", ("no rows",)),
     ],

@@ -73,7 +73,7 @@ def fit_to_the_end(
     each start, then, from the best, restarts with a new simplex.
 
     Args:
-        log: of a bench.
+        log: with known loads.
         starts: constants to begin with, by name; what is not free is that of the first.
         free: names of the constants to fit.
         progress: called after every evaluation.

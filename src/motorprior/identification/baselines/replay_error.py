@@ -9,6 +9,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.told_pd import ToldPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.logs.motor_log import MotorLog, stated_gain_rows, stated_gains_of
 from motorprior.signals import rmse
@@ -53,23 +54,25 @@ def as_they_are(motors: Actuator, part: MotorLog) -> Actuator:
 def in_proportion(log: MotorLog) -> Told:
     """What gives a PD of a whole log the gains of a segment, in proportion to those that the log states, if any.
 
-        kp' = kp·stated kp / median stated kp,   kd' = kd·stated kd / median stated kd
-
-    Medians are over segments and joints; where one is 0 that gain stays as it is.
+    Medians are over segments and joints (`told_pd.ToldPd`).
     """
-    rows = stated_gain_rows(log)
-    if rows is None:
-        return as_they_are
-    middle = np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))[:, None]
 
     def told(motors: Actuator, part: MotorLog) -> Actuator:
         gains = stated_gains_of(part)
         if gains is None or not isinstance(motors, IdealPd):
             return motors
-        kp, kd = np.where(middle > 0.0, gains / np.where(middle > 0.0, middle, 1.0), 1.0)
-        return replace(motors, kp=motors.kp * kp, kd=motors.kd * kd)
+        following = following_gains(motors, log)
+        return following.at(gains) if isinstance(following, ToldPd) else following
 
     return told
+
+
+def following_gains(pd: IdealPd, log: MotorLog) -> IdealPd | ToldPd:
+    """A PD that was fitted to a log, such that it follows the gains that other logs state, if this one states any."""
+    rows = stated_gain_rows(log)
+    if rows is None:
+        return pd
+    return ToldPd(pd, np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2)))
 
 
 def closed_loop_error(

@@ -9,7 +9,9 @@ on a part of the log; the best with and without a limit go on, on all of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import product
+from math import prod
 
 import numpy as np
 
@@ -30,7 +32,7 @@ _NO_LIMIT, _LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())
 """[N·m]"""
 _LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}
 """[kg·m²], [s]."""
-_STARTS = 4
+_STARTS = prod(map(len, _LAGS.values()))
 _MOST_SEGMENTS, _MOST_ROWS = 16, 8000
 """Of the part of a log that searches begin with."""
 _BEGIN, _GO_ON = Effort(first=60, rounds=0), Effort(first=80, rounds=3, evaluations=150)
@@ -74,13 +76,21 @@ def _begun(
 
 
 def _part(log: MotorLog) -> MotorLog:
-    """The beginnings of some segments from all over a log, or all of it where it is short."""
+    """Stretches from all over a log, each a segment, or all of it where it is short."""
     if log.num_rows <= _MOST_ROWS:
         return log
     segments = log.segment_slices()
-    some = np.linspace(0, len(segments) - 1, min(len(segments), _MOST_SEGMENTS)).astype(int)
-    each = _MOST_ROWS // len(some)
-    return log.rows(np.concatenate([np.arange(log.num_rows)[segments[place]][:each] for place in some]))
+    chosen = [
+        segments[place] for place in np.linspace(0, len(segments) - 1, min(len(segments), _MOST_SEGMENTS), dtype=int)
+    ]
+    pieces = [
+        piece
+        for one in chosen
+        for piece in np.array_split(np.arange(one.start, one.stop), _MOST_SEGMENTS // len(chosen))
+    ]
+    pieces = [piece[: _MOST_ROWS // len(pieces)] for piece in pieces]
+    number = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    return replace(log.rows(np.concatenate(pieces)), segment=number)
 
 
 def best_gains(log: MotorLog, nominal: IdealPd, progress: Callable[[int], None] | None = None) -> IdealPd:

@@ -22,6 +22,7 @@ from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
 from motorprior.actuator.grey_box import SCALES as BOX_ROWS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.told_pd import ToldPd
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.loaded_joint import next_velocity
 from motorprior.compiled import njit
@@ -234,10 +235,11 @@ class WindowRuns:
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
-    def errors(self, motors: Actuator) -> np.ndarray:
+    def errors(self, motors: Actuator | ToldPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are.
+        Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are. A
+        `ToldPd` has the gains of each segment.
         """
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:
             return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
@@ -245,9 +247,9 @@ class WindowRuns:
         done, dt = 0, self.preset.period
         for segment in self.segments:
             filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
-            rows = segment.rows.copy()
-            rows[:, INERTIA] += motors.armature
-            self._fill(motors.arrays(dt), motors.arrays(dt), np.arange(self.num_motors), rows, False, filled)
+            rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, ToldPd) else motors
+            rows[:, INERTIA] += here.armature
+            self._fill(here.arrays(dt), here.arrays(dt), np.arange(self.num_motors), rows, False, filled)
             out[:, done : done + segment.windows] = filled
             done += segment.windows
         return out

@@ -76,7 +76,11 @@ def torque_and_load(log: MotorLog) -> tuple[list[Finding], frozenset[str]]:
 def _windows(log: MotorLog) -> _Windows:
     parts = [_means(part) for part in log.segments()]
     measured, needed, speed = (np.concatenate(columns) for columns in list(zip(*parts, strict=True))[:3])
-    noise = np.sqrt(np.mean([part[3] ** 2 for part in parts], axis=0))
+    windows = [len(part[0]) if np.isfinite(part[3]).all() else 0 for part in parts]  # too short a part tells no noise
+    noise = np.full(log.num_joints, np.inf)
+    if any(windows):
+        known = [part[3] ** 2 for part, count in zip(parts, windows, strict=True) if count]
+        noise = np.sqrt(np.average(known, axis=0, weights=[count for count in windows if count]))
     return _Windows(measured, needed, speed, noise)
 
 

@@ -106,15 +106,17 @@ def _followed(message: Any, way: list[tuple[str, str | None]]) -> float:
     for attribute, element in way:
         value = getattr(value, attribute)
         if element is not None:
-            value = value[int(element) if element.isdecimal() else _place(message, element)]
+            value = value[_place(message, element)]
     if not isinstance(value, (int, float)):
         raise TypeError(f"it is a {type(value).__name__}")
     return float(value)
 
 
-def _place(message: Any, joint: str) -> int:
-    """Of a joint among those that a message names."""
+def _place(message: Any, element: str) -> int:
+    """Of an element of a list: its number, or that of a joint among those that a message names."""
     names = [name for field in NAMES for name in getattr(message, field, ())]
-    if names.count(joint) != 1:
+    if element.isdecimal() and (element not in names or names.index(element) == int(element)):
+        return int(element)
+    if element.isdecimal() or names.count(element) != 1:
         raise LookupError(f"it names the joints {names[:8]}")
-    return names.index(joint)
+    return names.index(element)

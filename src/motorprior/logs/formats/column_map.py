@@ -224,7 +224,9 @@ def _series(table: dict[str, Any], where: str) -> dict[str, str]:
     series = {name: table[name] for name in SERIES if name in table}
     for name, column in series.items():
         if JOINT not in column and NAME not in column:
-            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT}", where=where, remedy=f"{_PIVOT}; {_REMEDY}")
+            raise ArtifactError(
+                f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=f"{_PIVOT}; {_REMEDY}"
+            )
     if series["position_target"] == series["joint_pos"]:
         problem = f"position_target and joint_pos are both {series['joint_pos'][:40]!r}"
         raise ArtifactError(problem, where=where, remedy="name the columns of commands and those of measured angles")

@@ -70,7 +70,7 @@ def look_with_loads(
     Raises:
         LogError: too short, or without a channel that the fit needs.
     """
-    from motorprior.identification.baselines.replay_error import in_proportion
+    from motorprior.identification.baselines.replay_error import following_gains, in_proportion
     from motorprior.identification.baselines.tuned_pds import TUNING, tuned_pd
     from motorprior.identification.judging.log_fidelity import whole_runs
 
@@ -78,17 +78,16 @@ def look_with_loads(
     heard = Heard(progress)
     prior = fit_prior(known, PRESET, seed, out=folder, progress=heard)
     with progress.start("tune one PD", TUNING) as task:
-        tell = in_proportion(known)
-        tuned = tuned_pd(known, task.advance, tell)
+        tuned = following_gains(tuned_pd(known, task.advance, in_proportion(known)), known)
     preset = recipe_of(prior, folder / PRIOR)
     whole, seconds, traces = {}, {}, ()
     for name, log in logs.judged.items():
-        models = {"tuned_pd": tell(tuned, log), **_pd(log, robot), **_priors(prior, log)}
+        models = {"tuned_pd": tuned, **_pd(log, robot), **_priors(prior, log)}
         whole[name], seconds[name] = _errors(log, with_gains_of(preset, log), models)
     errors, short = (Errors.of(logs.judged, found) for found in (whole, seconds))
     for place in dict.fromkeys((errors.typical("prior"), errors.worst("prior"))):
         log = logs.judged[errors.logs[place[0]]]
-        models = {"tuned_pd": tell(tuned, log), "prior": _priors(prior, log)["prior"]}
+        models = {"tuned_pd": tuned, "prior": _priors(prior, log)["prior"]}
         runs = whole_runs(log, with_gains_of(preset, log), log.source)
         traces += (free_run_trace(errors.logs[place[0]], known.joint_names[place[1]], place[1], runs, models),)
     names = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())

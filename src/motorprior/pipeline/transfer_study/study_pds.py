@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 FITTED = (BASELINE, TUNED_PD, PD_FRICTION)
 LAGS = {"armature": (0.001, 0.005), "delay": (0.002, 0.008)}
 """[kg·m²], [s]; a fit begins with each of these: of a slow rotor and of a late one the error is alike."""
-_MOST_STARTS = 4
+_MOST_STARTS = prod(map(len, LAGS.values()))
 ROBOT_PD = "pd.json"
 """Name of the file of the PD of one robot."""
 

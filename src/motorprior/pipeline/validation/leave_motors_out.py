@@ -80,7 +80,7 @@ def leave_motors_out(
         ConfigError: an unknown preset, or a judged log that is no longer than the seconds.
         LogError: a log that is too short, or lacks a channel.
     """
-    from motorprior.identification.baselines.replay_error import in_proportion
+    from motorprior.identification.baselines.replay_error import following_gains, in_proportion
     from motorprior.identification.baselines.tuned_pds import repeated, tuned_pd
     from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
     from motorprior.identification.presets import identification_preset
@@ -91,7 +91,6 @@ def leave_motors_out(
     alone = baseline_recipes(told, identification_preset(preset), {PER_MOTOR}).get(PER_MOTOR)
     prior = fit_prior(left, preset, seed, out=out / "others", progress=progress)
     models: dict[str, LogModel] = {}
-    tell = in_proportion(left)
     if alone is not None:
         fitted = fit_recipe(told, *alone, seed, out / PER_MOTOR, progress)
         models[PER_MOTOR] = LatentActuator(fitted.network, fitted.mean)
@@ -99,7 +98,7 @@ def leave_motors_out(
     models |= {
         "prior": LatentActuator(prior.network, prior.expected(of_group.joint_names)),
         "adapted": LatentActuator(prior.network, found.mean),
-        "tuned_pd": tell(repeated(tuned_pd(left, told=tell), len(group)), of_group),
+        "tuned_pd": following_gains(repeated(tuned_pd(left, told=in_proportion(left)), len(group)), left),
     }
     if robot.legs:
         models["same_place"] = LatentActuator(prior.network, _same_place(prior, robot, group))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.logs.motor_log import MotorLog, log_digest
@@ -60,7 +59,7 @@ def fitted_baselines(
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
     """
-    from motorprior.identification.baselines.replay_error import in_proportion
+    from motorprior.identification.baselines.replay_error import following_gains, in_proportion
     from motorprior.identification.baselines.tuned_pds import TUNING, tuned_pd
 
     recipes = baseline_recipes(log, preset)
@@ -71,16 +70,8 @@ def fitted_baselines(
         known = fit_recipe(log, named, recipe, fits.seed, fits.folder / name, WithoutNotes(progress))
         models[name] = LatentActuator(known.network, known.mean)
     with progress.start("tune one PD", TUNING) as task:
-        models["tuned_pd"] = tuned_pd(log, task.advance, in_proportion(log))
+        models["tuned_pd"] = following_gains(tuned_pd(log, task.advance, in_proportion(log)), log)
     return models
-
-
-def at_gains_of(judged: MotorLog, models: Mapping[str, LogModel], known: MotorLog) -> dict[str, LogModel]:
-    """The models, with the tuned PD at the gains that a log states, in proportion to those of the ``known`` one."""
-    from motorprior.identification.baselines.replay_error import in_proportion
-
-    pd = models["tuned_pd"]
-    return dict(models) | {"tuned_pd": in_proportion(known)(pd, judged) if isinstance(pd, IdealPd) else pd}
 
 
 def baseline_recipes(

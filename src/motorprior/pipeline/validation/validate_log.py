@@ -25,7 +25,6 @@ from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
 from motorprior.pipeline.validation.log_baselines import (
     BaselineFits,
-    at_gains_of,
     baseline_recipes,
     fitted_baselines,
     with_gains_of,
@@ -150,7 +149,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: Mo
         PRIOR: LatentActuator(prior.network, prior.expected(judged.joint_names)),
     }
     fits = BaselineFits(config.out / BASELINES, config.adam_steps, config.seed)
-    models |= at_gains_of(judged, fitted_baselines(known, preset, fits, progress), known)
+    models |= fitted_baselines(known, preset, fits, progress)
     with progress.start("free runs", len(spans)) as task:
         results = measured(spans, models, prior, found, judged.joint_names, task.advance)
     draw_motors(config.out / PICTURES, judged.joint_names, log_traces(prior, found, spans["whole_run_rmse"]))

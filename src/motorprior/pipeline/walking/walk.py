@@ -135,7 +135,9 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
 
 def require_possible(config: Walk) -> None:
     """Raise the ConfigError or ArtifactError that `run_walk` would for its settings or files, and touch nothing."""
-    _planned(config)
+    plan = _planned(config)
+    require_executor(config.executor, config.ray_address)
+    plan.scenes()
 
 
 def _train(plan: _Plan, scenes: list[Scene], clock: Stopwatch, progress: Progress, name: str) -> None:

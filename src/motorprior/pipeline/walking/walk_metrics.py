@@ -67,7 +67,7 @@ class Metrics:
             self._also(row)
 
     def add(self, point: dict[str, Any]) -> str:
-        """Append a line; returns it in words, the first ones first where a terminal is narrow: time left, return."""
+        """Append a line; returns it in words. Time left and return come first, since a narrow terminal cuts the end."""
         with self._path.open("a", encoding="utf-8") as file:
             file.write(_line(row := self._row(point)))
         self._also(row)
@@ -78,7 +78,7 @@ class Metrics:
         upright, at_most = 100.0 * self._upright(point), "at most " if self._extent.may_end_early else ""
         return (
             f"{at_most}{_time(left)} left, return {point['mean_return']:.2f} m, upright {upright:.0f} %, "
-            f"{point['mean_speed_error']:.2f} m/s off, {rate:.0f} episodes/s"
+            f"off the speed by {point['mean_speed_error']:.2f} m/s, {rate:.0f} episodes/s"
         )
 
     def _upright(self, point: dict[str, Any]) -> float:

@@ -16,7 +16,7 @@ from motorprior.robots.robot import Robot
 
 COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")
 _MOST_ROWS = 100_000
-_ROW = re.compile(r"^(a quote is opened in )?row (\d+)")
+_ROW = re.compile(r"^(?:(a quote is opened in )?row |(the rows from )(?=\d))(\d+)")
 """How `read_number_table` names a row, from 0; a column's name may say the same elsewhere."""
 
 
@@ -31,7 +31,7 @@ def read_schedule(path: Path, robot: Robot) -> Timetable:
         table = read_number_table(path, COLUMNS)
     except LogError as error:
         raise ConfigError(
-            _ROW.sub(lambda row: f"{row[1] or ''}line {_line_of(path, int(row[2]))}", error.problem),
+            _ROW.sub(lambda row: f"{row[1] or row[2] or ''}line {_line_of(path, int(row[3]))}", error.problem),
             where=error.where,
             remedy=f"write the columns {', '.join(COLUMNS)} and a number in every cell",
         ) from error
