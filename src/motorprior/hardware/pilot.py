@@ -25,7 +25,8 @@ _DEAD = 0.06
 _STICK, _TURN_STICK, _FULL = 1, 0, 32767.0
 """Numbers of the left stick's axes, vertical (-32767 is forward) and horizontal (-32767 is left)."""
 SLOWER_IN_TURNS = 0.4
-"""Share of the fastest speed that the sharpest turn takes: policies told both at once fall (docs/training.md)."""
+"""Share of the fastest speed that the sharpest turn takes: told both at once, policies of earlier trainings fell
+(docs/training-appendix.md)."""
 ALONE = 0.3
 """Speed of a robot that nobody steers [m/s], if it can walk so fast."""
 _ARROWS = {b"\x1b[A": b"w", b"\x1b[B": b"s", b"\x1b[D": b"a", b"\x1b[C": b"d"}
