@@ -87,7 +87,7 @@ def test_the_line_on_the_terminal_has_return_uprightness_speed_and_time_left(
     monkeypatch.setattr(walk_metrics.time, "monotonic", lambda: next(now))
     done: list[dict[str, Any]] = [point(number) for number in range(2)]
     metrics = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32))
-    assert metrics.add(point(2)) == ("1:06:30 left, return 1.50 m, upright 80 %, 0.05 m/s off, 3 episodes/s")
+    assert metrics.add(point(2)) == ("1:06:30 left, return 1.50 m, upright 80 %, speed error 0.05 m/s, 3 episodes/s")
     patient = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32, may_end_early=True))
     assert patient.add(point(2)).startswith("at most 1:06:30 left, ")
 

@@ -78,7 +78,7 @@ class Metrics:
         upright, at_most = 100.0 * self._upright(point), "at most " if self._extent.may_end_early else ""
         return (
             f"{at_most}{_time(left)} left, return {point['mean_return']:.2f} m, upright {upright:.0f} %, "
-            f"off the speed by {point['mean_speed_error']:.2f} m/s, {rate:.0f} episodes/s"
+            f"speed error {point['mean_speed_error']:.2f} m/s, {rate:.0f} episodes/s"
         )
 
     def _upright(self, point: dict[str, Any]) -> float:
