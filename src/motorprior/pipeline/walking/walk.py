@@ -254,8 +254,7 @@ def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> S
         ConfigError: the engine is not installed, or cannot do what is asked.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
-    terrain = Terrain(config.roughness)
-    return Scene(robot, config.engine, draws, physics_dt, walk, terrain)
+    return Scene(robot, config.engine, draws, physics_dt, walk, Terrain(config.roughness))
 
 
 def _policy(plan: _Plan, champion: Champion) -> Policy:
