@@ -56,23 +56,29 @@ def in_proportion(log: MotorLog) -> Told:
 
     Medians are over segments and joints (`told_pd.ToldPd`).
     """
+    medians = _stated_medians(log)
+    if medians is None:
+        return as_they_are
 
     def told(motors: Actuator, part: MotorLog) -> Actuator:
         gains = stated_gains_of(part)
         if gains is None or not isinstance(motors, IdealPd):
             return motors
-        following = following_gains(motors, log)
-        return following.at(gains) if isinstance(following, ToldPd) else following
+        return ToldPd(motors, medians).at(gains)
 
     return told
 
 
 def following_gains(pd: IdealPd, log: MotorLog) -> IdealPd | ToldPd:
     """A PD that was fitted to a log, such that it follows the gains that other logs state, if this one states any."""
+    medians = _stated_medians(log)
+    return pd if medians is None else ToldPd(pd, medians)
+
+
+def _stated_medians(log: MotorLog) -> np.ndarray | None:
+    """(2,) of the stated kp and kd over segments and joints; None of a log that states none."""
     rows = stated_gain_rows(log)
-    if rows is None:
-        return pd
-    return ToldPd(pd, np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2)))
+    return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
 
 
 def closed_loop_error(

@@ -16,7 +16,7 @@ from math import prod
 import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.identification.baselines.pd_fit import Effort, beginnings, fit_to_the_end, pd_motors
+from motorprior.identification.baselines.pd_fit import Effort, PdFit, beginnings, fit_to_the_end, pd_motors
 from motorprior.identification.baselines.replay_error import Told, as_they_are, closed_loop_error
 from motorprior.logs.motor_log import MotorLog
 
@@ -36,7 +36,7 @@ _STARTS = prod(map(len, _LAGS.values()))
 _MOST_SEGMENTS, _MOST_ROWS = 16, 8000
 """Of the part of a log that searches begin with."""
 _BEGIN, _GO_ON = Effort(first=60, rounds=0), Effort(first=80, rounds=3, evaluations=150)
-TUNING = _STARTS * (len(_GAINS) + len(_LIMITS)) + 2 * _STARTS * (_BEGIN.first + 1) + _GO_ON.most(2)
+TUNING = _STARTS * (len(_GAINS) + len(_LIMITS)) + 2 * _STARTS * _BEGIN.first + _GO_ON.most(2)
 """About how often `tuned_pd` reports."""
 GAINS_ALONE = _GO_ON.most(1)
 """About how often `best_gains` reports."""
@@ -61,18 +61,16 @@ def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None, told:
     gains = [{"kp": kp, "kd": kp * share} for kp, share in _GAINS]
     lags = beginnings({"torque_limit": _NO_LIMIT}, EVERYTHING, _LAGS)
     free = [_begun(part, min((lag | each for each in gains), key=cost), progress, told) for lag in lags]
-    best = [min((each | {"torque_limit": limit} for limit in _LIMITS), key=cost) for each in free]
+    best = [min(({**each.constants, "torque_limit": limit} for limit in _LIMITS), key=cost) for each in free]
     limited = [_begun(part, each, progress, told) for each in best]
-    starts = [min(found, key=cost) for found in (free, limited)]
+    starts = [min(found, key=lambda each: each.error).constants for found in (free, limited)]
     found = fit_to_the_end(log, starts, EVERYTHING, progress, _GO_ON, told)
     return _pd(found.constants, log.num_joints)
 
 
-def _begun(
-    part: MotorLog, start: Mapping[str, float], progress: Callable[[int], None] | None, told: Told
-) -> dict[str, float]:
-    """Constants that a short search from these finds."""
-    return dict(fit_to_the_end(part, [start], EVERYTHING, progress, _BEGIN, told).constants)
+def _begun(part: MotorLog, start: Mapping[str, float], progress: Callable[[int], None] | None, told: Told) -> PdFit:
+    """What a short search from these constants finds."""
+    return fit_to_the_end(part, [start], EVERYTHING, progress, _BEGIN, told)
 
 
 def _part(log: MotorLog) -> MotorLog:

@@ -105,7 +105,7 @@ class FitQuality:
                 "logs of few motors (try another seed, or more log)"
             )
         if self.unexplained > 1.0:
-            return "the log is of other motors than the prior's, whatever else was found: learn a prior of such motors"
+            return "the log is of other motors than the prior's: learn a prior of such motors"
         return "these motors are unlike the prior's, or have physics that the model lacks"
 
     def _odd_motors(self) -> tuple[str, ...]:
