@@ -24,6 +24,8 @@ REDRAWN = 96
 OF_THE_SAME_NAME = 0.3
 """How far a joint is believed to be from the joint of the same name that a prior was trained on, in deviations of the
 prior: an assumption, wide of the 13 to 17 % by which frictions of like joints of one robot were found to differ."""
+_UNFELT = 1e-3
+"""Precision, of the belief's, below which a log says nothing of a latent."""
 _STREAM = 47
 
 
@@ -72,26 +74,32 @@ def adapt(
     rng, shape = np.random.default_rng(_STREAM), (runs.num_motors, network.num_latents)
     if start is not None:
         found = fit.polish(start, belief, STEPS, WIDE)
-        return _posterior(fit, fit.polish(found.z, belief, STEPS, 0.5 * WIDE), known, temperature)
+        return _posterior(fit, belief, fit.polish(found.z, belief, STEPS, 0.5 * WIDE), known, temperature)
     found = fit.polish(fit.search(rng, known.mean, belief, SEARCH_RADII, SEARCH_DRAWS), belief, STEPS, WIDE)
     for _ in range(TURNS):
         drawn = rng.random((shape[0], REDRAWN, shape[1])) < 0.5
         others = known.mean[:, None] + known.deviation[:, None, None] * rng.standard_normal(drawn.shape)
         anew = np.where(drawn, others, found.z[:, None])
         found = found.better(fit.polish(fit.best_of(anew, belief), belief, STEPS, WIDE))
-    return _posterior(fit, found.better(fit.polish(found.z, belief, STEPS, 0.5 * WIDE)), known, temperature)
+    found = found.better(fit.polish(found.z, belief, STEPS, 0.5 * WIDE))
+    return _posterior(fit, belief, found, known, temperature)
 
 
-def _posterior(fit: MotorFit, found: Fit, known: Expected, temperature: float) -> Posterior:
-    covariance = _covariance(fit, found.z, temperature, known.deviation)
-    return Posterior(found.z, covariance, found.loss, fit.windows)
+def _posterior(fit: MotorFit, belief: Belief, found: Fit, known: Expected, temperature: float) -> Posterior:
+    """Of motors found, whose latents that their log says nothing of are as believed: damped steps end on the way."""
+    precision = _precision(fit, found.z, temperature)
+    unfelt = np.diagonal(precision, axis1=1, axis2=2) * known.deviation[:, None] ** 2 < _UNFELT
+    believed = fit.within(np.where(unfelt, known.mean, found.z))
+    loss = fit.losses(believed)
+    found = found.better(Fit(believed, loss + belief.energy(believed), loss))
+    return Posterior(found.z, inverse_precision(precision, known.deviation), found.loss, fit.windows)
 
 
 def covariance(
     network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray, temperature: float
 ) -> np.ndarray:
     """See `latent_fit.laplace_covariance`."""
-    return _covariance(MotorFit(network, WindowRuns(data, preset)), z, temperature, np.ones(len(z)))
+    return inverse_precision(_precision(MotorFit(network, WindowRuns(data, preset)), z, temperature), np.ones(len(z)))
 
 
 def inverse_precision(precision: np.ndarray, deviation: np.ndarray) -> np.ndarray:
@@ -106,5 +114,6 @@ def _belief(known: Expected, runs: WindowRuns, temperature: float) -> Belief:
     return Belief(known.mean, np.broadcast_to(precision, known.mean.shape))
 
 
-def _covariance(fit: MotorFit, z: np.ndarray, temperature: float, deviation: np.ndarray) -> np.ndarray:
-    return inverse_precision(fit.curvatures(z, WIDE) * fit.runs.windows / temperature, deviation)
+def _precision(fit: MotorFit, z: np.ndarray, temperature: float) -> np.ndarray:
+    """(M, Z, Z) N·G(z)/T, what the log says."""
+    return fit.curvatures(z, WIDE) * fit.runs.windows / temperature
