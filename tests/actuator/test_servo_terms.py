@@ -15,7 +15,7 @@ from motorprior.actuator.geared_motor_constants import (
 )
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import ABSENT, SIGNED, TERMS, constants_of, in_order
+from motorprior.actuator.servo_terms import ABSENT, SIGNED, TERMS, Conditions, constants_of, in_order, under
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 
@@ -27,8 +27,9 @@ MOTORS = 11
 """Eight lanes and three alone."""
 VELOCITIES = ("dq", "rotor_vel", "filtered_vel", "joint_vel")
 NUMPY = array_arithmetic(np)
-STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02}
+STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02, "temperature_loss": 0.3}
 """Terms that are felt."""
+HARD = Conditions(warmth=1.0, supply=0.8, warmer=40.0)
 
 
 def drawn_states(motors: LatentActuator, terms: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
@@ -64,10 +65,10 @@ def stepped(constants: StepConstants, drawn: dict[str, Any], terms: tuple[str, .
 @CASES
 def test_the_compiled_step_is_the_formula(grey_network: Networks, terms: tuple[str, ...]):
     rng, network = np.random.default_rng(5), grey_network(spread=0.3, terms=terms, **STRONG)
-    motors = LatentActuator(network, rng.standard_normal((MOTORS, 3)), rng.random(MOTORS))
+    motors = LatentActuator(network, rng.standard_normal((MOTORS, 3)), Conditions(rng.random(MOTORS), 0.8, 20.0))
     drawn = drawn_states(motors, terms, rng)
     assert network.motor is not None
-    values = network.motor.decode(network.decoder_latents(motors.z), motors.warmth)
+    values = network.motor.decode(network.decoder_latents(motors.z), motors.conditions)
     alone = stepped(step_constants(values, H, np, terms), drawn, terms)
     every = stepped(step_constants(values, H, np, terms), drawn, EVERY)
 
@@ -97,7 +98,7 @@ def test_a_term_is_felt(grey_network: Networks, terms: tuple[str, ...]):
     time = H * np.arange(500)[:, None]
     target = 0.4 * np.sin(12.0 * time) + 0.1 * rng.standard_normal((500, 1)).cumsum(axis=0) * H
     case = Trial(target, np.zeros_like(target), np.array([0.002]), H)
-    moved, plain = (run(LatentActuator(one, np.zeros((1, 3)), 1.0), case).joint_pos for one in (network, bare))
+    moved, plain = (run(LatentActuator(one, np.zeros((1, 3)), HARD), case).joint_pos for one in (network, bare))
     assert np.abs(moved - plain).max() > 1e-4
 
 
@@ -109,7 +110,7 @@ def test_terms_that_are_absent_leave_a_motion_as_it_is(grey_network: Networks):
     time = H * np.arange(1000)[:, None]
     target = 0.3 * np.sin(6.0 * time) * np.minimum(1.0, 3.0 * time)
     case = Trial(target, 0.05 * np.cos(9.0 * time), np.array([0.004]), H)
-    one, other = (run(LatentActuator(network, np.zeros((1, 3)), 1.0), case) for network in (absent, bare))
+    one, other = (run(LatentActuator(network, np.zeros((1, 3))), case) for network in (absent, bare))
     np.testing.assert_allclose(one.joint_pos, other.joint_pos, atol=1e-6)
     assert np.ptp(other.joint_pos) > 0.3
 
@@ -134,11 +135,11 @@ def test_absent_constants_are_an_absent_term(grey_network: Networks, terms: tupl
 
 
 def test_names_and_numbers_of_constants_belong_together():
-    assert set(constants_of(EVERY)) - set(ABSENT) == {"heat_loss", "heat_time"}
+    assert set(constants_of(EVERY)) - set(ABSENT) == {"heat_loss", "heat_time", "supply_share", "temperature_loss"}
     assert set(SIGNED) <= set(parameters_of(EVERY))
     assert in_order(("heat", "profile")) == ("profile", "heat")
     raw = np.zeros(len(parameters_of(EVERY)))
-    full = step_constants(decode(raw, np, EVERY, 0.0), H, np, EVERY)
+    full = step_constants(decode(raw, np, EVERY), H, np, EVERY)
     assert all(row is not None for row in full)
     bare = step_constants(decode(np.zeros(len(parameters_of(()))), np), H, np)
     assert sum(row is not None for row in bare) == BASE_CONSTANTS
@@ -320,7 +321,7 @@ def test_an_encoder_on_the_joint_does_not_see_the_rotor():
 def test_heat_takes_its_share_of_the_laws_torque(grey_network: Networks):
     network = grey_network(spread=0.0, terms=("integral", "heat"), heat_loss=0.3, heat_time=10.0)
     assert network.motor is not None
-    cold, warm, hot = (network.motor.decode(np.zeros((1, 3)), warmth) for warmth in (0.0, 0.5, 1.0))
+    cold, warm, hot = (network.motor.decode(np.zeros((1, 3)), Conditions(warmth)) for warmth in (0.0, 0.5, 1.0))
     for name in ("kp", "torque_limit", "integral_limit"):
         assert warm[name] == pytest.approx(0.85 * cold[name]) and hot[name] == pytest.approx(0.7 * cold[name])
     assert warm["kd_over_kp"] == cold["kd_over_kp"] and warm["coulomb"] == cold["coulomb"]
@@ -338,5 +339,21 @@ def test_heat_takes_its_share_of_the_laws_torque(grey_network: Networks):
 def test_a_motor_that_does_not_warm_has_no_warmth(grey_network: Networks):
     network, z = grey_network(), np.zeros((2, 3))
     assert network.warmth(z, 100.0) == 0.0
-    rows = [LatentActuator(network, z, warmth).arrays(H).parameters for warmth in (0.0, 1.0)]
+    rows = [LatentActuator(network, z, each).arrays(H).parameters for each in (Conditions(), HARD)]
     np.testing.assert_array_equal(rows[0], rows[1])
+
+
+@pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (0.5, 0.9), (20.0, 0.1)])
+def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(share: float, law: float):
+    values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0)
+    found = under(Conditions(supply=0.8), values | {"supply_share": share}, np)
+    assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
+    assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
+
+
+def test_a_temperature_takes_its_share_of_the_magnets_torques():
+    values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed"), 2.0)
+    for loss, warmer, left in ((0.2, 50.0, 0.8), (0.2, -25.0, 1.1), (-0.2, 25.0, 1.1), (0.9, 100.0, 0.1)):
+        found = under(Conditions(warmer=warmer), values | {"temperature_loss": loss}, np)
+        torques = [found[name] for name in ("kp", "torque_limit", "integral_limit", "stall_torque")]
+        assert torques == pytest.approx([2.0 * left] * 4) and found["no_load_speed"] == 2.0

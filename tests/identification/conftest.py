@@ -1,6 +1,6 @@
 """Logs of motors that a decoder made: what they are is known, and a fit can reach it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.servo_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import PRESETS, trial
 from motorprior.identification.training_data.windows import Measured, TrainingData
@@ -19,7 +20,8 @@ BENCH = PRESETS["rollout"]
 def decoder_data() -> Callable[..., TrainingData]:
     """Make the logs of a network's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
 
-    Their velocities and torques are those of half a step before already, as a rollout wants them.
+    ``supply`` and ``warmer`` are conditions of the segments, in turn. Velocities and torques are those of half a step
+    before already, as a rollout wants them.
     """
 
     def make(
@@ -30,6 +32,8 @@ def decoder_data() -> Callable[..., TrainingData]:
         seed: int = 9,
         gains: np.ndarray | None = None,
         load: float = 1.0,
+        supply: Sequence[float] = (1.0,),
+        warmer: Sequence[float] = (0.0,),
     ) -> TrainingData:
         parts, count = [], len(z)
         for segment in range(segments):
@@ -38,12 +42,14 @@ def decoder_data() -> Callable[..., TrainingData]:
             case = replace(case, load_inertia=load * case.load_inertia)
             seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
             warmth = network.warmth(z, float(seconds[:, 0].mean()))
-            found: Any = run(LatentActuator(network, z, warmth, gains), case)
+            under = Conditions(warmth, supply[segment % len(supply)], warmer[segment % len(warmer)])
+            found: Any = run(LatentActuator(network, z, under, gains), case)
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
             told = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
                 case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
-                inertia, seconds, *told, np.zeros_like(seconds),
+                inertia, seconds, *told, np.full_like(seconds, under.supply), np.full_like(seconds, under.warmer),
+                np.zeros_like(seconds),
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")

@@ -70,6 +70,7 @@ WRONG = {
         [["dead_zone"]],
         [[[], 1.0]],
     ),
+    "conditions": (None, {}, ["supply_voltage"], [["humidity", 1.0]], [["supply_voltage", "1"]], [[[], 1.0]]),
     "standardise": (1.0, {}),
 }
 
@@ -95,6 +96,11 @@ def test_a_recipe_at_its_bounds_is_read(prior_with: Callable[[Any], MotorPrior],
     assert getattr(recipe_of(prior_with(as_json(RECIPE) | {name: value}), PATH), name) == value
 
 
+def test_a_prior_of_before_conditions_were_known_has_none(prior_with: Callable[[Any], MotorPrior]):
+    older = {name: value for name, value in as_json(RECIPE).items() if name != "conditions"}
+    assert recipe_of(prior_with(older), PATH).conditions == ()
+
+
 @pytest.mark.parametrize(
     ("recipe", "words"),
     [
@@ -112,7 +118,7 @@ def test_what_is_no_recipe_is_refused(prior_with: Callable[[Any], MotorPrior], r
     assert error.value.where == PATH and error.value.remedy
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(Preset)])
+@pytest.mark.parametrize("name", [field.name for field in fields(Preset) if field.name != "conditions"])
 def test_a_recipe_that_lacks_an_entry_is_refused_by_its_name(prior_with: Callable[[Any], MotorPrior], name: str):
     damaged = {key: value for key, value in as_json(RECIPE).items() if key != name}
     with pytest.raises(ArtifactError, match=rf"recipe: missing keys \['{name}'\]") as error:

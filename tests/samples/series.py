@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from motorprior.identification.training_data.windows import CHANNELS
+from motorprior.identification.training_data.windows import CHANNELS, SUPPLY
 
 
 def complete(series: np.ndarray) -> np.ndarray:
-    """With zeros for the channels (...) that are not given."""
+    """With zeros for the channels (...) that are not given, and the usual voltage."""
     missing = CHANNELS - series.shape[-1]
-    return np.pad(series, [(0, 0)] * (series.ndim - 1) + [(0, missing)])
+    whole = np.pad(series, [(0, 0)] * (series.ndim - 1) + [(0, missing)])
+    whole[..., SUPPLY] = 1.0
+    return whole

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from motorprior.actuator.servo_terms import ABSENT, LARGEST_SHARE, SIGNED, constants_of
+from motorprior.actuator.servo_terms import ABSENT, LARGEST_SHARE, SIGNED, Conditions, constants_of, under
 
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
@@ -26,9 +26,8 @@ ZERO_SCALE = SIGNED["encoder_zero"]
 """[rad]"""
 PER_STATED = "_per_stated"
 """Ending of the name of a constant that is a multiple of a stated gain."""
-_WEAKENED = ("kp", "torque_limit", "integral_limit", "stall_torque")
-"""Constants that are torques of the law, which heat weakens."""
-
+USUAL = Conditions()
+"""Of a cold motor, too."""
 
 Values = Any
 """Numbers of as many motors as are stepped at once, in the arithmetic's own type."""
@@ -83,11 +82,11 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
     return PARAMETERS + constants_of(terms)
 
 
-def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), warmth: Any = 0.0) -> dict[str, Values]:
+def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Conditions = USUAL) -> dict[str, Values]:
     """Constants by name, each (…), from the decoder's outputs (…, P); the array module ``xp`` is numpy or jax.numpy.
 
-    exp(raw) for every one but those of `servo_terms.SIGNED`; no delay is above LONGEST_DELAY. Of motors with the term
-    ``heat`` the law's torques are those at ``warmth`` (…), 0 to 1.
+    exp(raw) for every one but those of `servo_terms.SIGNED`; no delay is above LONGEST_DELAY. They are those ``under``
+    these conditions, each a number or (…).
     """
     values = {
         name: SIGNED[name] * raw[..., row] if name in SIGNED else xp.exp(raw[..., row])
@@ -97,10 +96,7 @@ def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), warmth: Any = 0.0)
     for share in ("asymmetry", "heat_loss"):
         if share in values:
             values[share] = xp.clip(values[share], -LARGEST_SHARE, LARGEST_SHARE)
-    if "heat" in terms:
-        left = 1.0 - values["heat_loss"] * warmth
-        values |= {name: left * values[name] for name in _WEAKENED if name in values}
-    return values
+    return under(conditions, values, xp)
 
 
 def with_stated_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:

@@ -29,9 +29,11 @@ from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.lanes import LANES
 from motorprior.actuator.network_law import renew_torque, reset_network
+from motorprior.actuator.servo_terms import Conditions
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 
+HALF_WARM = Conditions(warmth=0.5)
 _LINE = 64
 """Bytes."""
 
@@ -147,7 +149,7 @@ class LatentNetwork:
 
 @dataclass(frozen=True)
 class LatentActuator:
-    """n learned motors: one network, one z (n, Z) each, how warm they are (`servo_terms`), and the gains they are told.
+    """n learned motors: one network, one z (n, Z) each, what they work under, and the gains they are told.
 
     ``gains`` (2, n) are stated kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own
     gains, or None. ``factors`` are on the constants of a grey box, besides.
@@ -155,7 +157,7 @@ class LatentActuator:
 
     network: LatentNetwork
     z: np.ndarray
-    warmth: np.ndarray | float = 0.5
+    conditions: Conditions = HALF_WARM
     gains: np.ndarray | None = None
     factors: Factors | None = None
 
@@ -238,7 +240,7 @@ class LatentActuator:
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
-            values = self._told(net.motor.decode(latents[: self.num_motors], self.warmth))
+            values = self._told(net.motor.decode(latents[: self.num_motors], self.conditions))
             parameters = np.concatenate([parameters, motor_table(values, physics_dt, net.motor.terms)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(

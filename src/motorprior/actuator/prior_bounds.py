@@ -25,7 +25,7 @@ CENTRAL_MOTOR = {
     "integral_rate": (NOTHING, 1e3), "integral_limit": (NOTHING, 1e3), "stall_torque": (1e-3, 1e6),
     "no_load_speed": (1e-3, 1e6), "current_time": (NOTHING, 1.0), "asymmetry": (-1.0, 1.0),
     "bristle_stiffness": (1e-3, 1e7), "output_damping": (NOTHING, 1e2), "heat_loss": (NOTHING, 1.0),
-    "heat_time": (1e-3, 1e6),
+    "heat_time": (1e-3, 1e6), "supply_share": (NOTHING, 1e2), "temperature_loss": (-10.0, 10.0),
 }  # fmt: skip
 """(least, most) of a grey box's constants at z = 0, in SI units."""
 _GAIN_UNITS = {"kp": "N·m/rad", "kd_over_kp": "s"}

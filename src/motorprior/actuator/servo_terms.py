@@ -20,12 +20,19 @@ quantities at the output shaft, h is the step. In the order in which they act:
     output_damping the joint itself is braked by output_damping·dq, which the engine integrates
     heat           torques of the law fall to (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) after t seconds of
                    log; where the time is not known, half warm: warmth = 0.5
+    supply         torques of the law are (1 + supply_share·(s - 1)) times what they are at the usual voltage, no-load
+                   speed and stall torque s times, s = supply voltage over the usual one. supply_share is 1 of a bridge
+                   whose duty cycle the law commands (most hobby servos), 0 where it commands the current.
+    temperature    torques of the law are (1 - temperature_loss·(T - T_usual)/50 K) times what they are at the usual
+                   temperature
+
+Usual are the medians of the logs that a prior was trained on; where nothing is stated, motors work under these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 TERMS: dict[str, tuple[str, ...]] = {
     "profile": ("profile_speed", "profile_acceleration"),
@@ -38,10 +45,13 @@ TERMS: dict[str, tuple[str, ...]] = {
     "presliding": ("bristle_stiffness",),
     "output_damping": ("output_damping",),
     "heat": ("heat_loss", "heat_time"),
+    "supply": ("supply_share",),
+    "temperature": ("temperature_loss",),
 }
 """Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
 integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry [-],
-bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s]."""
+bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s], supply_share [-],
+temperature_loss [-]."""
 ABSENT = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
     "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-12, "asymmetry": 0.0, "bristle_stiffness": 1e9,
@@ -53,19 +63,56 @@ UNLIMITED = {"profile_speed": 1e3, "profile_acceleration": 1e5}
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
     "integral_limit": 0.3, "stall_torque": 3.0, "no_load_speed": 10.0, "current_time": 0.003, "asymmetry": 0.0,
-    "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0,
+    "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0, "supply_share": 0.7,
+    "temperature_loss": 0.0,
 }  # fmt: skip
 """Where a search begins."""
 FAINT = {
     "profile_speed": 40.0, "profile_acceleration": 4000.0, "dead_zone": 1e-4, "integral_rate": 0.05,
     "integral_limit": 0.05, "stall_torque": 20.0, "no_load_speed": 100.0, "current_time": 3e-4, "asymmetry": 0.0,
-    "bristle_stiffness": 200.0, "output_damping": 1e-4, "heat_loss": 0.01, "heat_time": 10.0,
+    "bristle_stiffness": 200.0, "output_damping": 1e-4, "heat_loss": 0.01, "heat_time": 10.0, "supply_share": 0.1,
+    "temperature_loss": 0.0,
 }  # fmt: skip
 """Constants with which a term does next to nothing: where a search begins, too."""
-SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2}
+SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2, "temperature_loss": 0.1}
 """Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)."""
+_OF_LAW = ("kp", "torque_limit", "integral_limit")
+_OF_MAGNETS = (*_OF_LAW, "stall_torque")
+_OF_VOLTAGE = ("stall_torque", "no_load_speed")
+"""Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage."""
 LARGEST_SHARE = 0.9
-"""Of asymmetry and heat_loss, whatever a latent says."""
+"""Of asymmetry, and of what heat, supply or temperature take from a torque, whatever a latent says."""
+WARMER = 50.0
+"""Rise of the temperature [K] of which temperature_loss is the loss."""
+
+
+class Conditions(NamedTuple):
+    """What motors work under, of each motor or of all."""
+
+    warmth: Any = 0.0
+    """0 of a cold motor to 1, of the term heat"""
+    supply: Any = 1.0
+    """supply voltage over the usual one [-]"""
+    warmer: Any = 0.0
+    """temperature above the usual one [K]"""
+
+
+def under(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
+    """Constants by name as motors have them under these conditions; the array module ``xp`` is numpy or jax.numpy."""
+    if "heat_loss" in values:
+        values = _times(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
+    if "supply_share" in values:
+        share = 1.0 + values["supply_share"] * (conditions.supply - 1.0)
+        values = _times(xp.maximum(share, 1.0 - LARGEST_SHARE), values, _OF_LAW)
+        values = _times(conditions.supply, values, _OF_VOLTAGE)
+    if "temperature_loss" in values:
+        left = 1.0 - values["temperature_loss"] * conditions.warmer / WARMER
+        values = _times(xp.maximum(left, 1.0 - LARGEST_SHARE), values, _OF_MAGNETS)
+    return values
+
+
+def _times(factor: Any, values: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return values | {name: factor * values[name] for name in names if name in values}
 
 
 def constants_of(terms: Iterable[str]) -> tuple[str, ...]:

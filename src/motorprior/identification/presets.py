@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
-
-if TYPE_CHECKING:
-    from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,8 @@ class Preset:
         firmware: names and values, in SI units, of the registers that the logs state and that are not fitted
             (`MotorLog.firmware`), 0 of those that are off; a recipe that puts physics first takes them, whatever terms
             it has besides.
+        conditions: channels of `motor_log.CONDITIONS` that the logs state and their medians [V], [°C]; constants of
+            motors are those under these, and terms say how they differ under others. Of recipes that put physics first.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`standard_posterior`).
     """
@@ -70,6 +71,7 @@ class Preset:
     lacks: tuple[str, ...] = ()
     gain_unit: str = ""
     firmware: tuple[tuple[str, float], ...] = ()
+    conditions: tuple[tuple[str, float], ...] = ()
     standardise: bool = False
 
     @property
@@ -162,9 +164,12 @@ def identification_preset(name: str) -> Preset:
 
 
 def with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
-    """The recipe for a log that states gains or registers of the firmware: a grey box takes them as given."""
+    """The recipe for a log that states gains, registers or conditions: a grey box takes them as given."""
     if recipe.grey_box and log.stated_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     if recipe.physics_first:
-        recipe = replace(recipe, firmware=tuple(sorted(log.firmware.items())))
+        medians = {name: float(np.median(values)) for name, values in channels(log).items() if name in CONDITIONS}
+        recipe = replace(
+            recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(sorted(medians.items()))
+        )
     return recipe

@@ -21,6 +21,8 @@ JOINT_SERIES = {
     "load_stiffness": "N_m_per_rad",
     "stated_kp": "stated",
     "stated_kd": "stated",
+    "supply_voltage": "V",
+    "motor_temperature": "degC",
 }
 """Channels of shape (T, J) and their unit, as it is spelled in column names."""
 
@@ -31,6 +33,8 @@ GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
 FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
 """Registers of a servo's firmware that a log may state, and their bounds: the largest speed [rad/s] and acceleration
 [rad/s²] of its profile, and the error [rad] that it does not act on. 0: off."""
+CONDITIONS = {"supply_voltage": (0.1, 2000.0), "motor_temperature": (-60.0, 300.0)}
+"""Channels of what motors work under, and their bounds [V], [°C]."""
 _ALIKE = 0.01
 """Share by which two statements of a register may differ: one may be rounded."""
 POSTURES = ("standing", "hung", "fixed", "fallen")
@@ -72,6 +76,8 @@ class MotorLog:
             are invisible (angles at the output shaft, too).
         stated_kp: (T, J) proportional gain that the motor was told, constant within a segment, or None.
         stated_kd: (T, J) the same for the derivative gain, which acts on the velocity; only with stated_kp.
+        supply_voltage: (T, J) at the motor [V], or None.
+        motor_temperature: (T, J) [°C], or None.
         gain_unit: of the stated gains: "N·m/rad" (and N·m·s/rad), which are then the motor's, or "firmware", units of
             its own, of which the motor's gains are unknown multiples.
         firmware: registers of FIRMWARE that all these motors were told, where somebody knows them.
@@ -95,6 +101,8 @@ class MotorLog:
     encoder: str = "joint"
     stated_kp: np.ndarray | None = None
     stated_kd: np.ndarray | None = None
+    supply_voltage: np.ndarray | None = None
+    motor_temperature: np.ndarray | None = None
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 

@@ -12,6 +12,7 @@ from motorprior.exceptions import LogError, spelled
 from motorprior.logs.motor_log import (
     BASE_AXES,
     CODES,
+    CONDITIONS,
     ENCODERS,
     FIRMWARE,
     GAIN_UNITS,
@@ -22,6 +23,8 @@ from motorprior.logs.motor_log import (
     column_name,
     is_register,
 )
+
+_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
 
 
 def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
@@ -35,8 +38,8 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
         LogError: wrong shape or joint count, a value that is not finite (row, column, value), time that
             does not increase within a segment (row, both values), a load inertia that is not positive,
             fewer than 2 rows in a segment, an unknown posture, place of the encoder, unit of gains or register of the
-            firmware, a register out of its bounds, or stated gains that change within a segment, or that are not
-            positive (kd: negative).
+            firmware, a register, voltage or temperature out of its bounds, or stated gains that change within a
+            segment, or that are not positive (kd: negative).
     """
     if log.encoder not in ENCODERS:
         raise LogError(f"encoder {log.encoder!r}", where=where, remedy=f"give {' or '.join(ENCODERS)}")
@@ -50,6 +53,7 @@ def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
     _check_time(log, where)
     _check_load(log, where)
     _check_gains(log, where)
+    _check_conditions(log, where)
     _check_posture(log, where)
     return log
 
@@ -172,6 +176,18 @@ def _check_gains(log: MotorLog, where: str | Path | None) -> None:
                     f"row {row}, {column_name(name, column, log.joint_names)} {problem}: {gains[row, column]}",
                     where=where, remedy="begin a segment where gains change, or leave them out",
                 )  # fmt: skip
+
+
+def _check_conditions(log: MotorLog, where: str | Path | None) -> None:
+    for name, (least, most) in CONDITIONS.items():
+        values = getattr(log, name)
+        if values is not None and np.any(odd := (values < least) | (values > most)):
+            row, column = np.argwhere(odd)[0].tolist()
+            raise LogError(
+                f"row {row}, {column_name(name, column, log.joint_names)} is {values[row, column]:g} "
+                f"{_UNITS[name]}, not within {least:g}..{most:g}",
+                where=where, remedy=f"give it in {_UNITS[name]}, or leave the channel out",
+            )  # fmt: skip
 
 
 def _check_firmware(log: MotorLog, where: str | Path | None) -> None:

@@ -20,7 +20,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.validity import checked
-from motorprior.pipeline.fit_report import told_at_rest, told_quality
+from motorprior.pipeline.fit_report import other_conditions, told_at_rest, told_quality
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.prior_file import prior_and_robot, require_robot_of, trained_on
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
@@ -245,10 +245,13 @@ def _tell(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress
     """What a user should know of the motors that were found; nothing is worked out for nobody."""
     if progress is SILENT:
         return
-    if line := told_at_rest(log):
+    recipe = recipe_of(prior, "the prior")
+    terms = () if prior.network.motor is None else prior.network.motor.terms
+    for line in filter(None, (told_at_rest(log), *other_conditions(terms, recipe, log))):
         progress.note(line)
     if prior.network.motor is not None:
-        told_quality(LatentActuator(prior.network, found.mean), log, progress, of_the_log=False)
+        motors = LatentActuator(prior.network, found.mean)
+        told_quality(motors, log, recipe, progress, of_the_log=False)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 

@@ -234,7 +234,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         progress.note(line)
     network, mean, log_var = found.network, found.mean, found.log_var
     if network.motor is not None:
-        quality = told_quality(LatentActuator(network, mean), log, progress)
+        quality = told_quality(LatentActuator(network, mean), log, found.preset, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
         network, mean, log_var = widened(network, mean, log_var, quality.widening)
         if network.copula is not None and quality.misses_physics:

@@ -8,9 +8,10 @@ from typing import Any
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.servo_terms import TERMS
+from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.logs.motor_log import FIRMWARE, GAIN_UNITS, is_register
+from motorprior.logs.motor_log import CONDITIONS, FIRMWARE, GAIN_UNITS, is_register
 from motorprior.schema import TRUTH, Field, Schema, integer, many, number, one_of
 
 LONGEST_WINDOW = 100_000
@@ -22,6 +23,12 @@ def _is_register(value: Any) -> bool:
     if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
         return False
     return value[0] in FIRMWARE and is_register(*value)
+
+
+def _is_condition(value: Any) -> bool:
+    if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
+        return False
+    return value[0] in CONDITIONS and is_number(value[1], *CONDITIONS[value[0]])
 
 
 RECIPE = Schema(
@@ -36,6 +43,7 @@ RECIPE = Schema(
         "terms": many(one_of(*TERMS)),
         "lacks": many(one_of(*PARAMETERS)),
         "firmware": many(Field("the name and the value of a register", _is_register)),
+        "conditions": many(Field("a condition and its value", _is_condition)),
         "num_latents": integer(0, 1000),
         "num_neurons": integer(0, 10_000),
         "kl_weight": number(0.0, 1e6),
@@ -61,10 +69,11 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     recipe: Any = prior.provenance.get("recipe")
     if not isinstance(recipe, dict):
         raise ArtifactError("its provenance holds no recipe", where=where, remedy=_REMEDY)
+    recipe = {"conditions": []} | recipe  # a prior that an older version wrote knows of none
     RECIPE.check(recipe, where)
     series = {name: tuple(recipe[name]) for name in ("taps", "terms", "lacks")}
-    firmware = tuple((name, value) for name, value in recipe["firmware"])
-    preset = Preset(**{**recipe, **series, "firmware": firmware})
+    pairs = {key: tuple((name, value) for name, value in recipe[key]) for key in ("firmware", "conditions")}
+    preset = Preset(**{**recipe, **series, **pairs})
     _require_fit(preset, prior, where)
     return preset
 

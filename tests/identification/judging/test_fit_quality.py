@@ -8,6 +8,7 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.servo_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -85,7 +86,7 @@ def test_motors_that_warm_are_replayed_as_warm_as_they_were(log: MotorLog, grey_
     for part in log.segments():
         ((case, _),) = trials(part)
         work = float(np.median(part.time - log.time[0]))
-        told.append(run(replace(motors, warmth=network.warmth(motors.z, work)), case))
+        told.append(run(replace(motors, conditions=Conditions(network.warmth(motors.z, work))), case))
     made = replace(
         log,
         joint_pos=np.concatenate([each.encoder_pos if log.encoder == "rotor" else each.joint_pos for each in told]),

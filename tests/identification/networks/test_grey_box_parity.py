@@ -24,14 +24,14 @@ from motorprior.actuator.geared_motor_step import (
     step,
 )
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.servo_terms import TERMS, Conditions
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.networks import motor_dynamics
 from motorprior.identification.networks.closed_loop import closed_loop
 from motorprior.identification.networks.network import import_parameters
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import CHANNELS
+from motorprior.identification.training_data.windows import CHANNELS, SUPPLY
 
 MOTORS, STEPS, DT = 24, 100, 0.002
 SEED = 4
@@ -169,7 +169,8 @@ def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
     rng, network = np.random.default_rng(7), grey_network(spread=0.3, terms=terms, asymmetry=0.2, dead_zone=0.02)
     z, seconds = rng.standard_normal((MOTORS, 3)), rng.uniform(0.0, 20.0, MOTORS)
     _, drawn = states(LatentActuator(network, z))
-    values = network.motor.decode(z, network.warmth(z, seconds))
+    supply, warmer = rng.uniform(0.7, 1.3, MOTORS), rng.uniform(-30.0, 30.0, MOTORS)
+    values = network.motor.decode(z, Conditions(network.warmth(z, seconds), supply, warmer))
     drawn |= {"reference": drawn["target"] + 0.1, "reference_vel": rng.standard_normal(MOTORS)}
     drawn |= {name: 0.1 * rng.standard_normal(MOTORS) for name in ("integral", "current")}
     drawn["bristle"] = 0.005 * rng.uniform(-1.0, 1.0, MOTORS)
@@ -178,9 +179,8 @@ def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
         step_constants(values, DT, np, terms), MotorState(*(drawn[name] for name in names)), drawn["target"],
         drawn["q"], drawn["dq"], DT, array_arithmetic(np), terms,
     )  # fmt: skip
-    constants = motor_dynamics.decode(
-        import_parameters(network), jnp.asarray(z, jnp.float32), False, terms, jnp.asarray(seconds, jnp.float32)
-    )
+    under = (jnp.asarray(each, jnp.float32) for each in (seconds, supply, warmer))
+    constants = motor_dynamics.decode(import_parameters(network), jnp.asarray(z, jnp.float32), False, terms, *under)
     for name, value in values.items():
         np.testing.assert_allclose(constants[name], value, rtol=1e-5, atol=1e-7, err_msg=name)
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in drawn.items()}
@@ -210,6 +210,7 @@ def test_a_servo_has_a_finite_gradient_in_every_constant_from_rest_on(grey_netwo
     scales = {n: getattr(network, n) for n in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}
     rollout = closed_loop(preset, scales, bounded=False)
     windows = np.zeros((2, preset.history + preset.window, CHANNELS), np.float32)
+    windows[..., SUPPLY] = 1.0
     windows[1, 3:, 0] = 0.3  # one motor has nothing to do
     windows[..., 5] = 0.002
 

@@ -8,8 +8,9 @@ physics, and draws are widened. Where the log states gains, the PD follows them 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -123,7 +124,11 @@ class FitQuality:
 
 
 def fit_quality(
-    motors: Actuator, log: MotorLog, report: Callable[[int], None] = lambda count: None, of_the_log: bool = True
+    motors: Actuator,
+    log: MotorLog,
+    report: Callable[[int], None] = lambda count: None,
+    of_the_log: bool = True,
+    usual: Mapping[str, float] = MappingProxyType({}),
 ) -> FitQuality:
     """Replay a log with its motors, and with a PD tuned to it.
 
@@ -132,10 +137,11 @@ def fit_quality(
         log: with known loads.
         report: called after every evaluation of the tuning.
         of_the_log: whether the motors were fitted to this log.
+        usual: conditions of the motors' recipe.
     """
     tell = in_proportion(log)
     pd = tuned_pd(log, report, tell)
-    segments, pools = zip(*replays(motors, log, _as_warm_as_there(log)), strict=True)
+    segments, pools = zip(*replays(motors, log, _as_warm_as_there(log, usual)), strict=True)
     error, pool = np.concatenate(segments), np.concatenate(pools)
     baseline = np.concatenate([missed for missed, _ in replays(pd, log, tell)])
     places = replayed_segments(log).tolist()
@@ -147,16 +153,17 @@ def fit_quality(
     )  # fmt: skip
 
 
-def _as_warm_as_there(log: MotorLog) -> Told:
-    """What tells learned motors the gains of a segment, and how warm they are in the middle of it, as in the fit."""
+def _as_warm_as_there(log: MotorLog, usual: Mapping[str, float]) -> Told:
+    """What tells learned motors gains and conditions of a segment, how warm they are in its middle too, as the fit."""
     work, segment = seconds_of_work(log), np.zeros(len(log.time)) if log.segment is None else log.segment
 
     def tell(motors: Actuator, part: MotorLog) -> Actuator:
-        motors = told(motors, part)
+        motors = told(motors, part, usual)
         if not isinstance(motors, LatentActuator):
             return motors
         here = segment == (0 if part.segment is None else part.segment[0])
-        return replace(motors, warmth=motors.network.warmth(motors.z, float(np.median(work[here]))))
+        warmth = motors.network.warmth(motors.z, float(np.median(work[here])))
+        return replace(motors, conditions=motors.conditions._replace(warmth=warmth))
 
     return tell
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -14,7 +16,7 @@ from motorprior.bench.dynamometer import Response, run
 from motorprior.identification.baselines.replay_error import Told, trials
 from motorprior.identification.latents.latent_fit import window_losses
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.training_data.windows import TrainingData, relative_conditions
 from motorprior.logs.motor_log import MotorLog, stated_gains_of
 
 LEVELS = tuple(range(5, 100, 5))
@@ -51,7 +53,7 @@ def reference_metrics(
         if data.measured.torque:
             blind = replace(data, measured=replace(data.measured, torque=False))
             metrics |= loss_metrics(window_losses(network, blind, preset, mean), preset, ending(False))
-        metrics |= _residual_metrics(LatentActuator(network, mean), log)
+        metrics |= _residual_metrics(LatentActuator(network, mean), log, preset)
     return metrics
 
 
@@ -91,13 +93,13 @@ def replayed_segments(log: MotorLog) -> np.ndarray:
     return np.linspace(0, count - 1, min(_SEGMENTS, count)).round().astype(int)
 
 
-def replays(motors: Actuator, log: MotorLog, tell: Told | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+def replays(motors: Actuator, log: MotorLog, tell: Told) -> list[tuple[np.ndarray, np.ndarray]]:
     """Segments of a log, replayed from where they begin with their commands and loads; one motor per joint of the log.
 
     Args:
         motors: one per joint.
         log: with known loads; of it `replayed_segments`.
-        tell: what the motors are told of a segment; `told` if not given.
+        tell: what the motors are told of a segment.
 
     Returns:
         Of each segment recorded - simulated angles [rad], both read by the same encoder, and the index into SPEEDS of
@@ -107,20 +109,29 @@ def replays(motors: Actuator, log: MotorLog, tell: Told | None = None) -> list[t
     for place in replayed_segments(log):
         part = parts[place]
         ((case, truth),) = trials(part)
-        simulated = run((tell or told)(motors, part), case)
+        simulated = run(tell(motors, part), case)
         found.append((truth - measured_pos(simulated, log), _pool(simulated.joint_vel)))
     return found
 
 
-def told(motors: Actuator, log: MotorLog) -> Actuator:
-    """The motors with the gains that the log states, if they are learned ones that are told any."""
-    if isinstance(motors, LatentActuator) and motors.network.gain_unit:
-        return replace(motors, gains=stated_gains_of(log))
-    return motors
+def told(motors: Actuator, log: MotorLog, usual: Mapping[str, float]) -> Actuator:
+    """Learned motors with the gains that the log states, if they are told any, and under the log's conditions.
+
+    Args:
+        motors: any.
+        log: or a segment of one.
+        usual: conditions of the motors' recipe.
+    """
+    if not isinstance(motors, LatentActuator):
+        return motors
+    supply, warmer = relative_conditions(log, usual)
+    motors = replace(motors, conditions=motors.conditions._replace(supply=supply, warmer=warmer))
+    return replace(motors, gains=stated_gains_of(log)) if motors.network.gain_unit else motors
 
 
-def _residual_metrics(motors: LatentActuator, log: MotorLog) -> dict[str, float]:
-    residual, pool = (np.concatenate(parts).ravel() for parts in zip(*replays(motors, log), strict=True))
+def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
+    parts = replays(motors, log, partial(told, usual=dict(preset.conditions)))
+    residual, pool = (np.concatenate(each).ravel() for each in zip(*parts, strict=True))
     metrics: dict[str, float] = {}
     for index, name in enumerate(SPEEDS):
         chosen = residual[pool == index]

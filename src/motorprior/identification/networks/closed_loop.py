@@ -37,9 +37,11 @@ from motorprior.identification.training_data.windows import (
     POS,
     SECONDS,
     STIFFNESS,
+    SUPPLY,
     TARGET,
     TORQUE,
     VEL,
+    WARMER,
 )
 
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
@@ -102,7 +104,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]
-        motor = decode(parameters, own, bounded, terms, free[0, :, SECONDS]) if preset.grey_box else {}
+        under = (free[0, :, channel] for channel in (SECONDS, SUPPLY, WARMER))
+        motor = decode(parameters, own, bounded, terms, *under) if preset.grey_box else {}
         if preset.gain_unit:
             motor = with_stated_gains(motor, free[0, :, KP], free[0, :, KD])
         bias = motor_bias(parameters, own)

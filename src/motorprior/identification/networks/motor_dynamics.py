@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from motorprior.actuator import geared_motor_constants
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of, step_constants
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.servo_terms import Conditions
 from motorprior.identification.networks.network import Parameters
 
 LARGEST_SENSITIVITY = 3.0
@@ -48,6 +49,8 @@ def decode(
     bounded: bool,
     terms: tuple[str, ...] = (),
     seconds: jnp.ndarray | float = 0.0,
+    supply: jnp.ndarray | float = 1.0,
+    warmer: jnp.ndarray | float = 0.0,
 ) -> Constants:
     """(B,) constants by name for latents z (B, Z).
 
@@ -57,13 +60,15 @@ def decode(
         bounded: limit the gradient of each row; reverse mode only.
         terms: of the motors.
         seconds: (B,) since their cold start, for motors that warm.
+        supply: (B,) supply voltage over the usual one [-].
+        warmer: (B,) temperature above the usual one [K].
     """
     slope = parameters["motor_slope"]  # (P,) if each constant has a latent of its own
     raw = parameters["motor_center"] + jnp.clip(z @ slope if slope.ndim == 2 else z * slope, -LOG_REACH, LOG_REACH)
     raw, warmth = _bounded_gradient(raw) if bounded else raw, 0.0
     if "heat" in terms:
         warmth = 1.0 - jnp.exp(-seconds / jnp.exp(raw[:, parameters_of(terms).index("heat_time")]))
-    return geared_motor_constants.decode(raw, jnp, terms, warmth)
+    return geared_motor_constants.decode(raw, jnp, terms, Conditions(warmth, supply, warmer))
 
 
 def at_rest(

@@ -13,7 +13,7 @@ anew from the beginning, as a term changes where the other constants belong. It 
 test is of the held-out stretches of each). A term may have made up for one that is gone by then: those that stayed and
 saved no more than SURE are left out in turn again, until none leaves. In the end all that stayed are compared with no
 term at all, by the same price and the test at 5 %. A term is not asked about where the log states a value for it, which
-motors have, nor where the log states that all of it is off.
+motors have, nor where the log states that all of it is off, nor of conditions that are the same in all segments.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from motorprior.identification.physics.fleet_fit import TURNS, bounded_fit, fit_
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either
 from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.training_data.windows import SUPPLY, WARMER
 
 PRICE = 0.04
 """Share of the held-out loss that a term must save."""
@@ -41,9 +42,11 @@ SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
 """What the servos of hobby robots have."""
 STRETCHES = 16
 """Stretches of a log of few segments."""
+VARIES = {"supply": (SUPPLY, 0.03), "temperature": (WARMER, 10.0)}
+"""Terms that only logs under several conditions show: channel, and least difference between two segments."""
 ORDER = (
-    "heat", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder", "output_damping",
-    "torque_speed", "profile",
+    "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
+    "output_damping", "torque_speed", "profile",
 )  # fmt: skip
 """In which terms are left out."""
 _LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
@@ -96,7 +99,7 @@ def select_terms(
         report: called once for every term of ORDER in the first turn, then once for every fit of a further turn.
     """
     held_out = held_out_windows(runs)
-    told, off = runs.preset.stated_terms, runs.preset.terms_that_are_off
+    told, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
         return Selection(told, {})
@@ -113,6 +116,15 @@ def select_terms(
         bare = _better(trial.polished(best, told), trial.fitted(told))
         best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
     return Selection(best.terms, saved)
+
+
+def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
+    """Terms of VARIES whose condition is about the same in all segments, or was not stated."""
+    return tuple(
+        name
+        for name, (channel, least) in VARIES.items()
+        if np.ptp([segment.rows[0, channel] for segment in runs.segments], axis=0).max() < least
+    )
 
 
 def _saved(before: _State, after: _State) -> float:

@@ -22,6 +22,7 @@ from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
 from motorprior.actuator.grey_box import SCALES as BOX_ROWS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.servo_terms import Conditions
 from motorprior.actuator.told_pd import ToldPd
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.loaded_joint import next_velocity
@@ -38,9 +39,11 @@ from motorprior.identification.training_data.windows import (
     POS,
     SECONDS,
     STIFFNESS,
+    SUPPLY,
     TARGET,
     TORQUE,
     VEL,
+    WARMER,
     TrainingData,
 )
 
@@ -143,6 +146,11 @@ class Segment:
     def gains(self) -> np.ndarray:
         """(2, M) stated kp and kd."""
         return self.rows[0, [KP, KD]]
+
+    @property
+    def conditions(self) -> np.ndarray:
+        """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
+        return self.rows[0, [SUPPLY, WARMER]]
 
 
 class WindowRuns:
@@ -261,7 +269,8 @@ class WindowRuns:
                 remedy="state kp and kd of its joints when it is imported",
             )
         gains = segment.gains[:, motor] if network.gain_unit else None
-        motors, dt = LatentActuator(network, z, network.warmth(z, segment.seconds), gains), self.preset.period
+        under = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        motors, dt = LatentActuator(network, z, under, gains), self.preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)
         at_rotor = self._measured.at_rotor and network.motor is not None
         if at_rotor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,12 +37,13 @@ class TrainingData:
     """Logs of M motors with R rows each.
 
     Attributes:
-        series: (M, R, 10) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
+        series: (M, R, 12) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
             external_torque - load_stiffness·joint_pos, load_inertia, seconds since the log began, stated kp and kd (1
-            where none count), load_stiffness (0 where the log has none), by which a joint gets its own load. For a
-            rollout positions and velocities are smoothed where readings are noisy (`smoothing`), the velocities are
-            those of half a period earlier and the torques are averages centred on the sample, as a semi-implicit step
-            needs them.
+            where none count), supply_voltage over the recipe's (1 where none counts), motor_temperature above the
+            recipe's [K] (0 where none counts), load_stiffness (0 where the log has none), by which a joint gets its own
+            load. For a rollout positions and velocities are smoothed where readings are noisy (`smoothing`), the
+            velocities are those of half a period earlier and the torques are averages centred on the sample, as a
+            semi-implicit step needs them.
         starts: (S,) first rows of the windows that lie inside one segment.
         parts: rows of each segment.
         measured: measured channels.
@@ -63,7 +64,7 @@ _REMEDIES = {
     "base with its option `hung`, those of a body on each joint that nobody weighed with `fit_load`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
-TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, STIFFNESS = range(10)
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, SUPPLY, WARMER, STIFFNESS = range(12)
 CHANNELS = STIFFNESS + 1
 PAUSE = 60.0
 """Time between two segments after which motors count as cold again [s]."""
@@ -95,6 +96,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log.load_inertia,
         np.broadcast_to(seconds_of_work(log)[:, None], log.joint_pos.shape),
         *_gains(log, preset, where),
+        *_conditions(log, preset),
         log.load_stiffness,
     )
     series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
@@ -137,6 +139,26 @@ def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     return rows
 
 
+def relative_conditions(part: MotorLog, usual: Mapping[str, float]) -> np.ndarray:
+    """(2, M) mean supply voltage over the usual one [-], and motor temperature above it [K], where both state one."""
+    supply, warmer = np.ones(part.num_joints), np.zeros(part.num_joints)
+    if part.supply_voltage is not None and "supply_voltage" in usual:
+        supply = part.supply_voltage.mean(axis=0) / usual["supply_voltage"]
+    if part.motor_temperature is not None and "motor_temperature" in usual:
+        warmer = part.motor_temperature.mean(axis=0) - usual["motor_temperature"]
+    return np.stack([supply, warmer])
+
+
+def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
+    """(2, R, M) of `relative_conditions`, the same throughout a segment, as a motor's constants are."""
+    usual = dict(preset.conditions)
+    rows = [
+        np.broadcast_to(relative_conditions(part, usual)[:, None], (2, *part.joint_pos.shape))
+        for part in log.segments()
+    ]
+    return np.concatenate(rows, axis=1)
+
+
 def seconds_of_work(log: MotorLog) -> np.ndarray:
     """(R,) time since the motors began to work [s]; they begin anew after a PAUSE, or where the clock does."""
     seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
@@ -165,7 +187,7 @@ def _velocities(log: MotorLog) -> np.ndarray:
 
 
 def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
-    """(R, M, 10) series whose velocities and torques are averaged with the row before in the segment.
+    """(R, M, 12) series whose velocities and torques are averaged with the row before in the segment.
 
     A velocity at t becomes that at t - dt/2; torques averaged over t to t + dt become averages centred on t.
     """

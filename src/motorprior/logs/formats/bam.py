@@ -1,8 +1,10 @@
 """Recordings of a motor that swings a known pendulum, in the JSON of Rhoban/bam, become `MotorLog`s with their load.
 
-A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (the firmware's gain, in its own unit), ``motor``, and ``entries``
+A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (the firmware's gain, in its own unit), ``motor``, perhaps ``vin``,
+the voltage of the supply [V], which counts where no row has one, and ``entries``
 with ``timestamp`` [s], ``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, and, where they were
-recorded, ``speed`` [rad/s] and ``torque_enable``; where it is false the goal may be null. Of a point mass, and of an
+recorded, ``speed`` [rad/s], ``input_volts`` [V], ``temp`` [°C] and ``torque_enable``; where that is false the goal may
+be null. Of a point mass, and of an
 arm of ``arm_mass`` if the file says one (a uniform rod),
 
     load_inertia = (mass + arm_mass/3)·length²,  external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos),
@@ -26,14 +28,16 @@ from motorprior.exceptions import LogError
 from motorprior.logs.formats.log_reader import LogReader
 from motorprior.logs.formats.number_table import read_text
 from motorprior.logs.held_runs import runs_of
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog
 from motorprior.logs.validity import checked
 
 ENDINGS = (".json", ".json.gz")
 GRAVITY = 9.81
 MAX_BYTES = 15_000_000
 _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
-_MOST = {"mass": 100.0, "length": 10.0, "arm_mass": 100.0, "kp": 1e6}
+_MOST = {"mass": 100.0, "length": 10.0, "arm_mass": 100.0, "kp": 1e6, "vin": CONDITIONS["supply_voltage"][1]}
+_MEASURED = {"joint_vel": "speed", "supply_voltage": "input_volts", "motor_temperature": "temp"}
+"""Channels and the entries that have them, where they were recorded."""
 _MIN_ROWS = 2
 
 
@@ -52,9 +56,15 @@ def read_bam(path: str | Path) -> MotorLog:
     enabled = _enabled(content["entries"], path)
     target = angle.copy()  # of rows that are left out
     target[enabled] = _numbers(content["entries"], "goal_position", path, enabled)
-    speed = _numbers(content["entries"], "speed", path)[:, None] if _any_has("speed", content["entries"]) else None
+    measured: dict[str, Any] = {
+        channel: _numbers(content["entries"], name, path)[:, None]
+        for channel, name in _MEASURED.items()
+        if _any_has(name, content["entries"])
+    }
+    if content.get("vin") and "supply_voltage" not in measured:
+        measured["supply_voltage"] = np.full((len(angle), 1), _positive(content, "vin", path))
     log = MotorLog(
-        time=time, position_target=target[:, None], joint_pos=angle[:, None], joint_vel=speed,
+        time=time, position_target=target[:, None], joint_pos=angle[:, None], **measured,
         load_inertia=np.full((len(angle), 1), (mass + arm / 3.0) * length**2),
         external_torque=(-(mass + arm / 2.0) * GRAVITY * length * np.sin(angle))[:, None],
         load_stiffness=(-(mass + arm / 2.0) * GRAVITY * length * np.cos(angle))[:, None],

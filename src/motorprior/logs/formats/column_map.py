@@ -5,11 +5,14 @@
     position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
     joint_pos = "present_{joint}"
     posture = "hung"                        # of the base in all rows; or the column that says it in every row
+    supply_voltage = 7.4                    # of all motors [V]; or a column, of all joints or with {joint} in its name
+    motor_temperature = "temp_{joint}"      # °C; or a number, too
 
     [units]
     time = "ms"
     angle = "tick"
     ticks_per_turn = 4096
+    voltage = "dV"                          # of columns of voltages
 
     [firmware]                              # registers that all these motors were told, where they are known
     profile_acceleration = 39               # rad/s²; profile_speed [rad/s], dead_zone [rad]
@@ -40,6 +43,7 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.formats.column_units import (
     OF_ANGLES,
@@ -50,7 +54,15 @@ from motorprior.logs.formats.column_units import (
     conversions,
     require_ticks,
 )
-from motorprior.logs.motor_log import ENCODERS, FIRMWARE, GAIN_UNITS, PHYSICAL_GAINS, POSTURES, is_register
+from motorprior.logs.motor_log import (
+    CONDITIONS,
+    ENCODERS,
+    FIRMWARE,
+    GAIN_UNITS,
+    PHYSICAL_GAINS,
+    POSTURES,
+    is_register,
+)
 from motorprior.outside_files import read_toml
 from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of, require
 
@@ -67,9 +79,17 @@ _MOST_JOINTS, _LONGEST_NAME = 1000, 200
 _NAME = Field(
     f"a text of 1 to {_LONGEST_NAME} letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= _LONGEST_NAME
 )
+_CONDITION = {
+    name: Field(
+        f"the name of a column, or a number within {least:g}..{most:g}",
+        lambda value, least=least, most=most: _NAME.accepts(value) or is_number(value, least, most),
+    )
+    for name, (least, most) in CONDITIONS.items()
+}
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", "posture", *SERIES), _NAME),
+        **_CONDITION,
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         **dict.fromkeys(("units", "firmware", "joints"), TABLE),
@@ -130,7 +150,9 @@ class ColumnMap:
         rate: of the rows [Hz], or None.
         segment: column of the number of the recording, or None for a single one.
         posture: one of POSTURES, which holds for all rows, or else the column that says it; None if nobody says it.
-        series: channel -> name of its columns, with JOINT or NAME where the joint's stands.
+        series: channel -> name of its columns, with JOINT or NAME where the joint's stands; of CONDITIONS it may be
+            the column of all joints.
+        conditions: those of CONDITIONS that hold for all rows and joints.
         joints: in the order of the map.
         gain_unit: of the joints' gains (`MotorLog`).
         firmware: registers of all the motors (`MotorLog`).
@@ -147,6 +169,7 @@ class ColumnMap:
     rate: float | None = None
     segment: str | None = None
     posture: str | None = None
+    conditions: Mapping[str, float] = field(default_factory=dict)
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 
@@ -209,6 +232,7 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         segment=table.get("segment"), posture=table.get("posture"), series=series,
         joints=_joints(table["joints"], units, series, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS), firmware=firmware,
+        conditions={name: float(table[name]) for name in CONDITIONS if is_number(table.get(name))},
     )  # fmt: skip
 
 
@@ -221,9 +245,9 @@ def _require_one_clock(table: dict[str, Any], units: dict[str, Any], where: str)
 
 
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
-    series = {name: table[name] for name in SERIES if name in table}
+    series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
     for name, column in series.items():
-        if JOINT not in column and NAME not in column:
+        if name not in CONDITIONS and JOINT not in column and NAME not in column:
             raise ArtifactError(
                 f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=f"{_PIVOT}; {_REMEDY}"
             )

@@ -19,17 +19,23 @@ TURN = 2.0 * math.pi
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan}
 VELOCITIES = {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0}
+VOLTAGES = {"V": 1.0, "dV": 0.1, "mV": 1e-3}
+TEMPERATURES = {"degC": 1.0}
 TORQUES = {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665}
 QUANTITIES = {
     "position_target": "angle", "joint_pos": "angle", "joint_vel": "velocity", "joint_torque": "torque",
-    "external_torque": "torque",
+    "external_torque": "torque", "supply_voltage": "voltage", "motor_temperature": "temperature",
 }  # fmt: skip
-"""Channels whose columns may have a sign and a unit of their own."""
-_NAMED: dict[str, dict[str, float]] = {"angle": ANGLES, "velocity": VELOCITIES, "torque": TORQUES}
+"""Channels whose columns may have a sign, where they can point, and a unit of their own."""
+_NAMED: dict[str, dict[str, float]] = {
+    "angle": ANGLES, "velocity": VELOCITIES, "torque": TORQUES, "voltage": VOLTAGES, "temperature": TEMPERATURES,
+}  # fmt: skip
+_WITHOUT_SIGN = ("voltage", "temperature")
 UNITS = {
     "angle": one_of(*ANGLES),
     "velocity": one_of(*VELOCITIES),
     "torque": one_of(*TORQUES),
+    "voltage": one_of(*VOLTAGES),
     "ticks_per_turn": number(above=1.0),
 }
 """Entries of [units] that are said here."""
@@ -47,6 +53,8 @@ _OF = {
     "angle": OF_ANGLES,
     "velocity": {**_SIGN, **_SCALE, "velocity": UNITS["velocity"]},
     "torque": {**_SIGN, **_SCALE, "torque": UNITS["torque"]},
+    "voltage": {**_SCALE, "voltage": UNITS["voltage"]},
+    "temperature": _SCALE,
 }
 _CHANNELS = {
     channel: Schema(_OF[quantity], REMEDY, optional=frozenset(_OF[quantity]))
@@ -75,7 +83,10 @@ def conversions(joint: Mapping[str, Any], units: Mapping[str, Any], where: str) 
         ArtifactError: an entry that is not understood, two units for one column, or ticks of unknown size.
     """
     _check(joint, where)
-    signs = {name: joint.get(name, {}).get("sign", joint.get("sign", 1)) for name in QUANTITIES}
+    signs = {
+        name: 1 if quantity in _WITHOUT_SIGN else joint.get(name, {}).get("sign", joint.get("sign", 1))
+        for name, quantity in QUANTITIES.items()
+    }
     signs["joint_vel"] = joint.get("joint_vel", {}).get("sign", signs["joint_pos"])
     found = {}
     for name, quantity in QUANTITIES.items():

@@ -53,7 +53,8 @@ def read_mapped_log(
     singles = [name for name in (columns.time, columns.segment, columns.posture_column) if name]
     parts: dict[str, GrowingArray] = {}
     rows = 0
-    for batch in source(path, [*singles, *(name for names in wanted.values() for name in names)]):
+    every = [*singles, *(name for names in wanted.values() for name in names)]
+    for batch in source(path, list(dict.fromkeys(every))):
         for channel, part in _channels(batch, wanted, joints, columns, rows, path).items():
             if channel in parts:
                 parts[channel].add(part)
@@ -66,6 +67,7 @@ def read_mapped_log(
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     values: dict[str, np.ndarray] = {channel: part.finished() for channel, part in parts.items()}
     values |= {name: np.broadcast_to(gains, (rows, len(joints))) for name, gains in columns.gains(joints).items()}
+    values |= {name: np.full((rows, len(joints)), value) for name, value in columns.conditions.items()}
     if columns.posture in POSTURES:
         values["posture"] = np.full(rows, POSTURES.index(columns.posture))
     return checked(

@@ -205,9 +205,8 @@ def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, A
 
 
 def _check_header(header: dict[str, Any], path: Path) -> None:
-    for key, wanted in (("units", _units()), ("sign_convention", SIGN_CONVENTION)):
-        if header[key] != wanted:
-            raise LogError(f"{key} {header[key]!r}, expected {wanted!r}", where=path, remedy=REWRITE)
+    if (said := header["sign_convention"]) != SIGN_CONVENTION:
+        raise LogError(f"sign_convention {said!r}, expected {SIGN_CONVENTION!r}", where=path, remedy=REWRITE)
     for key in ("robot", "motor", "source", "encoder", "gain_unit"):
         if not isinstance(header[key], str):
             raise LogError(f"header: {key} {header[key]!r} is not text", where=path, remedy=REWRITE)
@@ -220,6 +219,15 @@ def _check_header(header: dict[str, Any], path: Path) -> None:
             raise LogError(f"header: {key} {repr(values)[:300]} is not understood", where=path, remedy=REWRITE)
     if missing := {"position_target", "joint_pos"} - set(header["channels"]):
         raise LogError(f"header: channels lack {sorted(missing)}", where=path, remedy=REWRITE)
+    _check_units(header["units"], header["channels"], path)
+
+
+def _check_units(said: Any, present: Any, path: Path) -> None:
+    """Refuse other units than ours; a log that an older version wrote lacks those of channels that came later."""
+    wanted = _units()
+    known = isinstance(said, dict) and said.keys() <= wanted.keys() and set(present) - {*CODES} <= said.keys()
+    if not known or said != {name: wanted[name] for name in said}:
+        raise LogError(f"units {said!r}, expected {wanted!r}", where=path, remedy=REWRITE)
 
 
 def _require_columns(schema: Any, wanted: list[str], path: Path) -> None:

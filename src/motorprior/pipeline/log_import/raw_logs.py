@@ -16,11 +16,11 @@ from motorprior.logs.formats.log_size import most_rows, numbers_per_row
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.formats.registry import read_log, taken_for_granted
 from motorprior.logs.formats.robot_run import ROBOT_RUN, Mode, read_robot_run
-from motorprior.logs.motor_log import FIRMWARE, MotorLog, channels
+from motorprior.logs.motor_log import CONDITIONS, FIRMWARE, MotorLog, channels
 from motorprior.logs.resampling import resample
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import.import_files import targets_of, tell, tell_replaced
-from motorprior.pipeline.log_import.stated_settings import require_gains, with_stated
+from motorprior.pipeline.log_import.stated_settings import require_within_bounds, with_stated
 from motorprior.pipeline.log_import.unknown_load import write_with_unknown_loads
 from motorprior.pipeline.progress import SILENT, WARNING, Progress
 from motorprior.robots.load import load_robot
@@ -61,6 +61,10 @@ class LogsImport:
     """Largest speed of that profile [rad/s]; 0 if it has no such limit."""
     dead_zone: float | None = None
     """Error that the firmware does not act on [rad]; 0 if there is none."""
+    supply_voltage: float | None = None
+    """At all motors [V], in place of what the log or ``columns`` says."""
+    motor_temperature: float | None = None
+    """Of all motors [°C], likewise."""
     hung: bool = False
     """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
@@ -101,7 +105,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     require_paths(config.paths)
     if config.period is not None:
         require_number("period", config.period, SHORTEST_PERIOD, LONGEST_PERIOD)
-    require_gains(_gains(config))
+    require_within_bounds(_gains(config) | {name: (value,) for name, value in _conditions(config).items()})
     if config.fit_load:
         config = _to_fit(config)
     robot = load_robot(config.robot or DEFAULT_ROBOT)
@@ -139,6 +143,10 @@ def _require_robot_of_held_base(config: LogsImport) -> None:
 
 def _gains(config: LogsImport) -> dict[str, tuple[float, ...]]:
     return {"kp": config.kp, "kd": config.kd}
+
+
+def _conditions(config: LogsImport) -> dict[str, float]:
+    return {name: getattr(config, name) for name in CONDITIONS if getattr(config, name) is not None}
 
 
 def _to_fit(config: LogsImport) -> LogsImport:
@@ -256,9 +264,9 @@ def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
 
 
 def _with_what_is_stated(log: MotorLog, robot: Robot, config: LogsImport, progress: Progress) -> MotorLog:
-    """The log with the gains and the registers of the firmware that the user states."""
+    """The log with the gains, the registers of the firmware and the conditions that the user states."""
     firmware = {name: getattr(config, name) for name in FIRMWARE if getattr(config, name) is not None}
-    found, lines = with_stated(log, _gains(config), firmware, robot)
+    found, lines = with_stated(log, _gains(config), firmware, _conditions(config), robot)
     for told in lines:
         progress.note(f"{log.source}: {told}")
     return found

@@ -11,36 +11,41 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.formats.column_map import KD, KP
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
-_BOUNDS = {"kp": KP, "kd": KD}
+_BOUNDS = {"kp": KP, "kd": KD, **CONDITIONS}
 
 
-def require_gains(gains: Mapping[str, Sequence[float]]) -> None:
-    """Refuse gains that no motor has.
+def require_within_bounds(stated: Mapping[str, Sequence[float]]) -> None:
+    """Refuse gains that no motor has, and conditions that none bears.
 
     Args:
-        gains: "kp" and "kd", of one or more joints.
+        stated: "kp" and "kd", of one or more joints, and conditions (`motor_log.CONDITIONS`).
 
     Raises:
         ConfigError: names the argument, the value and the bounds.
     """
-    for name, values in gains.items():
+    for name, values in stated.items():
         for value in values:
             require_number(name, value, *_BOUNDS[name])
 
 
 def with_stated(
-    log: MotorLog, gains: Mapping[str, Sequence[float]], firmware: Mapping[str, float], robot: Robot
+    log: MotorLog,
+    gains: Mapping[str, Sequence[float]],
+    firmware: Mapping[str, float],
+    conditions: Mapping[str, float],
+    robot: Robot,
 ) -> tuple[MotorLog, tuple[str, ...]]:
-    """The log with these gains and registers.
+    """The log with these gains, registers and conditions.
 
     Args:
         log: of one robot.
         gains: "kp" and "kd": none, one for all joints, or one per joint in the robot's order.
         firmware: registers of the firmware.
+        conditions: some of `motor_log.CONDITIONS`, of all joints and rows.
         robot: whose order it is.
 
     Returns:
@@ -64,6 +69,7 @@ def with_stated(
             stated[f"stated_{name}"] = np.broadcast_to(np.array(values), log.joint_pos.shape)
     if gains.get("kp") and not gains.get("kd") and log.stated_kd is not None:
         told.append("kp is replaced, kd stays as the log or its column map states it (give kd as well to change it)")
+    stated |= {name: np.full(log.joint_pos.shape, value) for name, value in conditions.items()}
     if firmware:
         stated["firmware"] = {**log.firmware, **firmware}
     return (checked(replace(log, **stated), where=log.source) if stated else log), tuple(told)
