@@ -26,5 +26,11 @@ def test_gains_of_the_firmware_have_its_units_and_many_are_a_range(make_log: Cal
     assert stated_in_words(log) == "kp 1 to 5 in units of the firmware"
 
 
+def test_conditions_are_told_as_ranges(make_log: Callable[..., MotorLog]):
+    volts, degrees = np.full((200, 2), 7.4), np.linspace([25.0, 25.0], [31.0, 40.0], 200)
+    log = make_log(supply_voltage=volts, motor_temperature=degrees)
+    assert stated_in_words(log) == "supply_voltage 7.4 V; motor_temperature 25 to 40 °C"
+
+
 def test_of_a_log_that_states_nothing_there_are_no_words(make_log: Callable[..., MotorLog]):
     assert stated_in_words(make_log()) == ""

@@ -125,6 +125,28 @@ def test_registers_of_the_firmware_are_those_of_the_map(tmp_path: Path, columns:
             read_log(path, columns=a_map(tmp_path, told.replace(*wrong)))
 
 
+def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path, columns: dict[str, np.ndarray]):
+    volts, degrees = 74.0 + np.arange(ROWS) % 3, 30.0 + np.arange(ROWS) / ROWS
+    path = write(tmp_path / "log.csv", columns | {"bus": volts, "temp_1": degrees, "temp_2": degrees + 5.0})
+    said = 'supply_voltage = "bus"\nmotor_temperature = "temp_{joint}"\n[units]\nvoltage = "dV"'
+    log = read_log(path, columns=a_map(tmp_path, TICKS.replace("[units]", said)))
+    assert log.supply_voltage is not None and log.motor_temperature is not None
+    np.testing.assert_allclose(log.supply_voltage, 0.1 * np.stack([volts, volts], axis=1))
+    np.testing.assert_allclose(log.motor_temperature, np.stack([degrees, degrees + 5.0], axis=1))
+    same = read_log(path, columns=a_map(tmp_path, TICKS.replace("[units]", "supply_voltage = 12\n[units]")))
+    assert same.supply_voltage is not None and same.motor_temperature is None
+    assert same.supply_voltage.tolist() == [[12.0, 12.0]] * ROWS
+
+
+def test_conditions_that_no_motor_bears_are_refused(tmp_path: Path, columns: dict[str, np.ndarray]):
+    for wrong in ("0", "true", "[12]"):
+        with pytest.raises(ArtifactError, match=r"supply_voltage = .* the name of a column, or a number within 0\.1"):
+            load_column_map(a_map(tmp_path, TICKS.replace("[units]", f"supply_voltage = {wrong}\n[units]")))
+    path = write(tmp_path / "log.csv", columns | {"volts": np.where(np.arange(ROWS) == 7, 0.0, 12.0)})
+    with pytest.raises(LogError, match=r"log\.csv: row 7, supply_voltage/pan is 0 V, not within 0\.1\.\.2000"):
+        read_log(path, columns=a_map(tmp_path, TICKS.replace("[units]", 'supply_voltage = "volts"\n[units]')))
+
+
 def test_a_number_of_a_column_of_lists_is_a_joint(tmp_path: Path):
     rng = np.random.default_rng(1)
     goal, pos = 90 * rng.standard_normal((2, ROWS, 2))

@@ -48,6 +48,20 @@ def test_a_pendulum_comes_with_its_load(tmp_path: Path):
     assert log.stated_kp is not None and set(log.stated_kp[:, 0]) == {100.0}
 
 
+def test_a_pendulum_states_the_voltage_and_temperature_of_its_rows_or_else_its_supply(tmp_path: Path):
+    supplied = read_log(write_bam(tmp_path))
+    assert supplied.supply_voltage is not None and supplied.motor_temperature is None
+    assert set(supplied.supply_voltage[:, 0]) == {7.4}
+    entry = {"position": 0.1, "goal_position": 0.2, "temp": 31}
+    rows = [entry | {"timestamp": 0.01 * row, "input_volts": 7.0 + 0.1 * row} for row in range(4)]
+    measured = read_log(write_bam(tmp_path, entries=rows))
+    assert measured.supply_voltage is not None and measured.motor_temperature is not None
+    np.testing.assert_allclose(measured.supply_voltage[:, 0], [7.0, 7.1, 7.2, 7.3])
+    assert set(measured.motor_temperature[:, 0]) == {31.0}
+    with pytest.raises(LogError, match=r"vin = 1000000\.0 is no number"):
+        read_log(write_bam(tmp_path, vin=1e6))
+
+
 def test_an_arm_is_a_rod(tmp_path: Path):
     log = read_log(write_bam(tmp_path, arm_mass=0.3))
     assert log.load_inertia is not None and log.external_torque is not None

@@ -124,6 +124,8 @@ def test_a_missing_file_is_refused(tmp_path):
         ({"motor": None}, r"missing keys \['motor'\]"),
         ({"colour": "red"}, r"unknown keys \['colour'\]"),
         ({"units": {"time": "ms"}}, "units"),
+        ({"units": {"time": "s"}}, "units .* expected"),
+        ({"units": "SI"}, "units 'SI', expected"),
         ({"sign_convention": "the other one"}, "sign_convention"),
         ({"channels": ["joint_pos"]}, r"channels lack \['position_target'\]"),
         ({"channels": ["joint_pos", "position_target", "smell"]}, "channels .* not understood"),

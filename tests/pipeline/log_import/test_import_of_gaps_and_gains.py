@@ -233,7 +233,7 @@ def test_what_was_imported_is_told_in_degrees(tmp_path: Path):
     assert line == f"{tmp_path / 'out' / 'log.parquet'}: {summary(log)}"
     assert "40 rows, 0.78 s, 50 Hz, 2 joints (pan, lift), commands from" in line
     assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
-    assert states == f"{tmp_path / 'out' / 'log.parquet'}: states no gain, register or posture"
+    assert states == f"{tmp_path / 'out' / 'log.parquet'}: states no gain, register, condition or posture"
 
 
 def test_what_a_log_states_is_told_and_which_gain_stays(tmp_path: Path):
@@ -255,7 +255,7 @@ def test_what_a_log_states_is_told_and_which_gain_stays(tmp_path: Path):
 
 def test_a_gain_for_a_log_in_units_of_the_firmware_is_told_in_them(tmp_path: Path):
     said = imported(LogsImport((write_bam(tmp_path),), tmp_path / "out", kp=(20.0,)))
-    assert said.splitlines()[-1].endswith("states kp 20 in units of the firmware")
+    assert said.splitlines()[-1].endswith("states kp 20 in units of the firmware; supply_voltage 7.4 V")
 
 
 def test_an_import_with_loads_that_is_replaced_by_one_without_is_told(tmp_path: Path):

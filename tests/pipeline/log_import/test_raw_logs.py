@@ -57,6 +57,17 @@ def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
         import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
 
 
+def test_conditions_may_be_told_and_are_checked(tmp_path: Path):
+    path = write_bam(tmp_path)
+    import_logs(LogsImport((path,), tmp_path / "out", supply_voltage=6.0, motor_temperature=35.0))
+    log = read_parquet(tmp_path / "out" / "swing.parquet")
+    assert log.supply_voltage is not None and log.motor_temperature is not None
+    assert set(log.supply_voltage[:, 0]) == {6.0} and set(log.motor_temperature[:, 0]) == {35.0}
+    with pytest.raises(ConfigError, match=r"supply_voltage.* 0\.0") as refusal:
+        import_logs(LogsImport((path,), tmp_path / "out", supply_voltage=0.0))
+    assert refusal.value.argument == "supply_voltage"
+
+
 def test_a_log_with_a_load_hangs_nowhere(tmp_path: Path):
     with pytest.raises(ConfigError, match="says its load itself") as refusal:
         import_logs(LogsImport((write_bam(tmp_path),), tmp_path / "out", hung=True))
@@ -108,7 +119,7 @@ def test_a_period_out_of_bounds_is_refused_before_a_log_is_read(tmp_path: Path, 
 
 def test_a_period_too_short_for_its_log_is_refused_with_the_shortest(tmp_path: Path, monkeypatch):
     path = write_bam(tmp_path)
-    monkeypatch.setattr("motorprior.logs.formats.log_size.MAX_LOG_NUMBERS", 800)  # of 8 columns
+    monkeypatch.setattr("motorprior.logs.formats.log_size.MAX_LOG_NUMBERS", 900)  # of 9 columns
     with pytest.raises(ConfigError, match=r"rows \(.* minutes\) of 1 joints; .* at most 100, .* minutes") as refusal:
         import_logs(LogsImport((path,), tmp_path / "out", period=1e-4))
     assert refusal.value.where == path and refusal.value.remedy is not None

@@ -12,8 +12,10 @@ anew from the beginning, as a term changes where the other constants belong. It 
 (at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
 test is of the held-out stretches of each). A term may have made up for one that is gone by then: those that stayed and
 saved no more than SURE are left out in turn again, until none leaves. In the end all that stayed are compared with no
-term at all, by the same price and the test at 5 %. A term is not asked about where the log states a value for it, which
-motors have, nor where the log states that all of it is off, nor of conditions that are the same in all segments.
+term at all, by the same price and the test at 5 %. Where the conditions of segments differ, the terms of these are
+tried by themselves as well: of few logs, a fit of all terms at once may be too poor to show them. A term is not asked
+about where the log states a value for it, which motors have, nor where the log states that all of it is off, nor of
+conditions that are the same in all segments.
 """
 
 from __future__ import annotations
@@ -104,14 +106,16 @@ def select_terms(
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
         return Selection(told, {})
     trial = _Trial(network, runs, seed)
-    best, saved = trial.all_at_once(tried, (*(name for name in SERVO if name not in off), *told)), {}
+    whole, saved = trial.all_at_once(tried, (*(name for name in SERVO if name not in off), *told)), {}
     for name in ORDER:
         if name in (*told, *off):
-            report(f"{name}: {'stated' if name in told else 'off'}")
-    before: tuple[str, ...] = ()
-    while best.terms != before:
-        before = best.terms
-        best = trial.left_out_in_turn(best, told, saved, report)
+            report(f"{name}: {'stated' if name in told else 'not tried'}")
+    best = trial.that_pay(whole, told, saved, report)
+    if varied := tuple(name for name in VARIES if name not in off):
+        saved_alone: dict[str, float] = {}
+        alone = trial.that_pay(trial.fitted((*varied, *told)), told, saved_alone, report)
+        if _worth(best, alone, _LEVEL_OF_ALL):
+            best, saved = alone, saved_alone
     if best.terms != told:
         bare = _better(trial.polished(best, told), trial.fitted(told))
         best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
@@ -172,6 +176,16 @@ class _Trial:
         best = self.polished(self.fitted(servo), in_order(tried))
         for attempt in range(_ATTEMPTS):
             best = _better(best, self.fitted(tried, attempt))
+        return best
+
+    def that_pay(
+        self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    ) -> _State:
+        """Without the terms that are not missed, one by one until none leaves."""
+        before: tuple[str, ...] = ()
+        while best.terms != before:
+            before = best.terms
+            best = self.left_out_in_turn(best, told, saved, report)
         return best
 
     def left_out_in_turn(

@@ -74,4 +74,4 @@ def tell_replaced(target: Path, log: MotorLog, progress: Progress) -> None:
 def tell(target: Path, log: MotorLog, progress: Progress) -> None:
     """What an imported file holds, and what it states: a line each."""
     progress.note(f"{target}: {summary(log)}")
-    progress.note(f"{target}: states {stated_in_words(log) or 'no gain, register or posture'}")
+    progress.note(f"{target}: states {stated_in_words(log) or 'no gain, register, condition or posture'}")
