@@ -2,10 +2,12 @@
 
 It sees the history of errors and joint velocities and adds its torque at the joint. It is trained on every second
 segment of the logs, beside constants and latents as the physics were fitted. Then the latents settle with it, as they
-do without it (`settling`), both on all segments. It is judged on the other segments and kept if there, over the motors'
-logarithms,
+do without it (`settling`), both on these segments. It is judged on the other segments and kept if there, over the
+motors' logarithms,
 
     the rollout loss falls by more than LEAST_GAIN, and the errors of position do not rise.
+
+If it is kept, the latents settle with it on all segments. The constants themselves were fitted to all of them.
 """
 
 from __future__ import annotations

@@ -152,11 +152,11 @@ def _physics_first(
     return _finished(fleet.network, fleet.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
 
 
-def _settled(fleet: Fleet, longer: WindowRuns, preset: Preset) -> Fleet:
-    """On runs that are longer than the recipe's; as it is if there are none."""
+def _settled(fleet: Fleet, longer: WindowRuns, preset: Preset, chosen: np.ndarray | None = None) -> Fleet:
+    """On runs, or the ``chosen`` (N,) of them, that are longer than the recipe's; as it is if there are none."""
     if longer.preset.window <= preset.window:
         return fleet
-    return replace(fleet, z=settled(fleet.network, fleet.z, longer, preset.physics_first == "together"))
+    return replace(fleet, z=settled(fleet.network, fleet.z, longer, preset.physics_first == "together", chosen))
 
 
 @dataclass(frozen=True)
@@ -186,11 +186,13 @@ class _Residual:
             network = trained_residual(fitted, seen, self.preset, self.seed, self.report, self.checkpoints)
         except DivergedError:
             return fleet, "residual network: left out, its training diverged"
-        candidate = _settled(Fleet(network, fitted.z), self.runs, self.preset)
-        less, closer = gain(fleet, candidate, self.runs, judged)
+        candidate = Fleet(network, fitted.z)
+        both = (_settled(each, self.runs, self.preset, ~judged) for each in (fitted, candidate))
+        less, closer = gain(*both, self.runs, judged)
         metrics["saved_residual"] = less
         if less > LEAST_GAIN and closer >= 0.0:
-            return candidate, f"residual network: saves {100 * less:.0f} % of the held-out loss"
+            settled_with_it = _settled(candidate, self.runs, self.preset)
+            return settled_with_it, f"residual network: saves {100 * less:.0f} % of the held-out loss"
         return fleet, (
             f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
             f"error of position by {-100 * closer:+.1f} %"

@@ -51,7 +51,9 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
     return longer if enough and longer.windows >= FEWEST else runs
 
 
-def settled(network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
+def settled(
+    network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
+) -> np.ndarray:
     """(M, Z) latents after steps that lower loss and belief on these runs (`motor_fit`).
 
     The belief is that of `fleet_fit` about each motor, made once, where the fit is; of a motor alone it is next to
@@ -62,10 +64,11 @@ def settled(network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: b
         z: (M, Z) where the fit is.
         runs: longer than those of the fit.
         together: whether the motors are a belief about each.
+        chosen: (N,) mask of the windows that count; all if not given.
     """
     motor = network.motor
     assert motor is not None
-    fit = MotorFit(network, runs, least=least_latents(motor.center, motor.terms, runs))
+    fit = MotorFit(network, runs, chosen, least_latents(motor.center, motor.terms, runs))
     held = held_constants(motor.terms, runs)
     alone = replace(weak_belief(z.shape[1]), mean=z).holding(held)
     belief = _belief_of_all(fit, z, held) if together and len(z) > 1 else alone
