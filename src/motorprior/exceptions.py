@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,12 @@ def spelled(value: Any, most: int = 40) -> str:
         return cut(repr(value), most)
     except (ValueError, RecursionError):  # a whole number of thousands of digits
         return shown(value, most)
+
+
+def listed(parts: Sequence[str], most: int) -> str:
+    """The first ``most`` of them, between commas, and how many more there are."""
+    more = f" and {len(parts) - most} more" if len(parts) > most else ""
+    return ", ".join(parts[:most]) + more
 
 
 class MotorPriorError(Exception):

@@ -15,6 +15,7 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.limits_not_shown import NOT_SHOWN, UNKNOWN_SIZE, limit_in_words
+from motorprior.exceptions import listed
 from motorprior.identification.judging.distribution import aggregate_posterior_summary
 from motorprior.identification.latents.assumed_spread import assumed_spread
 from motorprior.identification.latents.standardise import standard_posterior
@@ -37,6 +38,9 @@ from motorprior.identification.residual import (
     without_residual,
 )
 from motorprior.identification.training_data.windows import TrainingData
+
+_NAMED = 6
+"""Motors that a note names."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,8 @@ def _physics_first(
         fleet, note = residual.beside(fitted, fleet, metrics)
         preset = preset if fleet.network.num_neurons else replace(preset, num_neurons=0)
         notes.append(note)
-    notes += _limits_not_shown(fleet, longer, metrics) + _size_not_shown(fleet, longer, metrics)
+    notes += _limits_not_shown(fleet, longer, data.joint_names, metrics)
+    notes += _size_not_shown(fleet, longer, data.joint_names, metrics)
     log_var, losses = np.zeros_like(fleet.z), MotorFit(fleet.network, runs).losses(fleet.z).mean(keepdims=True)
     assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
     return _finished(fleet.network, fleet.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
@@ -187,12 +192,13 @@ class _Residual:
         except DivergedError:
             return fleet, "residual network: left out, its training diverged"
         candidate = Fleet(network, fitted.z)
-        both = (_settled(each, self.runs, self.preset, ~judged) for each in (fitted, candidate))
-        less, closer = gain(*both, self.runs, judged)
+        without, with_it = (_settled(each, self.runs, self.preset, ~judged) for each in (fitted, candidate))
+        less, closer = gain(without, with_it, self.runs, judged)
         metrics["saved_residual"] = less
         if less > LEAST_GAIN and closer >= 0.0:
-            settled_with_it = _settled(candidate, self.runs, self.preset)
-            return settled_with_it, f"residual network: saves {100 * less:.0f} % of the held-out loss"
+            return _settled(
+                candidate, self.runs, self.preset
+            ), f"residual network: saves {100 * less:.0f} % of the held-out loss"
         return fleet, (
             f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
             f"error of position by {-100 * closer:+.1f} %"
@@ -211,32 +217,37 @@ def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
     return notes
 
 
-def _limits_not_shown(fleet: Fleet, runs: WindowRuns, metrics: dict[str, float]) -> list[str]:
+def _whose(hidden: np.ndarray, names: tuple[str, ...]) -> str:
+    """For example "the logs of 2 of 6 motors (elbow, wrist)"."""
+    named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], _NAMED)})" if names else ""
+    return f"the logs of {hidden.sum()} of {len(hidden)} motors{named}"
+
+
+def _limits_not_shown(fleet: Fleet, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]) -> list[str]:
     """Notes on limits that the logs do not feel; they go to ``metrics``, too."""
     notes = []
     for name, hidden in limits_not_felt(fleet.network, runs, fleet.z).items():
         metrics[f"{NOT_SHOWN}{name}"] = hidden.most
         notes.append(
-            f"warning: the logs of {hidden.motors} of {len(fleet.z)} motors do not show a "
-            f"{limit_in_words(name, hidden.most)}, the largest that the fit gave them: with half of it, or with "
-            f"double, the loss of such a log is at most {WORSE:g} times what it is. A policy that is trained on this "
-            "prior may count on it"
+            f"warning: {_whose(hidden.motors, names)} do not show a {limit_in_words(name, hidden.most)}, the largest "
+            f"that the fit gave them: with half of it, or with double, the loss of such a log is at most {WORSE:g} "
+            "times what it is. A policy that is trained on this prior may count on it"
         )
     return notes
 
 
-def _size_not_shown(fleet: Fleet, runs: WindowRuns, metrics: dict[str, float]) -> list[str]:
+def _size_not_shown(fleet: Fleet, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]) -> list[str]:
     """A note on motors whose logs do not feel how large torques are; their number goes to ``metrics``, too."""
     hidden = sizes_not_felt(fleet.network, runs, fleet.z)
-    if not hidden:
+    if not hidden.any():
         return []
-    metrics[UNKNOWN_SIZE] = float(hidden)
+    metrics[UNKNOWN_SIZE] = float(hidden.sum())
     return [
-        f"warning: the logs of {hidden} of {len(fleet.z)} motors do not show how large their torques are: with half of "
-        f"all torques and of the rotor's inertia, or with double, the loss of such a log is at most {WORSE:g} times "
-        "what it is. Only ratios of kp, torque limit, armature and friction are to be read as physics. Under another "
-        "load these motors may be several times too strong or too weak. State kp in N·m/rad, or log motions in which "
-        "the load pulls harder at the motors"
+        f"warning: {_whose(hidden, names)} do not show how large their torques are: with half of all torques and of "
+        f"the rotor's inertia, or with double, the loss of such a log is at most {WORSE:g} times what it is. Only "
+        "ratios of kp, torque limit, armature and friction are to be read as physics. Under another load these "
+        "motors may be several times too strong or too weak. State kp in N·m/rad, or log motions in which the load "
+        "pulls harder at the motors"
     ]
 
 

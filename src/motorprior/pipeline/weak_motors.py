@@ -7,6 +7,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_posterior import kp_share
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exceptions import listed
 
 _NAMED = 10
 """Most weak motors that are named."""
@@ -27,10 +28,9 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:
         return ""
-    named = ", ".join(f"{names[motor]} {share[motor]:.2f}" for motor in weak[:_NAMED])
-    more = f" and {weak.size - _NAMED} more" if weak.size > _NAMED else ""
+    named = listed([f"{names[motor]} {share[motor]:.2f}" for motor in weak], _NAMED)
     return (
-        f"weak motors, as shares of the central motor's kp: {named}{more}. If they give less torque per ampere, their "
+        f"weak motors, as shares of the central motor's kp: {named}. If they give less torque per ampere, their "
         "torque limits are lower, too, which a log in the air hardly shows -> train on this posterior "
         "with limit_follows_gain"
     )

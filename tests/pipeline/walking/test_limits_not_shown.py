@@ -9,6 +9,7 @@ import pytest
 import motorprior as mp
 from motorprior.actuator.limits_not_shown import limit_in_words, limits_not_shown
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.recording import bench_names
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.walking.walk import Walk, run_walk
@@ -26,7 +27,8 @@ def test_sinusoids_without_load_show_no_torque_limit(tmp_path: Path):
     prior = fitted("narrow", said)
     found = limits_not_shown(prior.metrics)
     assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
-    assert f"the logs of 4 of 4 motors do not show a torque limit of {found['torque_limit']:.3g} N·m" in said.getvalue()
+    whose = f"the logs of 4 of 4 motors ({', '.join(bench_names(4))}) do not show"
+    assert f"{whose} a torque limit of {found['torque_limit']:.3g} N·m" in said.getvalue()
     assert "with half of it, or with double, the loss of such a log is at most 1.02 times what it is" in said.getvalue()
     prior.save(tmp_path / "prior.safetensors")
     assert limits_not_shown(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
@@ -48,7 +50,8 @@ def test_of_gaits_with_impacts_only_the_motor_whose_log_is_too_short_is_told():
     limits = prior.network.constants(prior.mean)["torque_limit"]
     assert (limits > 2.0).sum() == 1 and np.median(limits) == pytest.approx(1.26, rel=0.1)
     assert limits_not_shown(prior.metrics)["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
-    assert "the logs of 1 of 4 motors do not show a torque limit" in said.getvalue()
+    worst = bench_names(4)[int(limits.argmax())]
+    assert f"the logs of 1 of 4 motors ({worst}) do not show a torque limit" in said.getvalue()
 
 
 def test_a_limit_has_its_unit():

@@ -16,6 +16,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator
+from motorprior.exceptions import listed
 from motorprior.identification.baselines.replay_error import Told, in_proportion
 from motorprior.identification.baselines.tuned_pds import tuned_pd
 from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays, told
@@ -112,13 +113,12 @@ class FitQuality:
     def _odd_motors(self) -> tuple[str, ...]:
         """A line about single motors of which more than MISSING is left; none where there is none."""
         share = self.unexplained_of_each
-        odd = np.flatnonzero(share > MISSING)[:_NAMED]
+        odd = np.flatnonzero(share > MISSING)
         if not odd.size:
             return ()
-        named = ", ".join(f"{self.joint_names[motor]} {100 * share[motor]:.0f} %" for motor in odd)
-        more = f" and {np.sum(share > MISSING) - odd.size} more" if np.sum(share > MISSING) > odd.size else ""
+        named = listed([f"{self.joint_names[motor]} {100 * share[motor]:.0f} %" for motor in odd], _NAMED)
         return (
-            f"warning: more than {100 * MISSING:.0f} % of the PD's error is left of {named}{more}. Do not read the "
+            f"warning: more than {100 * MISSING:.0f} % of the PD's error is left of {named}. Do not read the "
             "constants of these motors as physics",
         )
 

@@ -42,9 +42,9 @@ def felt_constants(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name
 
 @dataclass(frozen=True)
 class NotFelt:
-    """A limit that some motors' logs do not feel. Attributes: how many motors; the largest limit of theirs [SI]."""
+    """A limit that some motors' logs do not feel. Attributes: which of M motors; the largest limit of theirs [SI]."""
 
-    motors: int
+    motors: np.ndarray
     most: float
 
 
@@ -63,12 +63,12 @@ def limits_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> 
         if name in rows and not held[rows.index(name)]:
             hidden = _worse(network, runs, z, name, least).min(axis=0) <= WORSE
             if hidden.any():
-                found[name] = NotFelt(int(hidden.sum()), float(network.constants(z)[name][hidden].max()))
+                found[name] = NotFelt(hidden, float(network.constants(z)[name][hidden].max()))
     return found
 
 
-def sizes_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> int:
-    """Number of motors whose logs do not feel how large their torques are; 0 where gains are stated in N·m/rad.
+def sizes_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
+    """(M,) whether a motor's log does not feel how large its torques are; never where gains are stated in N·m/rad.
 
     Args:
         network: with a geared motor.
@@ -76,10 +76,10 @@ def sizes_not_felt(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> i
         z: (M, Z) their latents.
     """
     if runs.gain_unit == PHYSICAL_GAINS:
-        return 0
+        return np.zeros(len(z), bool)
     least = MotorFit(network, runs).losses(z)
     losses = [MotorFit(_of_size(network, factor), runs).losses(z) for factor in (0.5, 2.0)]
-    return int((np.min(losses, axis=0) <= WORSE * least).sum())
+    return np.min(losses, axis=0) <= WORSE * least
 
 
 def _of_size(network: LatentNetwork, factor: float) -> LatentNetwork:

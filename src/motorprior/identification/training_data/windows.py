@@ -49,6 +49,7 @@ class TrainingData:
         measured: measured channels.
         scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
         gain_unit: of the stated gains, "" if none count.
+        joint_names: M names, or none.
     """
 
     series: np.ndarray
@@ -57,6 +58,7 @@ class TrainingData:
     scales: dict[str, float]
     measured: Measured
     gain_unit: str = ""
+    joint_names: tuple[str, ...] = ()
 
 
 _REMEDIES = {
@@ -110,6 +112,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         parts=parts,
         scales=_scales(log, where),
         gain_unit=preset.gain_unit,
+        joint_names=log.joint_names,
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
 

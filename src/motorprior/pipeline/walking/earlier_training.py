@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.artifacts import dotted, read_json, read_tensors
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, listed
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.stage import MARKER
 from motorprior.pipeline.walking.training import CHECKPOINT
@@ -66,5 +66,4 @@ def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
         told.append("other files as inputs")
     if any(found.get(name) != wanted[name] for name in ("version", "code")):
         told.append("another version of the program")
-    more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
-    return ", ".join(told[:_MOST]) + more
+    return listed(told, _MOST)
