@@ -11,7 +11,16 @@ from motorprior.identification.baselines.response_models import CONSTANTS, Respo
 from motorprior.identification.judging.log_fidelity import free_run_errors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import EXTERNAL, INERTIA, POS, TARGET, VEL, Measured, TrainingData
+from motorprior.identification.training_data.windows import (
+    CHANNELS,
+    EXTERNAL,
+    INERTIA,
+    POS,
+    TARGET,
+    VEL,
+    Measured,
+    TrainingData,
+)
 
 DT, ROWS = 0.002, 3000
 PRESET = PRESETS["rollout"]
@@ -35,7 +44,7 @@ def command(seed: int, rows: int = ROWS) -> np.ndarray:
 def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history) -> WindowRuns:
     """One joint's motion as a free run of all that follows the warm-up."""
     rows = len(target)
-    series = np.zeros((1, rows, 10), np.float32)
+    series = np.zeros((1, rows, CHANNELS), np.float32)
     series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
     series[0, 1:, VEL], series[0, :, INERTIA] = np.diff(pos) / DT, 0.01
     data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, Measured(torque=False))

@@ -66,7 +66,8 @@ _REMEDIES = {
     "base with its option `hung`, those of a body on each joint that nobody weighed with `fit_load`",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
-TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD, SUPPLY, WARMER, STIFFNESS = range(12)
+TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
+SUPPLY, WARMER, STIFFNESS = range(KD + 1, KD + 4)
 CHANNELS = STIFFNESS + 1
 PAUSE = 60.0
 """Time between two segments after which motors count as cold again [s]."""
