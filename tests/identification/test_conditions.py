@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
+from swinging_load import swinging_load
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.grey_box_fit import adapt
@@ -14,7 +14,6 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, with_what_is_stated
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import SUPPLY, WARMER, TrainingData, training_data
-from motorprior.logs.motor_log import MotorLog
 
 Networks = Callable[..., LatentNetwork]
 Data = Callable[..., TrainingData]
@@ -76,25 +75,15 @@ def test_terms_of_voltage_and_temperature_are_chosen_where_motors_have_them(
     assert not any("same in all segments" in line for line in told)
 
 
-def log(**stated: Any) -> MotorLog:
-    time = 0.002 * np.arange(800)
-    angle = np.sin(9.0 * time)[:, None]
-    load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}
-    return MotorLog(
-        time=time, position_target=angle + 0.01, joint_pos=angle, joint_names=("j",), robot="r", motor="m", source="s",
-        segment=np.repeat([0, 1], 400), **load, **stated,
-    )  # fmt: skip
-
-
 def test_conditions_count_beside_the_recipes_own_as_means_of_a_segment():
     volts, degrees = np.where(np.arange(800) < 400, 8.0, 6.0)[:, None], np.linspace(20.0, 60.0, 800)[:, None]
     volts[::2] += 0.5
     volts[1::2] -= 0.5
-    whole = log(supply_voltage=volts, motor_temperature=degrees)
+    whole = swinging_load(800, segment=np.repeat([0, 1], 400), supply_voltage=volts, motor_temperature=degrees)
     recipe = with_what_is_stated(PRESET, whole)
     assert dict(recipe.conditions) == {"motor_temperature": 40.0, "supply_voltage": 7.0}
     series = training_data(whole, recipe, "x").series[0]
     np.testing.assert_allclose(series[:, SUPPLY], np.repeat([8 / 7, 6 / 7], 400), rtol=1e-6)
     np.testing.assert_allclose(series[:, WARMER], np.repeat([-10.0, 10.0], 400), atol=0.1)
-    for plain in (training_data(whole, PRESET, "x"), training_data(log(), recipe, "x")):
+    for plain in (training_data(whole, PRESET, "x"), training_data(swinging_load(800), recipe, "x")):
         assert np.all(plain.series[..., SUPPLY] == 1.0) and np.all(plain.series[..., WARMER] == 0.0)

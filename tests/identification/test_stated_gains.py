@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from swinging_load import swinging_load
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
@@ -19,7 +19,7 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import KD, KP, TrainingData, training_data
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 Networks = Callable[..., LatentNetwork]
 Data = Callable[..., TrainingData]
@@ -109,34 +109,27 @@ def test_training_in_jax_knows_the_gains_as_well(decoder_data: Data, told: Laten
     assert np.abs(WindowRuns(data, preset).residuals(told, Z, np.arange(len(Z)))[:, :, 0]).max() < 0.03
 
 
-def log(**stated: Any) -> MotorLog:
-    time = 0.002 * np.arange(400)
-    angle = np.sin(9.0 * time)[:, None]
-    load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}
-    return MotorLog(
-        time=time, position_target=angle + 0.01, joint_pos=angle, joint_names=("j",), robot="r", motor="m", source="s",
-        **load, **stated,
-    )  # fmt: skip
-
-
 def test_stated_gains_count_only_where_the_recipe_knows_of_them():
     gains = {"stated_kp": np.full((400, 1), 20.0), "stated_kd": np.full((400, 1), 1.5)}
-    assert training_data(log(**gains), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [20.0, 1.5]
-    assert training_data(log(stated_kp=gains["stated_kp"]), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [20.0, 20.0]
+    assert training_data(swinging_load(**gains), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [20.0, 1.5]
+    assert training_data(swinging_load(stated_kp=gains["stated_kp"]), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [
+        20.0,
+        20.0,
+    ]
     plain = replace(PRESET, gain_unit="")
-    assert training_data(log(**gains), plain, "x").series[0, 5, [KP, KD]].tolist() == [1.0, 1.0]
+    assert training_data(swinging_load(**gains), plain, "x").series[0, 5, [KP, KD]].tolist() == [1.0, 1.0]
     with pytest.raises(LogError, match="no stated_kp"):
-        training_data(log(), PRESET, "x")
+        training_data(swinging_load(), PRESET, "x")
     with pytest.raises(LogError, match="gains in firmware"):
-        training_data(log(**gains, gain_unit="firmware"), PRESET, "x")
+        training_data(swinging_load(**gains, gain_unit="firmware"), PRESET, "x")
 
 
 def test_a_log_of_another_firmware_is_refused_and_one_that_says_nothing_is_not():
     preset = replace(PRESET, gain_unit="", firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))
     for told in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
-        training_data(log(firmware=told), preset, "x")
+        training_data(swinging_load(firmware=told), preset, "x")
     with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3, the prior's"):
-        training_data(log(firmware={"profile_speed": 4.0}), preset, "x")
+        training_data(swinging_load(firmware={"profile_speed": 4.0}), preset, "x")
 
 
 def test_a_joint_of_a_known_name_is_believed_to_be_like_its_namesake(decoder_data: Data, told: LatentNetwork):
