@@ -153,7 +153,7 @@ def bounded_fit(
 
 def least_latents(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(M, P) bounds of latents around a central motor (P,), by `speed_limits`; -inf of what is held or not bounded."""
-    least = least_outputs(center, terms, runs.held_speed)
+    least = least_outputs(center, terms, runs.held_speeds)
     least[:, held_constants(terms, runs)] = -np.inf
     return least
 

@@ -74,7 +74,7 @@ def _profile_speed(runs: WindowRuns) -> float:
 
     A limit that is too low shows in every fast motion and rises; one that is too high shows nowhere and stays.
     """
-    return _OVER_HELD * float(np.median(runs.held_speed)) or runs.fastest
+    return _OVER_HELD * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
 
 
 def sized_center(

@@ -1,11 +1,14 @@
 """Limits of motors beside what their logs show: none below it, and none felt where none is shown.
 
 A motor that held a speed has no limit below. Held is what a joint never falls below for HELD_SECONDS on its way towards
-its target: an impact drives a joint faster than its motor goes, but not for so long, nor towards the target. With
-excitations that are made of impacts, that is 0.75 to 0.99 of a firmware's limit of speed where a motor reaches it.
+its target: an impact drives a joint faster than its motor goes, but not for so long. On three benches of 32 motors of
+foreign_servo no motor held for 0.2 s what is above its firmware's limit; for 0.15 s up to 6 % of them did, and for 0.1 s
+up to 25 %, by up to 24 %. A voltage's limit of speed grows with the voltage: it is the one at the usual voltage.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -13,7 +16,7 @@ from scipy.ndimage import minimum_filter1d
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-HELD_SECONDS = 0.1
+HELD_SECONDS = 0.2
 """So long a motor's own speed lasts at least."""
 MARGIN = 1.02
 """Least limit of speed over the speed that the motor held [-]."""
@@ -35,14 +38,19 @@ def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
     return np.max(lowest, axis=(0, 2)).astype(np.float64)
 
 
-def least_outputs(center: np.ndarray, terms: tuple[str, ...], held: np.ndarray) -> np.ndarray:
-    """(M, P) least decoder outputs, relative to the central motor's, of motors that held these speeds (M,) [rad/s].
+def least_outputs(center: np.ndarray, terms: tuple[str, ...], held: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(M, P) least decoder outputs, relative to the central motor's, of motors that held these speeds.
 
     -inf where nothing bounds them; never above what the decoder reaches.
+
+    Args:
+        center: (P,) decoder outputs of the central motor.
+        terms: of the motors.
+        held: (M,) speeds [rad/s] that tell of each of SPEED_LIMITS.
     """
-    least = np.full((len(held), len(center)), -np.inf)
+    least = np.full((len(held[SPEED_LIMITS[0]]), len(center)), -np.inf)
     for row, name in enumerate(parameters_of(terms)):
         if name in SPEED_LIMITS:
             with np.errstate(divide="ignore"):
-                least[:, row] = np.minimum(np.log(MARGIN * held) - center[row], LOG_REACH)
+                least[:, row] = np.minimum(np.log(MARGIN * held[name]) - center[row], LOG_REACH)
     return least

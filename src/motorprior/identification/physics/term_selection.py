@@ -235,10 +235,18 @@ def _better(one: _State, other: _State) -> _State:
 
 
 def stretches(runs: WindowRuns) -> np.ndarray:
-    """(N,) number of the stretch that each window is in: its segment or, of few segments, one of STRETCHES parts."""
-    groups = runs.groups()
-    if groups[-1] < 3:
-        groups = np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
+    """(N,) number of the stretch that each window is in: its segment or, of few segments, one of STRETCHES parts.
+
+    Segments under different conditions (VARIES) are numbered in the order of these, so that every second stretch has
+    about the conditions of its neighbour. Segments are few if a test of the held-out ones could not tell anything.
+    """
+    groups, motors = runs.groups(), runs.num_motors
+    count = int(groups[-1]) + 1
+    if count < 4 or (motors < _RANKS_TELL and motors * (count // 2) < _RANKS_TELL):
+        return np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
+    if len(same_conditions(runs)) < len(VARIES):
+        under = np.array([segment.rows[0, [SUPPLY, WARMER]].mean(axis=1) for segment in runs.segments])
+        return np.argsort(np.lexsort(under.round(2).T[::-1]))[groups]
     return groups
 
 

@@ -29,7 +29,7 @@ from motorprior.bench.loaded_joint import next_velocity
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.identification.loss import SCALES
-from motorprior.identification.physics.speed_limits import held_speed
+from motorprior.identification.physics.speed_limits import SPEED_LIMITS, held_speed
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import (
     EXTERNAL,
@@ -165,7 +165,8 @@ class WindowRuns:
     Attributes:
         beat: what was given.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speed: (M,) speed [rad/s] that each motor held somewhere in the whole log (`speed_limits`).
+        held_speeds: of each of SPEED_LIMITS the speed (M,) [rad/s] that each motor held somewhere in the whole log
+            (`speed_limits`); that of the voltage's limit as the motor would have held it at the usual voltage.
     """
 
     def __init__(
@@ -185,7 +186,11 @@ class WindowRuns:
         self.num_motors = len(series)
         self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
         error = series[..., TARGET] - series[..., POS]
-        self.held_speed = held_speed(series[..., VEL], error, preset.period)
+        of_profile, of_voltage = SPEED_LIMITS
+        self.held_speeds = {
+            of_profile: held_speed(series[..., VEL], error, preset.period),
+            of_voltage: held_speed(series[..., VEL] / series[..., SUPPLY], error, preset.period),
+        }
         self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
 
     @property
