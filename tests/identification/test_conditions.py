@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from swinging_load import swinging_load
 
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.grey_box_fit import adapt
-from motorprior.identification.physics.term_selection import same_conditions, select_terms
+from motorprior.identification.physics.fleet_fit import least_latents
+from motorprior.identification.physics.term_selection import held_out_windows, same_conditions, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, with_what_is_stated
 from motorprior.identification.residual import without_residual
@@ -62,6 +64,27 @@ def test_a_fit_asks_for_what_differs_between_segments_alone(decoder_data: Data, 
     assert same_conditions(WindowRuns(never, PRESET)) == ("supply", "temperature")
 
 
+def test_a_speed_that_a_higher_voltage_gave_bounds_no_motor(decoder_data: Data, grey_network: Networks):
+    limited = grey_network(
+        spread=0.0, terms=("torque_speed", "supply"), supply_share=1.0, no_load_speed=4.0, stall_torque=1.5
+    )
+    assert limited.motor is not None
+    runs = WindowRuns(decoder_data(limited, Z, 10, rows=800, supply=(0.7, 1.3)), PRESET)
+    row = parameters_of(limited.motor.terms).index("no_load_speed")
+    least = least_latents(limited.motor.center, limited.motor.terms, runs)[:, row]
+    assert np.all(np.isfinite(least)) and np.all(least < 0.0)
+
+
+@pytest.mark.parametrize("warmer", [(0.0, 60.0), (0.0, 0.0, 60.0, 60.0), (60.0, 0.0, 0.0, 0.0)])
+def test_what_is_fitted_and_what_is_judged_has_every_condition(
+    decoder_data: Data, driven_by_voltage: LatentNetwork, warmer: tuple[float, ...]
+):
+    runs = WindowRuns(decoder_data(driven_by_voltage, Z, 8, warmer=warmer), PRESET)
+    hot = np.array([segment.rows[0, WARMER, 0] > 30.0 for segment in runs.segments])[runs.groups()]
+    judged = held_out_windows(runs)
+    assert all((judged[hot == each]).any() and (~judged[hot == each]).any() for each in (True, False))
+
+
 @pytest.mark.slow
 def test_terms_of_voltage_and_temperature_are_chosen_where_motors_have_them(
     decoder_data: Data, driven_by_voltage: LatentNetwork
@@ -81,7 +104,10 @@ def test_conditions_count_beside_the_recipes_own_as_means_of_a_segment():
     volts[1::2] -= 0.5
     whole = swinging_load(800, segment=np.repeat([0, 1], 400), supply_voltage=volts, motor_temperature=degrees)
     recipe = with_what_is_stated(PRESET, whole)
-    assert dict(recipe.conditions) == {"motor_temperature": 40.0, "supply_voltage": 7.0}
+    assert recipe.usual_conditions == {"motor_temperature": 40.0, "supply_voltage": 7.0}
+    (_, *degrees_of_segments), (_, *volts_of_segments) = recipe.conditions
+    np.testing.assert_allclose(degrees_of_segments, [30.0, 40.0, 50.0], atol=0.1)
+    assert volts_of_segments == pytest.approx([6.0, 7.0, 8.0])
     series = training_data(whole, recipe, "x").series[0]
     np.testing.assert_allclose(series[:, SUPPLY], np.repeat([8 / 7, 6 / 7], 400), rtol=1e-6)
     np.testing.assert_allclose(series[:, WARMER], np.repeat([-10.0, 10.0], 400), atol=0.1)

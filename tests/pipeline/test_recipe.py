@@ -70,7 +70,16 @@ WRONG = {
         [["dead_zone"]],
         [[[], 1.0]],
     ),
-    "conditions": (None, {}, ["supply_voltage"], [["humidity", 1.0]], [["supply_voltage", "1"]], [[[], 1.0]]),
+    "conditions": (
+        None,
+        {},
+        ["supply_voltage"],
+        [["humidity", 1.0, 1.0, 1.0]],
+        [["supply_voltage", 7.0]],
+        [["supply_voltage", 7.0, "7", 7.0]],
+        [["supply_voltage", 7.0, 7.0, 1e9]],
+        [[[], 1.0, 1.0, 1.0]],
+    ),
     "standardise": (1.0, {}),
 }
 

@@ -7,7 +7,7 @@ import numpy as np
 from motorprior.logs.motor_log import MotorLog
 
 
-def swinging_load(rows: int = 400, **stated: Any) -> MotorLog:
+def swinging_load(rows: int = 400, /, **stated: Any) -> MotorLog:
     """A sine at 500 Hz, its command 10 mrad ahead, and what the log states besides."""
     time = 0.002 * np.arange(rows)
     angle = np.sin(9.0 * time)[:, None]

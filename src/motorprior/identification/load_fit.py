@@ -22,12 +22,14 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.servo_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.grey_box_fit import inverse_precision
 from motorprior.identification.loss import POSITION_SCALE
 from motorprior.identification.physics.fleet_fit import held_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.term_selection import VARIES, same_conditions
 from motorprior.identification.physics.window_runs import Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_what_is_stated
 from motorprior.identification.residual import without_residual
@@ -186,7 +188,8 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     )  # a torque computed from a current is not the torque on the joint
     preset = with_what_is_stated(that_fits(RECIPE, log), log)
     data = some_stretches(training_data(bare, preset, log.source), preset, _ROWS)
-    runs, terms = _LoadedRuns(data, preset), preset.stated_terms
+    runs = _LoadedRuns(data, preset)
+    terms = _terms(runs)
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
     belief, held = _believed(runs), np.append(held_constants(terms, runs), [False] * _LOAD)
     found = _search(fit, belief, held, report)
@@ -198,9 +201,15 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     return _finished(fit, runs, found, np.where(held, 0.0, belief.precision**-0.5)[0])
 
 
+def _terms(runs: _LoadedRuns) -> tuple[str, ...]:
+    """What the log states, and what it shows of conditions that differ."""
+    same = same_conditions(runs)
+    return in_order([*runs.preset.stated_terms, *(name for name in VARIES if name not in same)])
+
+
 def _believed(runs: _LoadedRuns) -> Belief:
     """(1, Z) before the log: half of the regression's inertia is the load's."""
-    constants, (of_constant, of_inertia, of_gravity) = len(parameters_of(runs.preset.stated_terms)), _DEVIATIONS
+    constants, (of_constant, of_inertia, of_gravity) = len(parameters_of(_terms(runs))), _DEVIATIONS
     mean = np.zeros((1, constants + _LOAD))
     mean[0, -_LOAD:] = np.log(0.5), *runs.start[1:] / runs.unit
     deviation = np.array([of_constant] * constants + [of_inertia, of_gravity, of_gravity])

@@ -44,8 +44,9 @@ class Preset:
         firmware: names and values, in SI units, of the registers that the logs state and that are not fitted
             (`MotorLog.firmware`), 0 of those that are off; a recipe that puts physics first takes them, whatever terms
             it has besides.
-        conditions: channels of `motor_log.CONDITIONS` that the logs state and their medians [V], [°C]; constants of
-            motors are those under these, and terms say how they differ under others. Of recipes that put physics first.
+        conditions: channels of `motor_log.CONDITIONS` that the logs state, each with its least mean over a segment, its
+            median and its largest mean [V], [°C]. Constants of motors are those under the medians, and terms say how
+            they differ under others. Of recipes that put physics first.
         standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
             posteriors by a Laplace approximation (`standard_posterior`).
     """
@@ -71,7 +72,7 @@ class Preset:
     lacks: tuple[str, ...] = ()
     gain_unit: str = ""
     firmware: tuple[tuple[str, float], ...] = ()
-    conditions: tuple[tuple[str, float], ...] = ()
+    conditions: tuple[tuple[str, float, float, float], ...] = ()
     standardise: bool = False
 
     @property
@@ -83,6 +84,11 @@ class Preset:
     def trains(self) -> bool:
         """Whether Adam trains a network, so that ``steps`` count; otherwise searches alone find the constants."""
         return bool(self.num_neurons) or not self.physics_first
+
+    @property
+    def usual_conditions(self) -> dict[str, float]:
+        """Medians by channel."""
+        return {name: usual for name, _, usual, _ in self.conditions}
 
     @property
     def stated_terms(self) -> tuple[str, ...]:
@@ -168,8 +174,14 @@ def with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
     if recipe.grey_box and log.stated_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     if recipe.physics_first:
-        medians = {name: float(np.median(values)) for name, values in channels(log).items() if name in CONDITIONS}
-        recipe = replace(
-            recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(sorted(medians.items()))
-        )
+        recipe = replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=_conditions(log))
     return recipe
+
+
+def _conditions(log: MotorLog) -> tuple[tuple[str, float, float, float], ...]:
+    found = []
+    for name in sorted(CONDITIONS.keys() & channels(log).keys()):
+        values = channels(log)[name]
+        means = np.array([values[part].mean(axis=0) for part in log.segment_slices()])
+        found.append((name, float(means.min()), float(np.median(values)), float(means.max())))
+    return tuple(found)

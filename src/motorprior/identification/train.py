@@ -25,7 +25,7 @@ from motorprior.identification.physics.felt import WORSE, limits_not_felt, sizes
 from motorprior.identification.physics.fleet_fit import held_constants
 from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.settling import longer_runs, settled
-from motorprior.identification.physics.term_selection import held_out_windows
+from motorprior.identification.physics.term_selection import held_out_windows, least_difference
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.physics_fit import WORK, Physics, fit_physics
 from motorprior.identification.presets import Preset
@@ -209,6 +209,12 @@ def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
     terms = physics.fit.terms
     chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in terms)
     notes = [f"terms beyond the geared motor: {chosen or ('none' if physics.saved else 'none was tried')}"]
+    notes += [
+        f"warning: {name} is {least:.3g} to {most:.3g} in these logs, and this recipe does not try what that does: it "
+        "counts as the motor -> use one that tries terms, rollout or long_runs"
+        for name, least, usual, most in preset.conditions
+        if not preset.tries_terms and most - least >= least_difference(name, usual)
+    ]
     if physics.left_out:
         notes.append(
             f"left out again: {', '.join(physics.left_out)}, chosen by some motors and rows; of the loss of all they "

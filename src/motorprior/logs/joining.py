@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels, other_firmware
+from motorprior.logs.motor_log import CONDITIONS, JOINT_SERIES, MotorLog, channels, other_firmware
 from motorprior.logs.validity import checked
 
 
@@ -50,7 +50,9 @@ def _require_alike(first: MotorLog, log: MotorLog) -> None:
         problem = f"firmware.{untold[0]} is stated by some of the logs only" if untold else other
         raise LogError(problem, where=log.source, remedy="import all with the same statement, or fit one at a time")
     if odd := sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"}):
-        raise LogError(f"only some of the logs have {', '.join(odd)}", where=log.source, remedy="leave it out of all")
+        conditions = set(odd) <= CONDITIONS.keys()
+        remedy = "state it for the others, too, when they are imported" if conditions else "leave it out of all"
+        raise LogError(f"only some of the logs have {', '.join(odd)}", where=log.source, remedy=remedy)
 
 
 def _sources(logs: Sequence[MotorLog]) -> str:

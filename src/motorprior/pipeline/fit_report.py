@@ -30,7 +30,7 @@ def told_quality(
     from motorprior.identification.judging.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
-        quality = fit_quality(motors, log, task.advance, of_the_log, dict(recipe.conditions))
+        quality = fit_quality(motors, log, task.advance, of_the_log, recipe.usual_conditions)
     for line in quality.lines():
         progress.note(line)
     return quality
@@ -49,20 +49,27 @@ def told_at_rest(log: MotorLog) -> str:
 
 def other_conditions(terms: tuple[str, ...], recipe: Preset, log: MotorLog) -> list[str]:
     """Lines about conditions of a log of which motors with these terms, learned by this recipe, do not know enough."""
-    from motorprior.identification.physics.term_selection import VARIES
-    from motorprior.identification.training_data.windows import relative_conditions
+    from motorprior.identification.physics.term_selection import least_difference
 
-    usual, found = dict(recipe.conditions), []
-    here = np.median([relative_conditions(part, usual) for part in log.segments()], axis=(0, 2))
-    for (name, (term, unit)), value, neutral in zip(_TERM_OF.items(), here.tolist(), (1.0, 0.0), strict=True):
-        if name not in usual:
+    found = []
+    for name, least, usual, most in recipe.conditions:
+        (term, unit), values = _TERM_OF[name], getattr(log, name)
+        if values is None:
+            if term in terms:
+                found.append(f"note: the log states no {name}: taken as the prior's usual one, {usual:.3g} {unit}")
             continue
-        if (stated := getattr(log, name)) is None and term in terms:
-            found.append(f"note: the log states no {name}: taken as the prior's, {usual[name]:.3g} {unit}")
-        elif stated is not None and term not in terms and abs(value - neutral) > VARIES[term][1]:
+        means = np.array([values[part].mean(axis=0) for part in log.segment_slices()])
+        beyond = least_difference(name, usual)
+        if means.min() < least - beyond or means.max() > most + beyond:
+            effect = "is extrapolated" if term in terms else "is not known: what is found holds under these alone"
             found.append(
-                f"warning: {name} is {np.median(stated):.3g} {unit}, in the prior's logs {usual[name]:.3g} {unit}, and "
-                "the prior does not know what another one does: what is found of these motors holds at this one "
-                "-> identify with logs of several"
+                f"warning: {name} is {_range(means.min(), means.max())} {unit}, in the prior's logs "
+                f"{_range(least, most)} {unit}; what such a difference does {effect} -> check its unit, or identify "
+                "with logs of both"
             )
     return found
+
+
+def _range(least: float, most: float) -> str:
+    one, other = f"{least:.3g}", f"{most:.3g}"
+    return one if one == other else f"{one} to {other}"

@@ -26,9 +26,9 @@ def _is_register(value: Any) -> bool:
 
 
 def _is_condition(value: Any) -> bool:
-    if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
+    if not isinstance(value, list) or len(value) != 4 or not isinstance(value[0], str):
         return False
-    return value[0] in CONDITIONS and is_number(value[1], *CONDITIONS[value[0]])
+    return value[0] in CONDITIONS and all(is_number(each, *CONDITIONS[value[0]]) for each in value[1:])
 
 
 RECIPE = Schema(
@@ -43,7 +43,7 @@ RECIPE = Schema(
         "terms": many(one_of(*TERMS)),
         "lacks": many(one_of(*PARAMETERS)),
         "firmware": many(Field("the name and the value of a register", _is_register)),
-        "conditions": many(Field("a condition and its value", _is_condition)),
+        "conditions": many(Field("a condition, its least, usual and largest value", _is_condition)),
         "num_latents": integer(0, 1000),
         "num_neurons": integer(0, 10_000),
         "kl_weight": number(0.0, 1e6),
@@ -72,7 +72,7 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
     recipe = {"conditions": []} | recipe  # a prior that an older version wrote knows of none
     RECIPE.check(recipe, where)
     series = {name: tuple(recipe[name]) for name in ("taps", "terms", "lacks")}
-    pairs = {key: tuple((name, value) for name, value in recipe[key]) for key in ("firmware", "conditions")}
+    pairs = {key: tuple(tuple(each) for each in recipe[key]) for key in ("firmware", "conditions")}
     preset = Preset(**{**recipe, **series, **pairs})
     _require_fit(preset, prior, where)
     return preset

@@ -120,15 +120,16 @@ def test_a_motor_that_held_a_speed_has_no_limit_below_it(decoder_data: Data):
     )
     runs = WindowRuns(data, PRESET)
     found = np.exp(fit_fleet(bare(terms), runs, terms, True, 0, start=center + braked, turns=((NARROW, 3),)).raw)
-    assert np.sum(runs.held_speed > 0.8) == 3  # the fourth is never asked for more than half of it
-    assert np.all(found[:, speed] >= runs.held_speed), found[:, speed]
+    held = runs.held_speeds["profile_speed"]
+    assert np.sum(held > 0.8) == 3  # the fourth is never asked for more than half of it
+    assert np.all(found[:, speed] >= held), found[:, speed]
 
 
 def test_a_limit_of_speed_is_sought_from_what_most_motors_held(runs: WindowRuns):
     row, other = parameters_of(("profile",)).index("profile_speed"), copy(runs)
     begun = []
     for held in ([1.0, 2.0, 9.0], [0.0, 0.0, 9.0]):
-        other.held_speed = np.array(held)
+        other.held_speeds = {"profile_speed": np.array(held)}
         begun.append(np.exp(initial_center(("profile",), other)[row]))
     assert 2.0 < begun[0] < 2.5 and begun[1] == pytest.approx(runs.fastest)
 

@@ -26,7 +26,8 @@ def test_a_log_shorter_than_that_holds_nothing():
 def test_bounds_are_of_limits_of_speed_alone_and_within_reach():
     terms = ("profile", "torque_speed")
     names, center = parameters_of(terms), np.zeros(len(parameters_of(terms)))
-    least = least_outputs(center, terms, np.array([0.0, 0.5, 1e3]))
+    held = {"profile_speed": np.array([0.0, 0.5, 1e3]), "no_load_speed": np.array([0.0, 0.25, 1e3])}
+    least = least_outputs(center, terms, held)
     for row, name in enumerate(names):
-        bounded = name in ("profile_speed", "no_load_speed")
-        np.testing.assert_allclose(least[:, row], [-np.inf, np.log(MARGIN * 0.5), LOG_REACH] if bounded else -np.inf)
+        bounds = [-np.inf, np.log(MARGIN * held[name][1]), LOG_REACH] if name in held else -np.inf
+        np.testing.assert_allclose(least[:, row], bounds)

@@ -133,6 +133,10 @@ def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path, 
     assert log.supply_voltage is not None and log.motor_temperature is not None
     np.testing.assert_allclose(log.supply_voltage, 0.1 * np.stack([volts, volts], axis=1))
     np.testing.assert_allclose(log.motor_temperature, np.stack([degrees, degrees + 5.0], axis=1))
+    tenths = read_log(
+        path, columns=a_map(tmp_path, TICKS.replace("[units]", 'supply_voltage = 74\n[units]\nvoltage = "dV"'))
+    )
+    assert tenths.supply_voltage is not None and set(tenths.supply_voltage[:, 0]) == {pytest.approx(7.4)}
     same = read_log(path, columns=a_map(tmp_path, TICKS.replace("[units]", "supply_voltage = 12\n[units]")))
     assert same.supply_voltage is not None and same.motor_temperature is None
     assert same.supply_voltage.tolist() == [[12.0, 12.0]] * ROWS

@@ -58,8 +58,12 @@ def test_a_pendulum_states_the_voltage_and_temperature_of_its_rows_or_else_its_s
     assert measured.supply_voltage is not None and measured.motor_temperature is not None
     np.testing.assert_allclose(measured.supply_voltage[:, 0], [7.0, 7.1, 7.2, 7.3])
     assert set(measured.motor_temperature[:, 0]) == {31.0}
-    with pytest.raises(LogError, match=r"vin = 1000000\.0 is no number"):
-        read_log(write_bam(tmp_path, vin=1e6))
+    for unread in (0, None, "7.4 V", -99.0):
+        some = [row | ({"input_volts": unread, "temp": unread} if row is rows[2] else {}) for row in rows]
+        log = read_log(write_bam(tmp_path, entries=some))
+        assert log.supply_voltage is not None and set(log.supply_voltage[:, 0]) == {7.4}
+        assert log.motor_temperature is None
+    assert read_log(write_bam(tmp_path, vin="7.4V")).supply_voltage is None
 
 
 def test_an_arm_is_a_rod(tmp_path: Path):

@@ -130,7 +130,7 @@ def told(motors: Actuator, log: MotorLog, usual: Mapping[str, float]) -> Actuato
 
 
 def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
-    parts = replays(motors, log, partial(told, usual=dict(preset.conditions)))
+    parts = replays(motors, log, partial(told, usual=preset.usual_conditions))
     residual, pool = (np.concatenate(each).ravel() for each in zip(*parts, strict=True))
     metrics: dict[str, float] = {}
     for index, name in enumerate(SPEEDS):

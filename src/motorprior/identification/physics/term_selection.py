@@ -122,6 +122,11 @@ def select_terms(
     return Selection(best.terms, saved)
 
 
+def least_difference(condition: str, usual: float) -> float:
+    """Least difference [V], [°C] between segments that terms of VARIES are tried for, of a `motor_log.CONDITIONS`."""
+    return VARIES["supply"][1] * usual if condition == "supply_voltage" else VARIES["temperature"][1]
+
+
 def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
     """Terms of VARIES whose condition is about the same in all segments, or was not stated."""
     return tuple(

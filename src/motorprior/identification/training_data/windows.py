@@ -155,7 +155,7 @@ def relative_conditions(part: MotorLog, usual: Mapping[str, float]) -> np.ndarra
 
 def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
     """(2, R, M) of `relative_conditions`, the same throughout a segment, as a motor's constants are."""
-    usual = dict(preset.conditions)
+    usual = preset.usual_conditions
     rows = [
         np.broadcast_to(relative_conditions(part, usual)[:, None], (2, *part.joint_pos.shape))
         for part in log.segments()

@@ -15,7 +15,10 @@ FEW_TURNS = 8.0 * np.pi
 """[rad]; a joint whose limits nobody told does not turn further than four times."""
 WILD_ANGLE = 100.0
 """[rad]; no joint turns so far: a damaged number, and no unit or unwrapping makes sense of it."""
-WILD = {"joint_vel": 1e4, "joint_torque": 1e5, "external_torque": 1e5, "load_inertia": 1e5}
+WILD = {
+    "joint_vel": 1e4, "joint_torque": 1e5, "external_torque": 1e5, "load_inertia": 1e5, "supply_voltage": 100.0,
+    "motor_temperature": 150.0,
+}  # fmt: skip
 """Sizes [SI] that these channels of no motor have."""
 MAX_SPEED = 100.0
 """[rad/s]; no geared joint is so fast."""

@@ -1,7 +1,7 @@
 """Recordings of a motor that swings a known pendulum, in the JSON of Rhoban/bam, become `MotorLog`s with their load.
 
 A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (the firmware's gain, in its own unit), ``motor``, perhaps ``vin``,
-the voltage of the supply [V], which counts where no row has one, and ``entries``
+the voltage of the supply [V], which counts where rows lack one, and ``entries``
 with ``timestamp`` [s], ``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, and, where they were
 recorded, ``speed`` [rad/s], ``input_volts`` [V], ``temp`` [°C] and ``torque_enable``; where that is false the goal may
 be null. Of a point mass, and of an
@@ -35,8 +35,8 @@ ENDINGS = (".json", ".json.gz")
 GRAVITY = 9.81
 MAX_BYTES = 15_000_000
 _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
-_MOST = {"mass": 100.0, "length": 10.0, "arm_mass": 100.0, "kp": 1e6, "vin": CONDITIONS["supply_voltage"][1]}
-_MEASURED = {"joint_vel": "speed", "supply_voltage": "input_volts", "motor_temperature": "temp"}
+_MOST = {"mass": 100.0, "length": 10.0, "arm_mass": 100.0, "kp": 1e6}
+_CONDITIONS = {"supply_voltage": "input_volts", "motor_temperature": "temp"}
 """Channels and the entries that have them, where they were recorded."""
 _MIN_ROWS = 2
 
@@ -56,13 +56,9 @@ def read_bam(path: str | Path) -> MotorLog:
     enabled = _enabled(content["entries"], path)
     target = angle.copy()  # of rows that are left out
     target[enabled] = _numbers(content["entries"], "goal_position", path, enabled)
-    measured: dict[str, Any] = {
-        channel: _numbers(content["entries"], name, path)[:, None]
-        for channel, name in _MEASURED.items()
-        if _any_has(name, content["entries"])
-    }
-    if content.get("vin") and "supply_voltage" not in measured:
-        measured["supply_voltage"] = np.full((len(angle), 1), _positive(content, "vin", path))
+    measured = _conditions(content)
+    if _any_has("speed", content["entries"]):
+        measured["joint_vel"] = _numbers(content["entries"], "speed", path)[:, None]
     log = MotorLog(
         time=time, position_target=target[:, None], joint_pos=angle[:, None], **measured,
         load_inertia=np.full((len(angle), 1), (mass + arm / 3.0) * length**2),
@@ -85,6 +81,22 @@ def _content(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or not isinstance(content.get("entries"), list) or not content["entries"]:
         raise LogError("no table with a list of entries", where=path, remedy=_REMEDY)
     return content
+
+
+def _conditions(content: dict[str, Any]) -> dict[str, Any]:
+    """Those of CONDITIONS that every row has, within bounds; a recorder writes 0 where it read none."""
+    found = {}
+    for channel, name in _CONDITIONS.items():
+        values = [entry.get(name) if isinstance(entry, dict) else None for entry in content["entries"]]
+        if channel == "supply_voltage" and not all(_bears(channel, value) for value in values):
+            values = [content.get("vin")] * len(values)
+        if all(_bears(channel, value) for value in values):
+            found[channel] = np.array(values, dtype=np.float64)[:, None]
+    return found
+
+
+def _bears(channel: str, value: object) -> bool:
+    return is_number(value, *CONDITIONS[channel]) and value != 0
 
 
 def _positive(content: dict[str, Any], name: str, path: Path) -> float:

@@ -12,7 +12,7 @@
     time = "ms"
     angle = "tick"
     ticks_per_turn = 4096
-    voltage = "dV"                          # of columns of voltages
+    voltage = "dV"                          # of supply_voltage
 
     [firmware]                              # registers that all these motors were told, where they are known
     profile_acceleration = 39               # rad/s²; profile_speed [rad/s], dead_zone [rad]
@@ -50,6 +50,7 @@ from motorprior.logs.formats.column_units import (
     QUANTITIES,
     TIMES,
     UNITS,
+    VOLTAGES,
     Conversion,
     conversions,
     require_ticks,
@@ -232,8 +233,14 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         segment=table.get("segment"), posture=table.get("posture"), series=series,
         joints=_joints(table["joints"], units, series, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS), firmware=firmware,
-        conditions={name: float(table[name]) for name in CONDITIONS if is_number(table.get(name))},
+        conditions=_conditions(table, units),
     )  # fmt: skip
+
+
+def _conditions(table: dict[str, Any], units: dict[str, Any]) -> dict[str, float]:
+    """Of CONDITIONS those that are numbers, in V and °C."""
+    scale = {"supply_voltage": VOLTAGES[units.get("voltage", "V")]}
+    return {name: scale.get(name, 1.0) * table[name] for name in CONDITIONS if is_number(table.get(name))}
 
 
 def _require_one_clock(table: dict[str, Any], units: dict[str, Any], where: str) -> None:

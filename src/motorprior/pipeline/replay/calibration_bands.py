@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.latent import HALF_WARM, LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet
+from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.motor_choice import gains_for
 from motorprior.pipeline.progress import Task
+from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.replay import shown_joint
 from motorprior.report.plots_calibrate import Band, LogPanel, calibration
 from motorprior.report.plots_style import png_bytes
@@ -72,17 +75,26 @@ def draw_prior_bands(
     for name, replayer in replayers.items():
         low, high = np.quantile(_fleet_runs(replayer, robot, fleet, draws, rng), [0.05, 0.95], axis=0)
         bands, gains = [Band("fleet, 90 % of draws", low, high, False)], gains_for(prior, robot, replayer.prepared)
-        motors = (prior.sample(robot.num_joints, rng, gains) for _ in range(draws))
+        under = HALF_WARM._replace(**_conditions(prior, replayer.prepared))
+        motors = (replace(prior.sample(robot.num_joints, rng, gains), conditions=under) for _ in range(draws))
         runs = _runs(replayer, list(motors))
         for level in LEVELS:
             low, high = band(runs, level)
             bands.append(Band(f"prior, {level} %", low, high))
             covered.append(Result(f"calibrate_coverage{level}", "1", _inside(replayer, low, high), "prior", log=name))
         nowhere = np.zeros((robot.num_joints, prior.network.num_latents))
-        central = replayer.joint_pos(LatentActuator(prior.network, nowhere, gains=gains))
+        central = replayer.joint_pos(LatentActuator(prior.network, nowhere, under, gains))
         panels.append(_panel(name, robot, replayer, central, bands))
         task.advance()
     return png_bytes(calibration(panels)), Results.of(covered)
+
+
+def _conditions(prior: MotorPrior, log: MotorLog) -> dict[str, np.ndarray]:
+    """Of the log, as far as the prior knows what is usual."""
+    from motorprior.identification.training_data.windows import relative_conditions
+
+    supply, warmer = relative_conditions(log, recipe_of(prior, "the prior").usual_conditions)
+    return {"supply": supply, "warmer": warmer}
 
 
 def _fleet_runs(replayer: Replayer, robot: Robot, fleet: Fleet, draws: int, rng: np.random.Generator) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -163,7 +163,7 @@ def _held_out(
     tuned: IdealPd,
     progress: Progress,
 ) -> Results:
-    """The same quantities on other motors; adaptation and distribution of rollout."""
+    """The same quantities on other motors; adaptation and distribution of a prior of physics."""
     from motorprior.pipeline.validation import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
@@ -174,13 +174,19 @@ def _held_out(
         models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
         task.advance()
         results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=COLUMNS)
-        if "rollout" in known:
-            prior, path = priors["rollout"], paths["rollout"]
+        if name := _of_physics(priors, known):
+            prior, path = priors[name], paths[name]
             results += held_out.adaptation(
-                robot, prior, path, facts, config.adapt_seconds, known["rollout"], config.seed, task.advance
+                robot, prior, path, facts, config.adapt_seconds, known[name], config.seed, task.advance
             )
             results += held_out.distribution(prior, facts, config.out / QUANTILES)
     return results
+
+
+def _of_physics(priors: Mapping[str, MotorPrior], known: Collection[str]) -> str | None:
+    """Name of the prior of physics that is looked at closer: rollout, or the first that can be adapted."""
+    able = [name for name, prior in priors.items() if name in known and prior.network.motor is not None]
+    return "rollout" if "rollout" in able else next(iter(able), None)
 
 
 def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchFacts, progress: Progress) -> IdealPd:

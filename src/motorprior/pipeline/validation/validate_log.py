@@ -19,6 +19,7 @@ from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.pipeline.adapt import adapt_to, first_and_rest
+from motorprior.pipeline.fit_report import other_conditions
 from motorprior.pipeline.prior_file import prior_and_robot, trained_on
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.recipe import recipe_of
@@ -140,6 +141,9 @@ def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: Mo
     spans = {
         "free_run_rmse": [free_runs(judged, preset, where)], "whole_run_rmse": whole_runs(judged, preset, where),
     }  # fmt: skip
+    terms = () if prior.network.motor is None else prior.network.motor.terms
+    for line in other_conditions(terms, preset, judged):
+        progress.note(line)
     baseline_recipes(known, preset)  # too short a log is refused before anything is fitted
     with progress.start(f"adapt to {known.num_joints} motors", 1) as task:
         found = adapt_to(prior, config.prior, known, known.source)
