@@ -10,6 +10,7 @@ from swinging_bars import HANGS_AT, INERTIA, WEIGHT, Bars, swing
 from motorprior.exceptions import LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad, fit_loads, with_fitted_loads
+from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import POSTURES
 
 
@@ -71,6 +72,18 @@ def test_registers_that_the_log_states_are_the_motors(monkeypatch: pytest.Monkey
     quick(monkeypatch)
     (untold,) = fit_loads(replace(bars.log, firmware={}).joint(1))
     assert untold.error > 10.0 * told.error
+
+
+def test_a_voltage_that_the_log_states_is_not_taken_for_the_load():
+    """The gains that it states are those at the usual voltage, here in the middle."""
+    shares = (1.125, 0.875)
+    logs = [swing(6.0, law=law).log for law in shares]
+    volts = [np.full(log.joint_pos.shape, 12.0 * law) for log, law in zip(logs, shares, strict=True)]
+    both = joined([replace(log, supply_voltage=volt) for log, volt in zip(logs, volts, strict=True)])
+    (told,) = fit_loads(both.joint(1))
+    (untold,) = fit_loads(replace(both, supply_voltage=None).joint(1))
+    assert told.error < 0.3 * untold.error
+    assert np.all(np.abs(told.gravity - swing(1.0).gravity[1]) < 0.1 * WEIGHT[1])
 
 
 def test_a_joint_is_fitted_by_itself_and_a_current_says_nothing(bars: Bars, monkeypatch: pytest.MonkeyPatch):

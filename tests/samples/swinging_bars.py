@@ -1,6 +1,6 @@
 """Virtual motors that each swing a bar of known inertia and weight, recorded as a user would: command and angle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +27,11 @@ class Bars:
         return np.stack([WEIGHT * np.cos(HANGS_AT), -WEIGHT * np.sin(HANGS_AT)], axis=1)
 
 
-def swing(seconds: float, seed: int = 2, profile_speed: float = 0.0) -> Bars:
-    """Sines, then steps; angles with 0.3 mrad of noise; of motors that follow no faster than this [rad/s], if told."""
+def swing(seconds: float, seed: int = 2, profile_speed: float = 0.0, law: float = 1.0) -> Bars:
+    """Sines, then steps; angles with 0.3 mrad of noise; of motors that follow no faster than this [rad/s], if told.
+
+    Their law gives ``law`` times the torque of the gains that the log states.
+    """
     motors, rng = load_fleet("mixed").sample(2, seed), np.random.default_rng(seed)
     assert isinstance(motors, MotorParameters)
     time = PERIOD * np.arange(round(seconds / PERIOD))
@@ -37,7 +40,8 @@ def swing(seconds: float, seed: int = 2, profile_speed: float = 0.0) -> Bars:
     second_half = time >= 0.5 * time[-1]
     steps = rng.uniform(-0.8, 0.8, (len(time) // 400 + 1, 2)).repeat(400, axis=0)[: len(time)]
     target[second_half] = steps[second_half]
-    angle = _angles(motors, _followed(target, PERIOD * profile_speed) if profile_speed else target)
+    driven = replace(motors, kp=law * motors.kp, kd=law * motors.kd, torque_limit=law * motors.torque_limit)
+    angle = _angles(driven, _followed(target, PERIOD * profile_speed) if profile_speed else target)
     seen = angle + 3e-4 * rng.standard_normal(angle.shape)
     kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
     log = MotorLog(
