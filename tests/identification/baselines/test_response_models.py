@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from series import complete
 
 from motorprior.identification.baselines.response_fit import fit_responses
 from motorprior.identification.baselines.response_models import CONSTANTS, ResponseMotors
@@ -12,7 +13,6 @@ from motorprior.identification.judging.log_fidelity import free_run_errors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import (
-    CHANNELS,
     EXTERNAL,
     INERTIA,
     POS,
@@ -44,7 +44,7 @@ def command(seed: int, rows: int = ROWS) -> np.ndarray:
 def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history) -> WindowRuns:
     """One joint's motion as a free run of all that follows the warm-up."""
     rows = len(target)
-    series = np.zeros((1, rows, CHANNELS), np.float32)
+    series = complete(np.zeros((1, rows, 1), np.float32))
     series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
     series[0, 1:, VEL], series[0, :, INERTIA] = np.diff(pos) / DT, 0.01
     data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, Measured(torque=False))

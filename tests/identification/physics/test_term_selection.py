@@ -13,7 +13,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, TERMS, UNLIMITED, in_order
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
-from motorprior.identification.physics.term_selection import ORDER, PRICE, held_out_windows, select_terms, stretches
+from motorprior.identification.physics.term_selection import ORDER, PRICE, held_out_windows, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -173,13 +173,3 @@ def test_half_of_the_windows_are_held_out(decoder_data: Data, segments: int):
         if segments >= 10:
             for kind in range(5):
                 assert {bool(each[group][0]) for group in range(kind, 10, 5)} == {True, False}
-
-
-@pytest.mark.parametrize(
-    ("motors", "segments", "pieces"), [(1, 4, 16), (1, 9, 16), (1, 10, 10), (2, 5, 16), (3, 4, 4), (5, 4, 4)]
-)
-def test_segments_that_are_too_few_to_test_anything_by_are_cut(
-    decoder_data: Data, motors: int, segments: int, pieces: int
-):
-    data = decoder_data(bare(initial_center(()), ()), np.zeros((motors, len(initial_center(())))), segments)
-    assert len(np.unique(stretches(WindowRuns(data, PRESET)))) == pieces

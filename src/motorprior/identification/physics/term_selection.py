@@ -243,11 +243,10 @@ def stretches(runs: WindowRuns) -> np.ndarray:
     """(N,) number of the stretch that each window is in: its segment or, of few segments, one of STRETCHES parts.
 
     Segments under different conditions (VARIES) are numbered in the order of these, so that every second stretch has
-    about the conditions of its neighbour. Segments are few if a test of the held-out ones could not tell anything.
+    about the conditions of its neighbour.
     """
-    groups, motors = runs.groups(), runs.num_motors
-    count = int(groups[-1]) + 1
-    if count < 4 or (motors < _RANKS_TELL and motors * (count // 2) < _RANKS_TELL):
+    groups = runs.groups()
+    if groups[-1] < 3:
         return np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
     if len(same_conditions(runs)) < len(VARIES):
         under = np.array([segment.rows[0, [SUPPLY, WARMER]].mean(axis=1) for segment in runs.segments])

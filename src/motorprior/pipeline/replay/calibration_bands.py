@@ -11,7 +11,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import HALF_WARM, LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
 from motorprior.pipeline.motor_choice import gains_for
 from motorprior.pipeline.progress import Task
 from motorprior.pipeline.recipe import recipe_of
@@ -93,6 +93,8 @@ def _conditions(prior: MotorPrior, log: MotorLog) -> dict[str, np.ndarray]:
     """Of the log, as far as the prior knows what is usual."""
     from motorprior.identification.training_data.windows import relative_conditions
 
+    if not CONDITIONS.keys() & channels(log).keys():
+        return {}
     supply, warmer = relative_conditions(log, recipe_of(prior, "the prior").usual_conditions)
     return {"supply": supply, "warmer": warmer}
 
