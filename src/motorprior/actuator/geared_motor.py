@@ -23,13 +23,12 @@ from motorprior.actuator.geared_motor_constants import (
     BASE_CONSTANTS,
     LOG_REACH,
     LONGEST_DELAY,
-    USUAL,
     StepConstants,
     decode,
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
-from motorprior.actuator.servo_terms import TERMS, Conditions
+from motorprior.actuator.servo_terms import COLD, TERMS, Conditions
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -54,7 +53,7 @@ class GearedMotor:
     terms: tuple[str, ...] = ()
     """of `servo_terms`, in their order there"""
 
-    def decode(self, z: np.ndarray, conditions: Conditions = USUAL) -> dict[str, np.ndarray]:
+    def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z), under these conditions."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
         return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), np, self.terms, conditions)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from motorprior.actuator.servo_terms import ABSENT, LARGEST_SHARE, SIGNED, Conditions, constants_of, under
+from motorprior.actuator.servo_terms import ABSENT, COLD, LARGEST_SHARE, SIGNED, Conditions, constants_of, under
 
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
@@ -26,8 +26,6 @@ ZERO_SCALE = SIGNED["encoder_zero"]
 """[rad]"""
 PER_STATED = "_per_stated"
 """Ending of the name of a constant that is a multiple of a stated gain."""
-USUAL = Conditions()
-"""Of a cold motor, too."""
 
 Values = Any
 """Numbers of as many motors as are stepped at once, in the arithmetic's own type."""
@@ -82,7 +80,7 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
     return PARAMETERS + constants_of(terms)
 
 
-def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Conditions = USUAL) -> dict[str, Values]:
+def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, Values]:
     """Constants by name, each (…), from the decoder's outputs (…, P); the array module ``xp`` is numpy or jax.numpy.
 
     exp(raw) for every one but those of `servo_terms.SIGNED`; no delay is above LONGEST_DELAY. They are those ``under``

@@ -29,11 +29,10 @@ from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.lanes import LANES
 from motorprior.actuator.network_law import renew_torque, reset_network
-from motorprior.actuator.servo_terms import Conditions
+from motorprior.actuator.servo_terms import HALF_WARM, Conditions
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 
-HALF_WARM = Conditions(warmth=0.5)
 _LINE = 64
 """Bytes."""
 

@@ -97,6 +97,10 @@ class Conditions(NamedTuple):
     """temperature above the usual one [K]"""
 
 
+COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
+"""Under the usual voltage and temperature: before any work, and where nobody knows how long a motor worked."""
+
+
 def under(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
     """Constants by name as motors have them under these conditions; the array module ``xp`` is numpy or jax.numpy."""
     if "heat_loss" in values:

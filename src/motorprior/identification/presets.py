@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
-from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_means
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,6 @@ def with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
 def _conditions(log: MotorLog) -> tuple[tuple[str, float, float, float], ...]:
     found = []
     for name in sorted(CONDITIONS.keys() & channels(log).keys()):
-        values = channels(log)[name]
-        means = np.array([values[part].mean(axis=0) for part in log.segment_slices()])
-        found.append((name, float(means.min()), float(np.median(values)), float(means.max())))
+        means, usual = segment_means(log, name), np.median(channels(log)[name])
+        found.append((name, float(means.min()), float(usual), float(means.max())))
     return tuple(found)

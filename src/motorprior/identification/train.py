@@ -196,9 +196,8 @@ class _Residual:
         less, closer = gain(without, with_it, self.runs, judged)
         metrics["saved_residual"] = less
         if less > LEAST_GAIN and closer >= 0.0:
-            return _settled(
-                candidate, self.runs, self.preset
-            ), f"residual network: saves {100 * less:.0f} % of the held-out loss"
+            settled_with_it = _settled(candidate, self.runs, self.preset)
+            return settled_with_it, f"residual network: saves {100 * less:.0f} % of the held-out loss"
         return fleet, (
             f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
             f"error of position by {-100 * closer:+.1f} %"

@@ -35,6 +35,7 @@ FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "
 [rad/s²] of its profile, and the error [rad] that it does not act on. 0: off."""
 CONDITIONS = {"supply_voltage": (0.1, 2000.0), "motor_temperature": (-60.0, 300.0)}
 """Channels of what motors work under, and their bounds [V], [°C]."""
+CONDITION_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
 _ALIKE = 0.01
 """Share by which two statements of a register may differ: one may be rounded."""
 POSTURES = ("standing", "hung", "fixed", "fallen")
@@ -178,6 +179,12 @@ def stated_gains_of(log: MotorLog) -> np.ndarray | None:
     """(2, J) medians of `stated_gain_rows` over segments, or None."""
     rows = stated_gain_rows(log)
     return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
+
+
+def segment_means(log: MotorLog, channel: str) -> np.ndarray:
+    """(S, J) means over the rows of each segment of a channel (T, J) that the log has."""
+    values = getattr(log, channel)
+    return np.array([values[part].mean(axis=0) for part in log.segment_slices()])
 
 
 def is_register(name: str, value: object) -> bool:

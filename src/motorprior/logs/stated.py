@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, channels
+from motorprior.logs.motor_log import CONDITION_UNITS, PHYSICAL_GAINS, POSTURES, MotorLog, channels
 
 _GAINS = {"kp": "N·m/rad", "kd": "N·m·s/rad"}
 _REGISTERS = {"profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad"}
-_CONDITIONS = {"supply_voltage": "V", "motor_temperature": "°C"}
 _MOST_VALUES = 3
 """Different gains that are named one by one; of more, the smallest and the largest."""
 
@@ -24,7 +23,8 @@ def stated_in_words(log: MotorLog) -> str:
         for name, unit in _REGISTERS.items()
         if name in log.firmware
     ]
-    parts += [_range(name, getattr(log, name), unit) for name, unit in _CONDITIONS.items() if name in channels(log)]
+    stated = {name: values for name, values in channels(log).items() if name in CONDITION_UNITS}
+    parts += [f"{name} {range_in_words(name, values.min(), values.max())}" for name, values in stated.items()]
     if log.posture is not None:
         parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
     return "; ".join(parts)
@@ -43,6 +43,7 @@ def _gain(log: MotorLog, name: str) -> str:
     return f"{name} {told} {_GAINS[name] if log.gain_unit == PHYSICAL_GAINS else 'in units of the firmware'}"
 
 
-def _range(name: str, values: np.ndarray, unit: str) -> str:
-    least, most = (f"{value:.3g}" for value in (values.min(), values.max()))
-    return f"{name} {least if least == most else f'{least} to {most}'} {unit}"
+def range_in_words(condition: str, least: float, most: float) -> str:
+    """For example "9.6 to 12 V", or "12 V" where both are the same."""
+    one, other = f"{least:.3g}", f"{most:.3g}"
+    return f"{one if one == other else f'{one} to {other}'} {CONDITION_UNITS[condition]}"

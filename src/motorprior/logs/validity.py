@@ -12,6 +12,7 @@ from motorprior.exceptions import LogError, spelled
 from motorprior.logs.motor_log import (
     BASE_AXES,
     CODES,
+    CONDITION_UNITS,
     CONDITIONS,
     ENCODERS,
     FIRMWARE,
@@ -23,8 +24,6 @@ from motorprior.logs.motor_log import (
     column_name,
     is_register,
 )
-
-_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
 
 
 def checked(log: MotorLog, where: str | Path | None = None) -> MotorLog:
@@ -185,8 +184,8 @@ def _check_conditions(log: MotorLog, where: str | Path | None) -> None:
             row, column = np.argwhere(odd)[0].tolist()
             raise LogError(
                 f"row {row}, {column_name(name, column, log.joint_names)} is {values[row, column]:g} "
-                f"{_UNITS[name]}, not within {least:g}..{most:g}",
-                where=where, remedy=f"give it in {_UNITS[name]}, or leave the channel out",
+                f"{CONDITION_UNITS[name]}, not within {least:g}..{most:g}",
+                where=where, remedy=f"give it in {CONDITION_UNITS[name]}, or leave the channel out",
             )  # fmt: skip
 
 

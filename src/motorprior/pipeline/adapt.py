@@ -246,8 +246,7 @@ def _tell(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress
     if progress is SILENT:
         return
     recipe = recipe_of(prior, "the prior")
-    terms = () if prior.network.motor is None else prior.network.motor.terms
-    for line in filter(None, (told_at_rest(log), *other_conditions(terms, recipe, log))):
+    for line in filter(None, (told_at_rest(log), *other_conditions(recipe, log))):
         progress.note(line)
     if prior.network.motor is not None:
         motors = LatentActuator(prior.network, found.mean)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from motorprior.actuator.latent import LatentActuator
 from motorprior.identification.presets import Preset
 from motorprior.logs.doctor.joint_checks import joints_at_rest
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, segment_means
+from motorprior.logs.stated import range_in_words
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it imports JAX
     from motorprior.identification.judging.fit_quality import FitQuality
-
-_TERM_OF = {"supply_voltage": ("supply", "V"), "motor_temperature": ("temperature", "°C")}
-"""Of each condition the term that says what it does, and the unit."""
 
 
 def told_quality(
@@ -47,29 +43,24 @@ def told_at_rest(log: MotorLog) -> str:
     )
 
 
-def other_conditions(terms: tuple[str, ...], recipe: Preset, log: MotorLog) -> list[str]:
-    """Lines about conditions of a log of which motors with these terms, learned by this recipe, do not know enough."""
-    from motorprior.identification.physics.term_selection import least_difference
+def other_conditions(recipe: Preset, log: MotorLog) -> list[str]:
+    """Lines about conditions of a log of which motors that were learned by this recipe do not know enough."""
+    from motorprior.identification.physics.term_selection import TERM_OF, least_difference
 
     found = []
     for name, least, usual, most in recipe.conditions:
-        (term, unit), values = _TERM_OF[name], getattr(log, name)
-        if values is None:
-            if term in terms:
-                found.append(f"note: the log states no {name}: taken as the prior's usual one, {usual:.3g} {unit}")
+        known = TERM_OF[name] in recipe.terms
+        if getattr(log, name) is None:
+            if known:
+                taken = range_in_words(name, usual, usual)
+                found.append(f"note: the log states no {name}: taken as the prior's usual one, {taken}")
             continue
-        means = np.array([values[part].mean(axis=0) for part in log.segment_slices()])
-        beyond = least_difference(name, usual)
+        means, beyond = segment_means(log, name), least_difference(name, usual)
         if means.min() < least - beyond or means.max() > most + beyond:
-            effect = "is extrapolated" if term in terms else "is not known: what is found holds under these alone"
+            effect = "is extrapolated" if known else "is not known: what is found holds under these alone"
             found.append(
-                f"warning: {name} is {_range(means.min(), means.max())} {unit}, in the prior's logs "
-                f"{_range(least, most)} {unit}; what such a difference does {effect} -> check its unit, or identify "
-                "with logs of both"
+                f"warning: {name} is {range_in_words(name, means.min(), means.max())}, in the prior's logs "
+                f"{range_in_words(name, least, most)}; what such a difference does {effect} -> check its unit, or "
+                "identify with logs of both"
             )
     return found
-
-
-def _range(least: float, most: float) -> str:
-    one, other = f"{least:.3g}", f"{most:.3g}"
-    return one if one == other else f"{one} to {other}"

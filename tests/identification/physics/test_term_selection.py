@@ -17,7 +17,7 @@ from motorprior.identification.physics.term_selection import ORDER, PRICE, held_
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import CHANNELS, POS, TORQUE, VEL, TrainingData
+from motorprior.identification.training_data.windows import POS, TORQUE, VEL, TrainingData
 
 Data = Callable[..., TrainingData]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
@@ -123,7 +123,7 @@ def test_a_term_that_made_up_for_one_that_is_gone_leaves_in_the_next_turn(monkey
 
     monkeypatch.setattr(term_selection, "_Trial", Trial)
     monkeypatch.setattr(term_selection, "held_out_windows", lambda runs: np.array([False, True]))
-    same = [SimpleNamespace(rows=np.zeros((1, CHANNELS, 1)))]
+    same = [SimpleNamespace(conditions=np.zeros((2, 1)))]
     runs = SimpleNamespace(preset=replace(PRESET, firmware=()), segments=same)
     found = select_terms(bare(initial_center(()), ()), cast(WindowRuns, runs), 0)
     assert found.terms == ("profile",)

@@ -34,7 +34,6 @@ from motorprior.identification.physics.fleet_fit import TURNS, bounded_fit, fit_
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.training_data.windows import SUPPLY, WARMER
 
 PRICE = 0.04
 """Share of the held-out loss that a term must save."""
@@ -44,8 +43,11 @@ SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
 """What the servos of hobby robots have."""
 STRETCHES = 16
 """Stretches of a log of few segments."""
-VARIES = {"supply": (SUPPLY, 0.03), "temperature": (WARMER, 10.0)}
-"""Terms that only logs under several conditions show: channel, and least difference between two segments."""
+VARIES = {"supply": 0.03, "temperature": 10.0}
+"""Terms that only logs under several conditions show, in the order of `Segment.conditions`, and the least difference
+between two segments: a share of the usual voltage, and [K]."""
+TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}
+"""The term that says what one of `motor_log.CONDITIONS` does."""
 ORDER = (
     "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
     "output_damping", "torque_speed", "profile",
@@ -123,17 +125,15 @@ def select_terms(
 
 
 def least_difference(condition: str, usual: float) -> float:
-    """Least difference [V], [°C] between segments that terms of VARIES are tried for, of a `motor_log.CONDITIONS`."""
-    return VARIES["supply"][1] * usual if condition == "supply_voltage" else VARIES["temperature"][1]
+    """Of VARIES, in the unit of one of `motor_log.CONDITIONS` [V], [°C] whose usual value this is."""
+    least = VARIES[TERM_OF[condition]]
+    return least * usual if condition == "supply_voltage" else least
 
 
 def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
     """Terms of VARIES whose condition is about the same in all segments, or was not stated."""
-    return tuple(
-        name
-        for name, (channel, least) in VARIES.items()
-        if np.ptp([segment.rows[0, channel] for segment in runs.segments], axis=0).max() < least
-    )
+    apart = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
+    return tuple(name for (name, least), far in zip(VARIES.items(), apart, strict=True) if far < least)
 
 
 def _saved(before: _State, after: _State) -> float:
@@ -249,7 +249,7 @@ def stretches(runs: WindowRuns) -> np.ndarray:
     if groups[-1] < 3:
         return np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
     if len(same_conditions(runs)) < len(VARIES):
-        under = np.array([segment.rows[0, [SUPPLY, WARMER]].mean(axis=1) for segment in runs.segments])
+        under = np.array([segment.conditions.mean(axis=1) for segment in runs.segments])
         return np.argsort(np.lexsort(under.round(2).T[::-1]))[groups]
     return groups
 

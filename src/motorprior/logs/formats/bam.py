@@ -1,11 +1,10 @@
 """Recordings of a motor that swings a known pendulum, in the JSON of Rhoban/bam, become `MotorLog`s with their load.
 
 A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (the firmware's gain, in its own unit), ``motor``, perhaps ``vin``,
-the voltage of the supply [V], which counts where rows lack one, and ``entries``
-with ``timestamp`` [s], ``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, and, where they were
-recorded, ``speed`` [rad/s], ``input_volts`` [V], ``temp`` [°C] and ``torque_enable``; where that is false the goal may
-be null. Of a point mass, and of an
-arm of ``arm_mass`` if the file says one (a uniform rod),
+the voltage of the supply [V], which counts where rows lack one, and ``entries`` with ``timestamp`` [s],
+``goal_position`` and ``position`` [rad], 0 where the pendulum hangs, and, where they were recorded, ``speed`` [rad/s],
+``input_volts`` [V], ``temp`` [°C] and ``torque_enable``; where that is false the goal may be null. Of a point mass, and
+of an arm of ``arm_mass`` if the file says one (a uniform rod),
 
     load_inertia = (mass + arm_mass/3)·length²,  external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos),
 

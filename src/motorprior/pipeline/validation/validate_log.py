@@ -141,8 +141,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: Mo
     spans = {
         "free_run_rmse": [free_runs(judged, preset, where)], "whole_run_rmse": whole_runs(judged, preset, where),
     }  # fmt: skip
-    terms = () if prior.network.motor is None else prior.network.motor.terms
-    for line in other_conditions(terms, preset, judged):
+    for line in other_conditions(preset, judged):
         progress.note(line)
     baseline_recipes(known, preset)  # too short a log is refused before anything is fitted
     with progress.start(f"adapt to {known.num_joints} motors", 1) as task:
