@@ -89,7 +89,7 @@ def _posterior(fit: MotorFit, belief: Belief, found: Fit, known: Expected, tempe
     """Of motors found, whose latents that their log says nothing of are as believed: damped steps end on the way."""
     precision = _precision(fit, found.z, temperature)
     unfelt = np.diagonal(precision, axis1=1, axis2=2) * known.deviation[:, None] ** 2 < _UNFELT
-    believed = fit.within(np.where(unfelt, known.mean, found.z))
+    believed = np.where(unfelt, known.mean, found.z)
     loss = fit.losses(believed)
     found = found.better(Fit(believed, loss + belief.energy(believed), loss))
     return Posterior(found.z, inverse_precision(precision, known.deviation), found.loss, fit.windows)

@@ -88,7 +88,7 @@ def fit_fleet(
     """
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
-    fit, held = bounded_fit(network, center, terms, runs, chosen), held_constants(terms, runs)
+    fit, held = _bounded_fit(network, center, terms, runs, chosen), held_constants(terms, runs)
     belief, began = weak_belief(len(center)).holding(held), center
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
@@ -134,25 +134,24 @@ def _recentred(fit: MotorFit, found: Fit, held: np.ndarray) -> tuple[MotorFit, F
     z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
     middle = np.where(held, 0.0, np.median(z, axis=0))
     center, left = _center(fit) + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
-    moved = bounded_fit(fit.network, center, fit.network.motor.terms, fit.runs, fit.mask)
-    left = moved.within(left)  # a median of others may be out of a motor's reach
+    moved = _bounded_fit(fit.network, center, fit.network.motor.terms, fit.runs, fit.mask)
     loss = moved.losses(left)
     return moved, Fit(left, loss, loss)
 
 
-def bounded_fit(
+def _bounded_fit(
     network: LatentNetwork,
     center: np.ndarray,
     terms: tuple[str, ...],
     runs: WindowRuns,
     chosen: np.ndarray | None = None,
 ) -> MotorFit:
-    """A fit around this central motor in which no motor has a limit below the speed that it held (`speed_limits`)."""
+    """A fit around this central motor whose searches give no motor a limit below the speed that it held."""
     return MotorFit(with_motor(network, center, terms), runs, chosen, least_latents(center, terms, runs))
 
 
 def least_latents(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(M, P) bounds of latents around a central motor (P,), by `speed_limits`; -inf of what is held or not bounded."""
+    """(M, P) bounds of searches around a central motor (P,), by `speed_limits`; -inf of what is held or not bounded."""
     least = least_outputs(center, terms, runs.held_speeds)
     least[:, held_constants(terms, runs)] = -np.inf
     return least

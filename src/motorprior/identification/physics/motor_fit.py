@@ -104,7 +104,7 @@ class MotorFit:
         network: decoder from z to motors.
         runs: the logs of M motors.
         chosen: (N,) mask of the windows that count; all if not given.
-        least: (M, Z) bounds of z, which searches and steps keep; none if not given.
+        least: (M, Z) bounds of z within which searches look; steps may leave them. None if not given.
     """
 
     def __init__(
@@ -128,10 +128,6 @@ class MotorFit:
         with np.errstate(over="ignore", invalid="ignore"):
             found = self.runs.residuals(self.network, z, motor)[:, self._chosen]
         return found.reshape(len(motor), -1)
-
-    def within(self, z: np.ndarray) -> np.ndarray:
-        """(M, ..., Z) z, or the bound where it is below."""
-        return z if self._least is None else np.maximum(z, _beside(self._least, z))
 
     def losses(self, z: np.ndarray, motors: np.ndarray | None = None) -> np.ndarray:
         """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z), of these ``motors`` (M,) or of all."""
@@ -160,7 +156,8 @@ class MotorFit:
 
     def best_of(self, candidates: np.ndarray, belief: Belief) -> np.ndarray:
         """(M, Z) of each motor the candidate with the least energy; candidates are (M, K, Z)."""
-        candidates = self.within(candidates)
+        if self._least is not None:
+            candidates = np.maximum(candidates, _beside(self._least, candidates))
         energy = self.losses(candidates) + belief.energy(candidates)
         return candidates[self._everyone, energy.argmin(axis=1)]
 
@@ -184,14 +181,14 @@ class MotorFit:
             steps: at most.
             reach: of the differences, WIDE or NARROW.
         """
-        z, damping = self.within(start), np.full(len(start), 1e-2)
+        z, damping = start, np.full(len(start), 1e-2)
         loss = self.losses(z)
         energy = loss + belief.energy(z)
         slope, curvature = self._derivatives(z, reach)
         left = self._everyone
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
-            candidates = self.within(z[:, None] - self._moves(z, slope, curvature, belief, tried))
+            candidates = z[:, None] - self._moves(z, slope, curvature, belief, tried)
             losses = np.full(candidates.shape[:2], np.inf)
             losses[left] = self.losses(candidates[left], left)
             energies = losses + belief.energy(candidates)
@@ -216,13 +213,9 @@ class MotorFit:
     def _moves(
         self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, belief: Belief, damping: np.ndarray
     ) -> np.ndarray:
-        """(M, K, Z) steps for K dampings each; what would leave a bound on which it lies stays, as if it were known."""
+        """(M, K, Z) steps for K dampings each."""
         matrix = curvature + belief.precision[..., None] * np.eye(z.shape[1])
         gradient = slope + belief.precision * (z - belief.mean)
-        if self._least is not None:
-            free = (z > self._least) | (gradient < 0.0)
-            gradient = gradient * free
-            matrix = matrix * (free[:, :, None] & free[:, None] | np.eye(z.shape[1], dtype=bool))
         diagonal = np.einsum("mpp->mp", matrix)
         scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
         damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])

@@ -16,7 +16,6 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.fleet_fit import (
     fleet_belief,
     held_constants,
-    least_latents,
     left_open,
     weak_belief,
 )
@@ -68,7 +67,7 @@ def settled(
     """
     motor = network.motor
     assert motor is not None
-    fit = MotorFit(network, runs, chosen, least_latents(motor.center, motor.terms, runs))
+    fit = MotorFit(network, runs, chosen)
     held = held_constants(motor.terms, runs)
     alone = replace(weak_belief(z.shape[1]), mean=z).holding(held)
     belief = _belief_of_all(fit, z, held) if together and len(z) > 1 else alone

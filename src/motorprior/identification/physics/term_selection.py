@@ -30,7 +30,7 @@ from scipy.stats import wilcoxon
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import FAINT, in_order
-from motorprior.identification.physics.fleet_fit import TURNS, bounded_fit, fit_fleet, held_constants, weak_belief
+from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, held_constants, weak_belief
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -219,7 +219,7 @@ class _Trial:
         ]
         start = np.stack(columns, axis=1)
         center = np.median(start, axis=0)
-        fit = bounded_fit(self._network, center, terms, self._runs, self._seen)
+        fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._seen)
         held = held_constants(terms, self._runs)
         found = fit.polish(start - center, weak_belief(len(center)).holding(held), _STEPS)
         return self._state(terms, center, np.where(held, 0.0, found.z))
