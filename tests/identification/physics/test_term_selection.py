@@ -25,12 +25,14 @@ PRESET = replace(PRESETS["per_motor"], warm_up=60)
 MOTORS = 6
 
 
-def logs(decoder_data: Data, terms: tuple[str, ...], segments: int = 10, rows: int = 300) -> WindowRuns:
+def logs(
+    decoder_data: Data, terms: tuple[str, ...], segments: int = 10, rows: int = 300, motors: int = MOTORS
+) -> WindowRuns:
     """Of motors that have these terms, felt well."""
     felt = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0, "output_damping": 0.03}
     center = initial_center(()).tolist() + encoded(felt, terms)[len(initial_center(())) :].tolist()
     network = bare(np.array(center), terms)
-    z, rng = 0.15 * np.random.default_rng(3).standard_normal((MOTORS, len(center))), np.random.default_rng(5)
+    z, rng = 0.15 * np.random.default_rng(3).standard_normal((motors, len(center))), np.random.default_rng(5)
     data = decoder_data(network, z, segments=segments, rows=rows)
     # readings as they are after smoothing: nothing beyond them is worth a term
     noise = rng.standard_normal((*data.series.shape[:2], 3)) * [3e-4, 0.02, 0.02]
@@ -62,6 +64,17 @@ def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
     monkeypatch.setattr(term_selection, "ORDER", ("profile", "dead_zone"))
     monkeypatch.setattr(term_selection, "SERVO", ("profile",))
     assert_found(decoder_data, terms, 2)
+
+
+@pytest.mark.parametrize(("motors", "segments", "rows"), [(1, 4, 700), (1, 9, 400), (2, 5, 500)])
+def test_few_motors_with_few_segments_show_a_term(
+    decoder_data: Data, motors: int, segments: int, rows: int, monkeypatch: pytest.MonkeyPatch
+):
+    """Whole segments would give the test too few gains."""
+    monkeypatch.setattr(term_selection, "ORDER", ("profile",))
+    monkeypatch.setattr(term_selection, "SERVO", ("profile",))
+    runs = logs(decoder_data, ("profile",), segments, rows, motors)
+    assert select_terms(bare(initial_center(()), ()), runs, 0).terms == ("profile",)
 
 
 def test_a_term_whose_constants_are_stated_is_there_and_not_asked_about(
@@ -106,27 +119,54 @@ def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):
         np.testing.assert_allclose(np.exp(state.raw[:, row]), stated, rtol=1e-12)
 
 
+class MadeUp(term_selection._Trial):
+    """Fits that need no logs; only the profile counts."""
+
+    def __init__(self, *given: object):
+        """No logs."""
+
+    def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> term_selection._State:
+        return self.of_loss(terms, 1.0 if "profile" in terms else 3.0)
+
+    def of_loss(self, terms: tuple[str, ...], loss: float) -> term_selection._State:
+        losses = loss * np.exp(1e-6 * np.arange(8))
+        return term_selection._State(in_order(terms), np.zeros((8, 1)), losses, losses, np.zeros((8, 4)))
+
+    def polished(self, before: term_selection._State, terms: tuple[str, ...]) -> term_selection._State:
+        return self.fitted(terms)
+
+
+def chosen_by(trial: type[MadeUp], monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
+    monkeypatch.setattr(term_selection, "_Trial", trial)
+    monkeypatch.setattr(term_selection, "held_out_windows", lambda runs, least: np.array([False, True]))
+    same = [SimpleNamespace(conditions=np.zeros((2, 1)))]
+    runs = SimpleNamespace(preset=replace(PRESET, firmware=()), segments=same, num_motors=8)
+    return select_terms(bare(initial_center(()), ()), cast(WindowRuns, runs), 0).terms
+
+
 def test_a_term_that_made_up_for_one_that_is_gone_leaves_in_the_next_turn(monkeypatch: pytest.MonkeyPatch):
     """Without the dead zone the loss is larger as long as the integral is there, which leaves after it."""
 
-    class Trial(term_selection._Trial):
-        def __init__(self, *given: object):
-            """Fits are made up."""
-
+    class Trial(MadeUp):
         def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> term_selection._State:
             misled = "integral" in terms and "dead_zone" not in terms
-            losses = (1.0 if "profile" in terms else 3.0) * (1.3 if misled else 1.0) * np.exp(1e-6 * np.arange(8))
-            return term_selection._State(in_order(terms), np.zeros((8, 1)), losses, losses, np.zeros((8, 4)))
+            return self.of_loss(terms, (1.0 if "profile" in terms else 3.0) * (1.3 if misled else 1.0))
 
+    assert chosen_by(Trial, monkeypatch) == ("profile",)
+
+
+@pytest.mark.parametrize(("loss", "found"), [(0.9, ("profile", "presliding")), (0.99, ("profile",))])
+def test_a_term_that_pays_beside_those_that_stayed_is_taken_back(
+    loss: float, found: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+):
+    """Among many terms the fits were too poor to show it."""
+
+    class Trial(MadeUp):
         def polished(self, before: term_selection._State, terms: tuple[str, ...]) -> term_selection._State:
-            return self.fitted(terms)
+            shows = before.terms == ("profile",) and "presliding" in terms
+            return self.of_loss(terms, loss) if shows else self.fitted(terms)
 
-    monkeypatch.setattr(term_selection, "_Trial", Trial)
-    monkeypatch.setattr(term_selection, "held_out_windows", lambda runs: np.array([False, True]))
-    same = [SimpleNamespace(conditions=np.zeros((2, 1)))]
-    runs = SimpleNamespace(preset=replace(PRESET, firmware=()), segments=same)
-    found = select_terms(bare(initial_center(()), ()), cast(WindowRuns, runs), 0)
-    assert found.terms == ("profile",)
+    assert chosen_by(Trial, monkeypatch) == found
 
 
 @pytest.mark.slow

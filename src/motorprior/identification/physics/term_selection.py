@@ -41,8 +41,8 @@ MOTORS, ROWS, WINDOWS = 8, 10_000, 60
 """Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
 SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
 """What the servos of hobby robots have."""
-STRETCHES = 16
-"""Stretches of a log of few segments."""
+STRETCHES, FEWEST = 32, 4
+"""Stretches of a log of few segments; from so many segments on, these are the stretches."""
 VARIES = {"supply": 0.03, "temperature": 10.0}
 """Terms that only logs under several conditions show, in the order of `Segment.conditions`, and the least difference
 between two segments: a share of the usual voltage, and [K]."""
@@ -102,7 +102,7 @@ def select_terms(
         seed: of the searches.
         report: called once for every term of ORDER in the first turn, then once for every fit of a further turn.
     """
-    held_out = held_out_windows(runs)
+    held_out = held_out_windows(runs, segments_to_choose_by(runs.num_motors))
     told, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
     if held_out.all() or not held_out.any():  # too short a log to judge anything by
@@ -167,7 +167,8 @@ class _Trial:
 
     def __init__(self, network: LatentNetwork, runs: WindowRuns, seed: int):
         self._network, self._runs, self._seed = network, runs, seed
-        held_out = held_out_windows(runs)
+        least = segments_to_choose_by(runs.num_motors)
+        self._stretches, held_out = stretches(runs, least), held_out_windows(runs, least)
         self._seen, self._unseen = ~held_out, held_out
 
     def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
@@ -186,11 +187,22 @@ class _Trial:
     def that_pay(
         self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
-        """Without the terms that are not missed, one by one until none leaves."""
-        before: tuple[str, ...] = ()
+        """Without the terms that are not missed, one by one until none leaves; with those that pay beside the rest."""
+        before, tried = (), best.terms
         while best.terms != before:
             before = best.terms
             best = self.left_out_in_turn(best, told, saved, report)
+        return self.taken_back(best, tried, saved, report)
+
+    def taken_back(
+        self, best: _State, tried: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    ) -> _State:
+        """With those of the terms that left which the fit that is left is worse without, the commonest first."""
+        for name in [name for name in reversed(ORDER) if name in tried and name not in best.terms]:
+            same, more = (self.polished(best, terms) for terms in (best.terms, in_order((*best.terms, name))))
+            if _worth(same, more, _LEVEL_OF_ALL):
+                best, saved[name] = more, _saved(same, more)
+                report(f"{name}: taken back, saves {100 * saved[name]:.0f} %")
         return best
 
     def left_out_in_turn(
@@ -227,7 +239,7 @@ class _Trial:
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
         raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-        held_out, groups = losses[:, self._unseen], stretches(self._runs)[self._unseen]
+        held_out, groups = losses[:, self._unseen], self._stretches[self._unseen]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
         return _State(terms, raw, losses[:, self._seen].mean(axis=1), held_out.mean(axis=1), parts)
 
@@ -239,14 +251,14 @@ def _better(one: _State, other: _State) -> _State:
     return _State(one.terms, *(of_either(chosen, getattr(one, name), getattr(other, name)) for name in names))
 
 
-def stretches(runs: WindowRuns) -> np.ndarray:
-    """(N,) number of the stretch that each window is in: its segment or, of few segments, one of STRETCHES parts.
+def stretches(runs: WindowRuns, least: int = FEWEST) -> np.ndarray:
+    """(N,) number of the stretch that each window is in: its segment or, of fewer than least, one of STRETCHES parts.
 
     Segments under different conditions (VARIES) are numbered in the order of these, so that every second stretch has
     about the conditions of its neighbour.
     """
     groups = runs.groups()
-    if groups[-1] < 3:
+    if groups[-1] + 1 < least:
         return np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
     if len(same_conditions(runs)) < len(VARIES):
         under = np.array([segment.conditions.mean(axis=1) for segment in runs.segments])
@@ -254,6 +266,13 @@ def stretches(runs: WindowRuns) -> np.ndarray:
     return groups
 
 
-def held_out_windows(runs: WindowRuns) -> np.ndarray:
+def held_out_windows(runs: WindowRuns, least: int = FEWEST) -> np.ndarray:
     """(N,) whether a window is judged, not fitted: every second of the `stretches`."""
-    return stretches(runs) % 2 == 1  # presets have five excitations in turn: over two rounds each is in both halves
+    return (
+        stretches(runs, least) % 2 == 1
+    )  # presets have five excitations in turn: over two rounds both halves have each
+
+
+def segments_to_choose_by(motors: int) -> int:
+    """Least number of segments whose held-out gains, of so many motors, are enough for the test of a term."""
+    return FEWEST if motors >= _RANKS_TELL else max(FEWEST, -(-STRETCHES // motors))
