@@ -17,8 +17,10 @@ from motorprior.identification.training_data.windows import TrainingData
 
 SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64
 """Standard deviations of the draws in the rounds of the random search, and their number."""
-STEPS, TURNS = 8, 5
-"""Gauss-Newton steps from one beginning, and how many further beginnings there are."""
+STEPS, TURNS = 8, 20
+"""Gauss-Newton steps from one beginning, and how many further beginnings there are at most."""
+IDLE, LEAST_GAIN = 4, 2e-3
+"""So many beginnings in a row that lower the motors' mean energy by less than this share each are the last."""
 REDRAWN = 96
 """Draws of which each further beginning is the best: the motor so far, with a random half of z drawn anew."""
 OF_THE_SAME_NAME = 0.3
@@ -76,11 +78,15 @@ def adapt(
         found = fit.polish(start, belief, STEPS, WIDE)
         return _posterior(fit, belief, fit.polish(found.z, belief, STEPS, 0.5 * WIDE), known, temperature)
     found = fit.polish(fit.search(rng, known.mean, belief, SEARCH_RADII, SEARCH_DRAWS), belief, STEPS, WIDE)
+    idle = 0
     for _ in range(TURNS):
         drawn = rng.random((shape[0], REDRAWN, shape[1])) < 0.5
         others = known.mean[:, None] + known.deviation[:, None, None] * rng.standard_normal(drawn.shape)
         anew = np.where(drawn, others, found.z[:, None])
-        found = found.better(fit.polish(fit.best_of(anew, belief), belief, STEPS, WIDE))
+        before, found = found, found.better(fit.polish(fit.best_of(anew, belief), belief, STEPS, WIDE))
+        idle = 0 if found.energy.mean() < (1.0 - LEAST_GAIN) * before.energy.mean() else idle + 1
+        if idle == IDLE:
+            break
     found = found.better(fit.polish(found.z, belief, STEPS, 0.5 * WIDE))
     return _posterior(fit, belief, found, known, temperature)
 
