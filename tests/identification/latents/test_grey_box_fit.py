@@ -1,0 +1,61 @@
+"""How long the search for new motors goes on. No motor is simulated: residuals are functions of the latents."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.latents import grey_box_fit
+from motorprior.identification.latents.grey_box_fit import IDLE, SEARCH_RADII, adapt
+from motorprior.identification.physics.motor_fit import MotorFit
+
+NEW, SIZE = 6, 14
+NOTHING: Any = None
+
+
+class RuggedRuns:
+    """In place of `WindowRuns`: residuals grow with the distance from ``truth`` (NEW, SIZE), with ``ripples``."""
+
+    windows, channels, num_motors = 20, 2, NEW
+
+    def __init__(self, ripples: float):
+        self.truth, self.ripples = 0.7 * np.random.default_rng(7).standard_normal((NEW, SIZE)), ripples
+
+    def residuals(self, network: object, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
+        off = z - self.truth[motor]
+        rows = np.concatenate([0.3 * off, self.ripples * np.sin(4.0 * off)], axis=1).astype(np.float32)
+        return np.broadcast_to(rows[:, None, None], (len(z), self.windows, self.channels, rows.shape[1]))
+
+
+@pytest.fixture
+def begun(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Grows by one entry with every beginning that is chosen."""
+    chosen, best_of = [], MotorFit.best_of
+
+    def counting(self: MotorFit, *given: Any) -> np.ndarray:
+        chosen.append(1)
+        return best_of(self, *given)
+
+    monkeypatch.setattr(MotorFit, "best_of", counting)
+    return chosen
+
+
+def found(monkeypatch: pytest.MonkeyPatch, ripples: float) -> np.ndarray:
+    """(NEW, SIZE) distance of what is found from the truth."""
+    runs = RuggedRuns(ripples)
+    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: runs)
+    network = cast(LatentNetwork, SimpleNamespace(num_latents=SIZE))
+    return np.abs(adapt(network, NOTHING, NOTHING, 0.01, None).mean - runs.truth)
+
+
+def test_a_search_ends_where_further_beginnings_bring_nothing(monkeypatch: pytest.MonkeyPatch, begun: list[int]):
+    assert found(monkeypatch, 0.0).max() < 0.1
+    assert len(begun) == len(SEARCH_RADII) + IDLE
+
+
+def test_a_search_goes_on_while_further_beginnings_help(monkeypatch: pytest.MonkeyPatch, begun: list[int]):
+    """After five it is 0.24 off in the mean."""
+    assert found(monkeypatch, 0.3).mean() < 0.1
+    assert len(begun) > len(SEARCH_RADII) + 2 * IDLE
