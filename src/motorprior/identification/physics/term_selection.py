@@ -11,11 +11,12 @@ anew from the beginning, as a term changes where the other constants belong. It 
 
 (at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
 test is of the held-out stretches of each). A term may have made up for one that is gone by then: those that stayed and
-saved no more than SURE are left out in turn again, until none leaves. In the end all that stayed are compared with no
-term at all, by the same price and the test at 5 %. Where the conditions of segments differ, the terms of these are
-tried by themselves as well: of few logs, a fit of all terms at once may be too poor to show them. A term is not asked
-about where the log states a value for it, which motors have, nor where the log states that all of it is off, nor of
-conditions that are the same in all segments.
+saved no more than SURE are left out in turn again, until none leaves. A term may have left because the fit with it had
+ended in a poor optimum: each that left is tried once more beside those that stayed, from where their fit is, by the
+same price and the test at 5 %. In the end all are compared with no term at all, likewise. Where the conditions of
+segments differ, the terms of these are tried by themselves as well: of few logs, a fit of all terms at once may be too
+poor to show them. A term is not asked about where the log states a value for it, which motors have, nor where the log
+states that all of it is off, nor of conditions that are the same in all segments.
 """
 
 from __future__ import annotations
