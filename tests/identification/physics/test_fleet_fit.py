@@ -117,7 +117,7 @@ def test_searches_keep_the_speeds_that_motors_held_and_steps_do_not(decoder_data
     motors = np.zeros((MOTORS, len(center)))
     motors[:, speed] = np.log([0.9, 1.0, 1.1, 1.0])
     runs = WindowRuns(decoder_data(with_motor(bare(terms), center, terms), motors, segments=6, rows=400), PRESET)
-    runs.held_speeds = dict.fromkeys(SPEED_LIMITS, np.full(MOTORS, 1.3))
+    runs.held_speeds = {name: np.full(MOTORS, 1.3) for name in SPEED_LIMITS}
     bounded = MotorFit(with_motor(bare(terms), center, terms), runs, least=least_latents(center, terms, runs))
     sought = bounded.best_of(motors[:, None], weak_belief(len(center)))[:, speed]
     np.testing.assert_allclose(np.exp(sought), 1.3 * MARGIN)
