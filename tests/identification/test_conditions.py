@@ -11,7 +11,13 @@ from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.grey_box_fit import adapt
 from motorprior.identification.physics.fleet_fit import least_latents
-from motorprior.identification.physics.term_selection import held_out_windows, same_conditions, select_terms
+from motorprior.identification.physics.term_selection import (
+    FEWEST,
+    same_conditions,
+    segments_to_choose_by,
+    select_terms,
+    stretches,
+)
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, with_what_is_stated
 from motorprior.identification.residual import without_residual
@@ -76,12 +82,16 @@ def test_a_speed_that_a_higher_voltage_gave_bounds_no_motor(decoder_data: Data, 
 
 
 @pytest.mark.parametrize("warmer", [(0.0, 60.0), (0.0, 0.0, 60.0, 60.0), (60.0, 0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("least", [FEWEST, segments_to_choose_by(1)])
+@pytest.mark.parametrize("windows", [1, 3])
 def test_what_is_fitted_and_what_is_judged_has_every_condition(
-    decoder_data: Data, driven_by_voltage: LatentNetwork, warmer: tuple[float, ...]
+    decoder_data: Data, driven_by_voltage: LatentNetwork, warmer: tuple[float, ...], least: int, windows: int
 ):
-    runs = WindowRuns(decoder_data(driven_by_voltage, Z, 8, warmer=warmer), PRESET)
+    rows = PRESET.warm_up + windows * PRESET.window + 1
+    runs = WindowRuns(decoder_data(driven_by_voltage, Z, 8, rows=rows, warmer=warmer), PRESET)
+    assert runs.windows == 8 * windows
     hot = np.array([segment.rows[0, WARMER, 0] > 30.0 for segment in runs.segments])[runs.groups()]
-    judged = held_out_windows(runs)
+    judged = stretches(runs, least) % 2 == 1
     assert all((judged[hot == each]).any() and (~judged[hot == each]).any() for each in (True, False))
 
 

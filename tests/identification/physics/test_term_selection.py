@@ -13,7 +13,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import INITIAL, TERMS, UNLIMITED, in_order
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
-from motorprior.identification.physics.term_selection import ORDER, PRICE, held_out_windows, select_terms
+from motorprior.identification.physics.term_selection import ORDER, PRICE, held_out_windows, select_terms, stretches
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -102,7 +102,7 @@ def test_a_term_that_is_off_is_not_tried(decoder_data: Data, monkeypatch: pytest
 def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data):
     runs = logs(decoder_data, ("profile",))
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 0.0),))
-    trial = term_selection._Trial(bare(initial_center(()), ()), runs, 0)
+    trial = term_selection._Trial(bare(initial_center(()), ()), runs, stretches(runs), 0)
     without, state = trial.fitted(()), trial.fitted(("profile",))
     for each in (state, trial.polished(without, ("profile",))):
         row = parameters_of(each.terms).index("profile_acceleration")
@@ -112,7 +112,7 @@ def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data)
 def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):
     runs, stated = logs(decoder_data, ("profile",)), 60.0  # the motors' own is 25
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", stated),))
-    trial = term_selection._Trial(bare(initial_center(()), ()), runs, 0)
+    trial = term_selection._Trial(bare(initial_center(()), ()), runs, stretches(runs), 0)
     both = trial.fitted(("profile", "dead_zone"))
     for state in (both, trial.polished(both, ("profile",))):
         row = parameters_of(state.terms).index("profile_acceleration")
@@ -138,7 +138,7 @@ class MadeUp(term_selection._Trial):
 
 def chosen_by(trial: type[MadeUp], monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
     monkeypatch.setattr(term_selection, "_Trial", trial)
-    monkeypatch.setattr(term_selection, "held_out_windows", lambda runs, least: np.array([False, True]))
+    monkeypatch.setattr(term_selection, "stretches", lambda runs, least: np.array([0, 1]))
     same = [SimpleNamespace(conditions=np.zeros((2, 1)))]
     runs = SimpleNamespace(preset=replace(PRESET, firmware=()), segments=same, num_motors=8)
     return select_terms(bare(initial_center(()), ()), cast(WindowRuns, runs), 0).terms

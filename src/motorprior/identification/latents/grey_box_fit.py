@@ -20,7 +20,8 @@ SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64
 STEPS, TURNS = 8, 20
 """Gauss-Newton steps from one beginning, and how many further beginnings there are at most."""
 IDLE, LEAST_GAIN = 4, 2e-3
-"""So many beginnings in a row that lower the motors' mean energy by less than this share each are the last."""
+"""So many beginnings in a row that lower the motors' energies by less than this share in the mean are the last."""
+_LEAST_ENERGY = 1e-12
 REDRAWN = 96
 """Draws of which each further beginning is the best: the motor so far, with a random half of z drawn anew."""
 OF_THE_SAME_NAME = 0.3
@@ -84,7 +85,9 @@ def adapt(
         others = known.mean[:, None] + known.deviation[:, None, None] * rng.standard_normal(drawn.shape)
         anew = np.where(drawn, others, found.z[:, None])
         before, found = found, found.better(fit.polish(fit.best_of(anew, belief), belief, STEPS, WIDE))
-        idle = 0 if found.energy.mean() < (1.0 - LEAST_GAIN) * before.energy.mean() else idle + 1
+        # shares, or a motor that nothing fits would end the search for all others
+        gains = 1.0 - found.energy / np.maximum(before.energy, _LEAST_ENERGY)
+        idle = 0 if gains.mean() > LEAST_GAIN else idle + 1
         if idle == IDLE:
             break
     found = found.better(fit.polish(found.z, belief, STEPS, 0.5 * WIDE))

@@ -104,7 +104,8 @@ class MotorFit:
         network: decoder from z to motors.
         runs: the logs of M motors.
         chosen: (N,) mask of the windows that count; all if not given.
-        least: (M, Z) bounds of z within which searches look; steps may leave them. None if not given.
+        least: (M, Z) bounds of z, which random searches and restarts keep and Gauss-Newton steps from there do not;
+            none if not given.
     """
 
     def __init__(
@@ -155,7 +156,7 @@ class MotorFit:
         return np.where(np.isfinite(loss), loss, _NEVER)
 
     def best_of(self, candidates: np.ndarray, belief: Belief) -> np.ndarray:
-        """(M, Z) of each motor the candidate with the least energy; candidates are (M, K, Z)."""
+        """(M, Z) of each motor the candidate with the least energy; those (M, K, Z) below bounds are raised first."""
         if self._least is not None:
             candidates = np.maximum(candidates, _beside(self._least, candidates))
         energy = self.losses(candidates) + belief.energy(candidates)

@@ -3,10 +3,10 @@
 A limit that begins above every speed of a log shows nowhere, and one far below the motor's own keeps a search in a poor
 optimum. Held is what a joint never falls below for HELD_SECONDS on its way towards its target: an impact drives a joint
 faster than its motor goes, but seldom for so long. Seldom is not never: on three benches of 32 motors of foreign_servo
-12, 19 and 25 % of the motors held more than their firmware's limit, by up to 24 %. So searches keep the bound, and
-Gauss-Newton steps do not; where steps kept it, too, held-out impacts were 0.7 mrad further off (means of three
-searches). With speeds held for 0.2 s no motor is bounded above its limit, but so weak a bound guides no search.
-A voltage's limit of speed grows with the voltage: it is the one at the usual voltage.
+12, 19 and 25 % of the motors held more than their firmware's limit, by up to 24 %. So random searches and restarts keep
+the bound, and Gauss-Newton steps from there do not; where steps kept it, too, the motors were 0.7 mrad further off
+under impacts (means of three searches). With speeds held for 0.2 s no motor is bounded above its limit, but so weak a
+bound guides no search. A voltage's limit of speed grows with the voltage: it is the one at the usual voltage.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ MOTORS, ROWS, WINDOWS = 8, 10_000, 60
 SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
 """What the servos of hobby robots have."""
 STRETCHES, FEWEST = 32, 4
-"""Stretches of a log of few segments; from so many segments on, these are the stretches."""
+"""Stretches of a log of few segments; from so many segments of many motors on, these are the stretches."""
 VARIES = {"supply": 0.03, "temperature": 10.0}
 """Terms that only logs under several conditions show, in the order of `Segment.conditions`, and the least difference
 between two segments: a share of the usual voltage, and [K]."""
@@ -101,14 +101,15 @@ def select_terms(
         network: with a residual that stays as it is.
         runs: logs of m motors; MOTORS of a fleet are enough.
         seed: of the searches.
-        report: called once for every term of ORDER in the first turn, then once for every fit of a further turn.
+        report: called once for every term of ORDER in the first turn, then once for every fit of a further turn, and
+            for every term that is taken back.
     """
-    held_out = held_out_windows(runs, segments_to_choose_by(runs.num_motors))
+    parts = stretches(runs, segments_to_choose_by(runs.num_motors))
     told, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
-    if held_out.all() or not held_out.any():  # too short a log to judge anything by
+    if len(set((parts % 2).tolist())) < 2:  # too short a log to judge anything by
         return Selection(told, {})
-    trial = _Trial(network, runs, seed)
+    trial = _Trial(network, runs, parts, seed)
     whole, saved = trial.all_at_once(tried, (*(name for name in SERVO if name not in off), *told)), {}
     for name in ORDER:
         if name in (*told, *off):
@@ -164,13 +165,11 @@ def _logarithm(loss: np.ndarray) -> np.ndarray:
 
 
 class _Trial:
-    """Fits on half of the windows, judged on the other half."""
+    """Fits to the windows in every second of these ``parts`` (N,), `stretches`, judged on the others."""
 
-    def __init__(self, network: LatentNetwork, runs: WindowRuns, seed: int):
-        self._network, self._runs, self._seed = network, runs, seed
-        least = segments_to_choose_by(runs.num_motors)
-        self._stretches, held_out = stretches(runs, least), held_out_windows(runs, least)
-        self._seen, self._unseen = ~held_out, held_out
+    def __init__(self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int):
+        self._network, self._runs, self._parts, self._seed = network, runs, parts, seed
+        self._seen, self._unseen = parts % 2 == 0, parts % 2 == 1
 
     def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
         """From the beginning."""
@@ -198,7 +197,7 @@ class _Trial:
     def taken_back(
         self, best: _State, tried: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
-        """With those of the terms that left which the fit that is left is worse without, the commonest first."""
+        """Try each term that left beside those that stayed, the commonest first, and keep those that pay."""
         for name in [name for name in reversed(ORDER) if name in tried and name not in best.terms]:
             same, more = (self.polished(best, terms) for terms in (best.terms, in_order((*best.terms, name))))
             if _worth(same, more, _LEVEL_OF_ALL):
@@ -240,7 +239,7 @@ class _Trial:
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
         raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-        held_out, groups = losses[:, self._unseen], self._stretches[self._unseen]
+        held_out, groups = losses[:, self._unseen], self._parts[self._unseen]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
         return _State(terms, raw, losses[:, self._seen].mean(axis=1), held_out.mean(axis=1), parts)
 
@@ -255,25 +254,29 @@ def _better(one: _State, other: _State) -> _State:
 def stretches(runs: WindowRuns, least: int = FEWEST) -> np.ndarray:
     """(N,) number of the stretch that each window is in: its segment or, of fewer than least, one of STRETCHES parts.
 
-    Segments under different conditions (VARIES) are numbered in the order of these, so that every second stretch has
-    about the conditions of its neighbour.
+    Presets have five excitations in turn: over two rounds of segments, every second one has each of them. Segments
+    under different conditions (VARIES) stand in the order of these, so that every second stretch has about the
+    conditions of its neighbour.
     """
     groups = runs.groups()
-    if groups[-1] + 1 < least:
-        return np.arange(len(groups)) * min(STRETCHES, len(groups)) // len(groups)
     if len(same_conditions(runs)) < len(VARIES):
         under = np.array([segment.conditions.mean(axis=1) for segment in runs.segments])
-        return np.argsort(np.lexsort(under.round(2).T[::-1]))[groups]
-    return groups
+        groups = np.argsort(np.lexsort(under.round(2).T[::-1]))[groups]
+    if groups.max() + 1 >= least:
+        return groups
+    parts, count = np.empty_like(groups), len(groups)
+    parts[np.argsort(groups, kind="stable")] = np.arange(count) * min(STRETCHES, count) // count
+    return parts
 
 
-def held_out_windows(runs: WindowRuns, least: int = FEWEST) -> np.ndarray:
+def held_out_windows(runs: WindowRuns) -> np.ndarray:
     """(N,) whether a window is judged, not fitted: every second of the `stretches`."""
-    return (
-        stretches(runs, least) % 2 == 1
-    )  # presets have five excitations in turn: over two rounds both halves have each
+    return stretches(runs) % 2 == 1
 
 
 def segments_to_choose_by(motors: int) -> int:
-    """Least number of segments whose held-out gains, of so many motors, are enough for the test of a term."""
-    return FEWEST if motors >= _RANKS_TELL else max(FEWEST, -(-STRETCHES // motors))
+    """Least number of segments that are the stretches by which terms of so many motors are chosen.
+
+    Fewer are cut into STRETCHES: of fewer than _RANKS_TELL motors the test needs many gains of each.
+    """
+    return FEWEST if motors >= _RANKS_TELL else -(-STRETCHES // motors)
