@@ -18,10 +18,11 @@ from motorprior.identification.training_data.windows import TrainingData
 SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64
 """Standard deviations of the draws in the rounds of the random search, and their number."""
 STEPS, TURNS = 8, 20
-"""Gauss-Newton steps from one beginning, and how many further beginnings there are at most."""
+"""Gauss-Newton steps from one beginning, and the most restarts."""
 IDLE, LEAST_GAIN = 4, 2e-3
-"""So many beginnings in a row that lower the motors' energies by less than this share in the mean are the last."""
+"""A search ends after so many restarts in a row of which each lowers the motors' energies by less, mean share."""
 _LEAST_ENERGY = 1e-12
+"""An energy below counts as this."""
 REDRAWN = 96
 """Draws of which each further beginning is the best: the motor so far, with a random half of z drawn anew."""
 OF_THE_SAME_NAME = 0.3

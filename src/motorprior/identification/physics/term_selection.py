@@ -107,7 +107,8 @@ def select_terms(
     parts = stretches(runs, segments_to_choose_by(runs.num_motors))
     told, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
-    if len(set((parts % 2).tolist())) < 2:  # too short a log to judge anything by
+    judged = parts % 2 == 1
+    if judged.all() or not judged.any():  # too short a log to judge anything by
         return Selection(told, {})
     trial = _Trial(network, runs, parts, seed)
     whole, saved = trial.all_at_once(tried, (*(name for name in SERVO if name not in off), *told)), {}
@@ -198,10 +199,12 @@ class _Trial:
         self, best: _State, tried: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
         """Try each term that left beside those that stayed, the commonest first, and keep those that pay."""
+        same = self.polished(best, best.terms)
         for name in [name for name in reversed(ORDER) if name in tried and name not in best.terms]:
-            same, more = (self.polished(best, terms) for terms in (best.terms, in_order((*best.terms, name))))
+            more = self.polished(best, in_order((*best.terms, name)))
             if _worth(same, more, _LEVEL_OF_ALL):
                 best, saved[name] = more, _saved(same, more)
+                same = self.polished(best, best.terms)
                 report(f"{name}: taken back, saves {100 * saved[name]:.0f} %")
         return best
 
