@@ -1,0 +1,117 @@
+"""Acceptance figures: small runs of every claim, and a comparison of two such runs.
+
+    python benchmarks/acceptance.py run --data DIR --out runs/acceptance
+    python benchmarks/acceptance.py compare benchmarks/acceptance.json runs/acceptance/acceptance.json
+
+`run` calls the demo, the quick transfer study and the benchmarks on real logs and on fleets, one fold per robot and
+few motors, and collects their figures in acceptance.json. Runs that are there are kept; about 40 minutes on two cores.
+`compare` lists figures that moved or went and exits with 1 if there are any. The same seed gives the same figures,
+whatever the number of workers, so the tolerance covers only differences between processors.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+BENCHMARKS = Path(__file__).parent
+SMALL = ["--motors", "16", "--steps", "2000", "--adam-steps", "100"]
+COLLECTED = "acceptance.json"
+
+
+@dataclass(frozen=True)
+class Run:
+    """Make the figures."""
+
+    data: Path
+    """Folder with the real logs of `benchmarks/real_logs.py`."""
+    out: Path
+    """Run folder."""
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare two collections of figures."""
+
+    before: tyro.conf.Positional[Path]
+    """acceptance.json of the earlier run."""
+    after: tyro.conf.Positional[Path]
+    """acceptance.json of the later run."""
+    rtol: float = 1e-3
+    """Relative tolerance [-]."""
+    atol: float = 1e-6
+    """Absolute tolerance, in the unit of the figure."""
+
+
+def commands(data: Path, out: Path) -> dict[str, list[str]]:
+    """Arguments of Python for every run, by name."""
+    product, real = ["-m", "motorprior"], [str(BENCHMARKS / "real_logs.py"), "--data", str(data)]
+    return {
+        "demo": [*product, "demo", "--out", str(out / "demo")],
+        "study": [*product, "transfer", "--study", "--quick", "--out", str(out / "study")],
+        "real_logs": [*real, "--folds", "1", "--seconds", "6", "--adam-steps", "100", "--out", str(out / "real_logs")],
+        "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL, "--out", str(out / "fidelity")],
+        "foreign": [str(BENCHMARKS / "foreign.py"), *SMALL, "--out", str(out / "foreign")],
+    }
+
+
+def run(config: Run) -> None:
+    """Run every command that has no figures yet and collect the figures of all."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    for name, arguments in commands(config.data, config.out).items():
+        done = config.out / f"{name}.done"
+        if not done.exists():
+            subprocess.run([sys.executable, *arguments], check=True, env=environment)
+            done.touch()
+    text = json.dumps(collected(config.out), indent=0, sort_keys=True)
+    (config.out / COLLECTED).write_text(text + "\n")
+
+
+def collected(out: Path) -> dict[str, float]:
+    """Every figure, named after the run, without times; means over the walks of the study."""
+    figures: dict[str, float] = {}
+    for path in (out / name / "figures.json" for name in ("demo", "real_logs", "fidelity", "foreign")):
+        found = json.loads(path.read_text())
+        figures |= {f"{path.parent.name}/{name}": value for name, value in found.items() if "seconds" not in name}
+    walks = defaultdict(list)
+    with (out / "study" / "walks.csv").open() as lines:
+        for row in csv.DictReader(lines):
+            for measure in ("speed", "upright"):
+                walks[f"study/{row['place']}/{row['condition']}/{measure}"].append(float(row[measure]))
+    return figures | {name: float(np.mean(values)) for name, values in walks.items()}
+
+
+def compare(config: Compare) -> int:
+    """Print what differs; 1 if anything does."""
+    before, after = (json.loads(path.read_text()) for path in (config.before, config.after))
+    moved = [
+        f"{name}: {value:.6g} -> {after[name]:.6g}" if name in after else f"{name}: gone"
+        for name, value in before.items()
+        if name not in after or not np.isclose(after[name], value, config.rtol, config.atol, equal_nan=True)
+    ]
+    print("\n".join(moved))
+    print(f"{len(before)} figures, {len(moved)} moved or gone, {len(after.keys() - before.keys())} new")
+    return min(len(moved), 1)
+
+
+def main() -> int:
+    """Run or compare."""
+    config = tyro.cli(
+        Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Compare, tyro.conf.subcommand("compare")],  # pyright: ignore
+        description=__doc__,
+    )
+    return compare(config) if isinstance(config, Compare) else run(config) or 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
