@@ -59,7 +59,7 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
     return {
         "demo": [*product, "demo", "--out", str(out / "demo")],
         "study": [*product, "transfer", "--study", "--quick", "--out", str(out / "study")],
-        "real_logs": [*real, "--folds", "1", "--seconds", "6", "--adam-steps", "100", "--out", str(out / "real_logs")],
+        "real_logs": [*real, "--folds", "1", "--seconds", "12", "--adam-steps", "100", "--out", str(out / "real_logs")],
         "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL, "--out", str(out / "fidelity")],
         "foreign": [str(BENCHMARKS / "foreign.py"), *SMALL, "--out", str(out / "foreign")],
     }
