@@ -16,7 +16,7 @@ WORDS = {
     "compiled",
     "kernel_cache",
     "exceptions",
-    "outside_files",
+    "files",
     "rotations",
     "signals",
     "artifacts",

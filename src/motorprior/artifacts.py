@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, cut
-from motorprior.outside_files import read_text, require_file
+from motorprior.files import read_text, require_file
 
 _DTYPES = frozenset(["F64", "F32", "F16", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8", "BOOL"])
 """Of the arrays in an artefact; the format has others, some of which numpy lacks."""

@@ -15,7 +15,7 @@ from motorprior.bench.distribution import Distribution, bounds_of, distribution_
 from motorprior.bench.families import FAMILIES, GEARED, Family
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
-from motorprior.outside_files import read_toml
+from motorprior.files import read_toml
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import TABLE, TEXT, Schema, exactly, one_of, require
 

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.outside_files import read_toml
+from motorprior.files import read_toml
 from motorprior.robots.model_files import files_digest, model_files
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot

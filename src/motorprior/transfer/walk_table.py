@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.artifacts import write_text
 from motorprior.exceptions import ArtifactError
-from motorprior.outside_files import read_text
+from motorprior.files import read_text
 
 KEYS = ("place", "condition", "seed", "draw")
 NUMBERS = frozenset({"seed", "draw"})

@@ -107,7 +107,7 @@ def test_a_number_that_is_also_the_name_of_another_joint_is_refused(tmp_path: Pa
         ("motor_state[{joint}].q", "motor_state[{joint}]", "it is a Motor"),
         ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' names no number .* -> name log_time for the"),
         ('"log_time"', '"t_s"', "'t_s' names no number of a bag's messages"),
-        ('"hung"', '"mode"', "posture = 'mode': that is no posture, and a bag has no column of texts"),
+        ('"hung"', '"mode"', "posture = 'mode': not a posture, and a bag has no text columns"),
     ],
 )
 def test_what_a_map_gets_wrong_is_named(tmp_path: Path, old: str, new: str, said: str):

@@ -142,7 +142,7 @@ def test_lerobots_description_must_fit(tmp_path: Path):
     for names in (["pan.pos"], ["pan.pos", "lift.pos", "tail.pos"]):
         info["features"]["action"] = info["features"]["observation.state"] = {"names": names}
         (path / "meta" / "info.json").write_text(json.dumps(info))
-        with pytest.raises(LogError, match=rf"row 0, action has 2 numbers, and {len(names)} are described"):
+        with pytest.raises(LogError, match=rf"row 0, action: its list has 2 numbers, expected {len(names)}"):
             read_log(path)
     info["features"]["observation.state"] = {"names": ["pan.pos", "lift.pos"]}
     info["features"]["action"] = {"names": ["x.pos", "y.pos"]}
@@ -214,8 +214,8 @@ def test_tensors_without_a_map_are_named_and_so_are_the_maps(tmp_path: Path):
     with pytest.raises(LogError) as refusal:
         read_log(write_pt(tmp_path))
     said = str(refusal.value)
-    assert "it has 'time' of (40,), 'des_dof_pos' of (40, 2), 'dof_pos' of (40, 2) -> " in said
-    assert said.endswith("one that comes with motorprior: go2_tensors, pace_tensors")
+    assert "unmapped tensors: 'time' (40,), 'des_dof_pos' (40, 2), 'dof_pos' (40, 2) -> " in said
+    assert said.endswith("a shipped map: go2_tensors, pace_tensors")
     assert refusal.value.argument == "columns"
     (tmp_path / "log.pt").write_bytes((tmp_path / "log.pt").read_bytes()[:-30])
     with pytest.raises(LogError, match="cannot be read"):
@@ -239,20 +239,17 @@ def test_a_recording_of_pace_is_read_by_its_map(tmp_path: Path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ({"time": Name("os", "system")}, "os.system, which is refused"),
-        ({"time": Name("torch", "load")}, "torch.load, which is refused"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "its storage has 10"),
+        ({"time": Name("os", "system")}, "os.system, which is not allowed"),
+        ({"time": Name("torch", "load")}, "torch.load, which is not allowed"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "do not fit 40 bytes"),
         (
             {"time": Tensor(Storage("BFloat16Storage", "0", 20), 0, (6,), (1,))},
             "type bfloat16 -> save them as float32, by tensor.float()",
         ),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "is refused"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "is refused"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "40 bytes for 1000 numbers"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (4,), (1,), {"size": (64,)})}, "after it was made"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (4,), (1,), (None, {"offset": 9}))}, "after it was made"),
-        ({"time": Tensor(Storage("FloatStorage", "../x", 10), 0, (6,), (1,))}, "is refused"),
-        ({"time": Tensor(Storage("FloatStorage", "7", 10), 0, (6,), (1,))}, "data/7"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "do not fit"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "do not fit"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "do not fit 40 bytes"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (4,), (1,), {"size": (64,)})}, "do not fit"),
         ({"time": 3.0}, "not a tensor"),
         ({"t": 3.0}, "no tensor 'des_dof_pos'"),
     ],

@@ -3,14 +3,11 @@
 import json
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.formats.log_size import most_rows, numbers_per_row
 from motorprior.logs.formats.parquet_io import METADATA_KEY, read_parquet, write_log
-from motorprior.logs.formats.parquet_pages import MAX_NUMBERS
 from motorprior.logs.motor_log import channels
 
 
@@ -69,38 +66,6 @@ def test_a_bad_log_is_not_written(tmp_path, make_log):
     with pytest.raises(LogError, match="row 3, joint_pos/left"):
         write_log(tmp_path / "log.parquet", log)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_could_not_be_read_again_is_not_written(tmp_path, make_log, monkeypatch):
-    """200 rows of 1.99 s; 7 columns."""
-    write_log(tmp_path / "log.parquet", make_log())
-    for most, fits in ((7 * 200, True), (7 * 200 - 1, False)):
-        monkeypatch.setattr("motorprior.logs.formats.log_size.MAX_LOG_NUMBERS", most)
-        if fits:
-            write_log(tmp_path / "again.parquet", make_log())
-            assert read_parquet(tmp_path / "again.parquet").num_rows == 200
-            continue
-        said = r"200 rows of 7 numbers, 0\.0332 minutes: a motor log has at most 199 such rows, 0\.033 minutes"
-        with pytest.raises(LogError, match=rf"new\.parquet: {said} .* -> split the recording, or .* longer period"):
-            write_log(tmp_path / "new.parquet", make_log())
-        with pytest.raises(LogError, match=r"200 rows of 7 numbers, and a motor log has at most 199"):
-            read_parquet(tmp_path / "log.parquet")
-    assert not (tmp_path / "new.parquet").exists()
-
-
-def test_a_table_of_the_largest_size_fits_with_its_gains_and_loads():
-    """Of any number of joints, by the channels that an import makes of its time, commands and angles."""
-    told = ("joint_vel", "load_inertia", "external_torque", "load_stiffness", "stated_kp", "stated_kd", "posture")
-    for joints in range(1, 40):
-        rows = MAX_NUMBERS // numbers_per_row(("position_target", "joint_pos"), joints)
-        assert rows <= most_rows(numbers_per_row(("position_target", "joint_pos", *told), joints))
-
-
-def test_a_log_is_written_in_parts(tmp_path, make_log, monkeypatch):
-    monkeypatch.setattr("motorprior.logs.formats.parquet_io._GROUP", 77)
-    write_log(tmp_path / "log.parquet", make_log())
-    assert pq.ParquetFile(tmp_path / "log.parquet").metadata.num_row_groups == 3
-    np.testing.assert_array_equal(read_parquet(tmp_path / "log.parquet").joint_pos, make_log().joint_pos)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
@@ -165,12 +130,4 @@ def test_columns_that_do_not_fit_are_refused(written, change, problem):
 def test_parquet_of_others_is_refused(tmp_path, written):
     pq.write_table(pq.read_table(written).replace_schema_metadata(None), written)
     with pytest.raises(LogError, match="no motorprior header"):
-        read_parquet(written)
-
-
-def test_a_column_that_is_there_twice_is_refused(written):
-    table = pq.read_table(written)
-    twice = pa.Table.from_arrays([*table.columns, table.column(1)], names=[*table.column_names, table.column_names[1]])
-    pq.write_table(twice.replace_schema_metadata(table.schema.metadata), written)
-    with pytest.raises(LogError, match=rf"log\.parquet: more than one column {table.column_names[1]}"):
         read_parquet(written)

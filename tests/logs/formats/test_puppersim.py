@@ -6,11 +6,10 @@ import pickle
 import numpy as np
 import pytest
 
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import LogError
 from motorprior.logs.formats.puppersim import csv_columns, read_puppersim_log, read_puppersim_logs
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import channels
-from motorprior.logs.resampling import drop_repeats, repeated_rows
+from motorprior.logs.resampling import repeated_rows
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 
@@ -93,38 +92,6 @@ def test_a_bad_cell_is_named(tmp_path, table, row, column, cell, problem):
         read_puppersim_log(write_csv(tmp_path / "env_real_x_log.csv", lines), PUPPER_V2)
 
 
-def test_another_header_is_refused(tmp_path, table):
-    lines = csv_lines(table)
-    path = write_csv(tmp_path / "env_real_x_log.csv", [lines[0].replace("q_3", "p_3"), *lines[1:]])
-    with pytest.raises(LogError, match="column 16 is named 'p_3', expected 'q_3'"):
-        read_puppersim_log(path, PUPPER_V2)
-    path = write_csv(path, [line.rpartition(",")[0] for line in lines])
-    with pytest.raises(LogError, match="28 columns, expected 29"):
-        read_puppersim_log(path, PUPPER_V2)
-    path = write_csv(path, lines[:1])
-    with pytest.raises(LogError, match="no rows"):
-        read_puppersim_log(path, PUPPER_V2)
-
-
-def test_a_damaged_log_is_told_from_a_table_of_somebodys_own(tmp_path, table):
-    lines = csv_lines(table)
-    for head, problem in (
-        (lines[0].replace("q_3,", "p_3,"), "column 16 is named 'p_3', expected 'q_3' -> restore the header"),
-        (lines[0].replace("q_des_", "target_").replace("t_s", "t"), "column 0 is named 't', expected 't_s'"),
-        (
-            lines[0].replace("q_", "joint_"),
-            "a table of no known format; its first line is 't_s', 'joint_des_0'.*columns",
-        ),
-        (lines[1], "no header: its first line is '"),
-    ):
-        path = write_csv(tmp_path / "log.csv", [head, *lines[1:]])
-        with pytest.raises(LogError, match=problem):
-            read_log(path, PUPPER_V2)
-        no_robot = (ConfigError, "give robot") if problem.startswith("column") else (LogError, problem)
-        with pytest.raises(no_robot[0], match=no_robot[1]):
-            read_log(path)
-
-
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])
 def test_a_truncated_gzip_file_is_refused(tmp_path, table, share):
     path = write_csv(tmp_path / "env_real_x_log.csv.gz", csv_lines(table))
@@ -134,29 +101,16 @@ def test_a_truncated_gzip_file_is_refused(tmp_path, table, share):
         read_puppersim_log(path, PUPPER_V2)
 
 
-def test_a_damaged_gzip_file_is_refused(tmp_path, table):
-    path = write_csv(tmp_path / "env_real_x_log.csv.gz", csv_lines(table))
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    path.write_bytes(content)
-    with pytest.raises(LogError):
-        read_puppersim_log(path, PUPPER_V2)
-
-
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
         (lambda c: c.pop("IMU"), "expected a dict of"),
         (lambda c: c["t"].pop(), "lists of unequal length"),
-        (lambda c: c["MotorAngle"][3].pop(), "row 3, MotorAngle has 11 values, expected 12"),
-        (lambda c: c["action"][2].__setitem__(5, "x"), r"row 2, action\[5\] is 'x', not a number"),
-        (lambda c: c["action"][2].__setitem__(5, [1.0]), r"row 2, action\[5\] is"),
+        (lambda c: c["MotorAngle"][3].pop(), "row 3, MotorAngle is .*expected 12 numbers"),
+        (lambda c: c["action"][2].__setitem__(5, "x"), "row 2, action is"),
         (lambda c: c["MotorAngle"][6].__setitem__(1, float("nan")), "row 6, joint_pos/FR_hip is nan"),
         (lambda c: c.__setitem__("t", 3.0), "t is float, not a list"),
-        (lambda c: c.__setitem__("t", np.array(3.0)), "t is one number, not a list"),
-        (lambda c: c.__setitem__("t", np.ones(ROWS, dtype=bool)), r"row 0, t\[0\] is True, not a number"),
-        (lambda c: c["t"].__setitem__(4, 10**400), r"row 4, t\[0\] is a whole number of 1329 bits, not a number"),
-        (lambda c: c["t"].__setitem__(4, [0.0, 1.0]), "row 4, t has 2 values, expected 1"),
+        (lambda c: c["t"].__setitem__(4, [0.0, 1.0]), "row 4, t is .*expected 1 numbers"),
         (lambda c: [c[key].clear() for key in c], "has 0 rows"),
     ],
 )
@@ -179,25 +133,6 @@ def test_a_folder_gives_the_real_logs_by_short_name(tmp_path, table):
     assert sorted(read_puppersim_logs(tmp_path, PUPPER_V2)) == ["0116", "1_joint", "bf", "lr"]
 
 
-def test_two_files_of_one_log_are_refused(tmp_path, table):
-    for name in ("env_real_bf_log.csv", "env_real_bf_log.csv.gz"):
-        write_csv(tmp_path / name, csv_lines(table))
-    with pytest.raises(LogError, match="are both log 'bf'"):
-        read_puppersim_logs(tmp_path, PUPPER_V2)
-
-
-def test_a_folder_without_logs_says_where_they_come_from(tmp_path):
-    (tmp_path / "env_log_sim_0116.csv.gz").touch()
-    for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(LogError, match=r"jietan/puppersim, folder puppersim/data/system_id \(Apache-2\.0\)"):
-            read_puppersim_logs(folder, PUPPER_V2)
-
-
-def test_an_unknown_kind_of_file_is_refused(tmp_path):
-    with pytest.raises(LogError, match="unknown kind of file"):
-        read_puppersim_log(tmp_path / "env_real_bf_log.npz", PUPPER_V2)
-
-
 def test_the_published_logs_read(pupper_folder):
     logs = read_puppersim_logs(pupper_folder, PUPPER_V2)
     durations = {"0116": 18.7, "1_joint": 3.7, "bf": 7.2, "lr": 6.7}
@@ -208,13 +143,3 @@ def test_the_published_logs_read(pupper_folder):
 def test_more_than_half_of_the_0116_rows_repeat(pupper_folder):
     log = read_puppersim_log(pupper_folder / "env_log_real_0116.csv.gz", PUPPER_V2)
     assert repeated_rows(log)[1:].mean() == pytest.approx(0.55, abs=0.005)
-
-
-def test_a_log_says_which_file_it_is_from(tmp_path, table):
-    path = write_csv(tmp_path / "mine.csv", csv_lines(table))
-    log = read_puppersim_log(path, PUPPER_V2)
-    assert log.source == str(path)
-    log.joint_pos[:] = log.joint_pos[0]
-    with pytest.raises(LogError) as error:
-        drop_repeats(log)
-    assert str(error.value.where) == str(path)

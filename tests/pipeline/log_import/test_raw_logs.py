@@ -16,7 +16,6 @@ from swinging_bars import INERTIA, swing, write_table
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
-from motorprior.logs.formats import registry
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.pipeline.folder_lock import taken
@@ -115,31 +114,6 @@ def test_a_period_out_of_bounds_is_refused_before_a_log_is_read(tmp_path: Path, 
     with pytest.raises(ConfigError, match=r"period .* is not a finite number from 1e-06 to 1") as refusal:
         import_logs(LogsImport((tmp_path / "none.csv",), tmp_path / "out", period=period))
     assert refusal.value.argument == "period"
-
-
-def test_a_period_too_short_for_its_log_is_refused_with_the_shortest(tmp_path: Path, monkeypatch):
-    path = write_bam(tmp_path)
-    monkeypatch.setattr("motorprior.logs.formats.log_size.MAX_LOG_NUMBERS", 900)  # of 9 columns
-    with pytest.raises(ConfigError, match=r"rows \(.* minutes\) of 1 joints; .* at most 100, .* minutes") as refusal:
-        import_logs(LogsImport((path,), tmp_path / "out", period=1e-4))
-    assert refusal.value.where == path and refusal.value.remedy is not None
-    shortest = float(refusal.value.remedy.split()[-2])
-    import_logs(LogsImport((path,), tmp_path / "out", period=shortest))
-    assert 90 <= read_parquet(tmp_path / "out" / "swing.parquet").num_rows <= 100
-
-
-def test_loads_that_would_make_a_log_too_large_are_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path, columns = write_csv(tmp_path), str(tmp_path / "columns.toml")
-    taken_in: list[MotorLog] = []
-    monkeypatch.setattr(raw_logs, "with_loads_on_grid", lambda log, *_: taken_in.append(log) or log)
-    monkeypatch.setattr("motorprior.simulation.hung_load.require_held", lambda *_: None)
-    grid, hung = LogsImport((path,), tmp_path / "out", columns, period=0.01), {"hung": True, "robot": "pupper_v2"}
-    monkeypatch.setattr(raw_logs, "read_log", lambda path, robot, columns: registry.read_log(path, None, columns))
-    monkeypatch.setattr("motorprior.logs.formats.log_size.MAX_LOG_NUMBERS", 600)  # 7 columns, 14 with loads
-    import_logs(grid)
-    with pytest.raises(ConfigError, match=r"rows \(0.013 minutes\) of 2 joints; .* has at most 42"):
-        import_logs(replace(grid, **hung))
-    assert not taken_in
 
 
 def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):

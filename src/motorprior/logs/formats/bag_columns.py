@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ import numpy as np
 
 from motorprior.exceptions import LogError, shown
 from motorprior.logs.formats.bag_messages import NANOSECOND, Bag, opened_bag
-from motorprior.logs.formats.parquet_pages import MAX_NUMBERS
 from motorprior.logs.formats.table_columns import CORRECT
 
 CLOCK = "log_time"
@@ -35,8 +34,8 @@ Way = Callable[[Any], float]
 """From a message to a number."""
 
 
-def bag_columns(path: Path, names: list[str], rows: str) -> Iterator[dict[str, np.ndarray]]:
-    """All rows in one batch: name -> (rows,) float64.
+def bag_columns(path: Path, names: list[str], rows: str) -> dict[str, np.ndarray]:
+    """Name -> (rows,) float64.
 
     Args:
         path: of the bag.
@@ -58,7 +57,7 @@ def bag_columns(path: Path, names: list[str], rows: str) -> Iterator[dict[str, n
             raise LogError(problem, where=bag.path, remedy=CORRECT)
         found = _rows(bag, wanted, _parted(rows, path)[0], numbers)
     time = NANOSECOND * (found[CLOCK] - found[CLOCK][:1])
-    yield {name: time if name == CLOCK else found[name] for name in names}
+    return {name: time if name == CLOCK else found[name] for name in names}
 
 
 def _rows(bag: Bag, wanted: dict[str, dict[str, Way]], topic_of_rows: str, names: list[str]) -> dict[str, np.ndarray]:
@@ -73,9 +72,6 @@ def _rows(bag: Bag, wanted: dict[str, dict[str, Way]], topic_of_rows: str, names
         if topic == topic_of_rows and len(latest) == len(names):
             times.append(time)
             values.extend(latest[name] for name in names)
-            if len(values) > MAX_NUMBERS:
-                problem = f"more than {MAX_NUMBERS // len(names):,} rows of {len(names)} numbers"
-                raise LogError(problem, where=bag.path, remedy="split the recording")
     if silent := [topic for topic, messages in count.items() if not messages]:
         raise LogError(f"no message of {shown(silent[0])}", where=bag.path, remedy=CORRECT)
     table = np.frombuffer(values, dtype=np.float64).reshape(len(times), len(names))

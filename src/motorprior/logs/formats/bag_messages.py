@@ -7,16 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from operator import itemgetter
 from pathlib import Path
 from typing import IO, Any
 
 from motorprior.exceptions import LogError
-from motorprior.logs.formats.mcap_chunks import mcap_messages, mcap_summary
-from motorprior.logs.formats.table_columns import unreadable
 
 METADATA = "metadata.yaml"
 NANOSECOND = 1e-9
+_RECOVER = "repair it with `mcap recover`, or copy it again from its source"
 _SHOWN = 8
 """Topics that an error names."""
 
@@ -41,36 +39,21 @@ class Bag:
     """
 
     def __init__(self, file: IO[bytes], path: Path):
-        self.path, self._file, self._summary = path, file, mcap_summary(file, path)
-        self.types = {channel.topic: self._type(channel) for channel in self._summary.channels.values()}
-
-    def _type(self, channel: Any) -> str:
-        kind = self._summary.schemas.get(channel.schema_id)
-        return "no type" if kind is None else kind.name
-
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time of recording [ns] and content of every message of these topics, in order of time.
-
-        Raises:
-            LogError: messages in another encoding than that of ROS 2.
-            Exception: whatever damaged bytes end in.
-        """
+        from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
         from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
 
-        channels = {number: each for number, each in self._summary.channels.items() if each.topic in topics}
-        found = [
-            (message.log_time, message.channel_id, message.data)
-            for message in mcap_messages(self._file, self._summary.chunk_indexes, set(channels), self.path)
-        ]
-        factory, decoders = DecoderFactory(), {}
-        for number, channel in channels.items():
-            kind = self._summary.schemas.get(channel.schema_id)
-            decoders[number] = decoder = factory.decoder_for(channel.message_encoding, kind)
-            if decoder is None:
-                problem = f"messages of {channel.topic} are encoded as {channel.message_encoding[:40]!r}"
-                raise LogError(problem, where=self.path, remedy="record it with ROS 2, whose encoding is cdr")
-        for time, number, data in sorted(found, key=itemgetter(0)):
-            yield channels[number].topic, time, decoders[number](data)
+        self.path = path
+        self._reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = self._reader.get_summary()
+        if summary is None:
+            raise LogError("the bag has no summary: its recorder was not closed", where=path, remedy=_RECOVER)
+        kinds = {number: schema.name for number, schema in summary.schemas.items()}
+        self.types = {channel.topic: kinds.get(channel.schema_id, "no type") for channel in summary.channels.values()}
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        """Topic, time of recording [ns] and content of every message of these topics, in order of time."""
+        for found in self._reader.iter_decoded_messages(topics=list(topics), log_time_order=True):
+            yield found.channel.topic, found.message.log_time, found.decoded_message
 
     def topics_but(self, kind: str = "") -> str:
         """Its topics of other types than this one, for an error; empty if it has none."""
@@ -101,7 +84,7 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     except LogError:
         raise
     except Exception as error:  # a decoder of damaged bytes may end in anything
-        raise unreadable(path, error) from error
+        raise LogError(f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER) from error
 
 
 def _files(folder: Path) -> list[Path]:

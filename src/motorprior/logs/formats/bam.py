@@ -24,8 +24,8 @@ import numpy as np
 
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError
+from motorprior.files import read_text
 from motorprior.logs.formats.log_reader import LogReader
-from motorprior.logs.formats.number_table import read_text
 from motorprior.logs.held_runs import runs_of
 from motorprior.logs.motor_log import CONDITIONS, MotorLog
 from motorprior.logs.validity import checked
@@ -74,7 +74,7 @@ BAM = LogReader("pendulum of Rhoban/bam", ENDINGS, lambda path: path.is_file(), 
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(read_text(path, MAX_BYTES))
+        content = json.loads(read_text(path, MAX_BYTES, LogError))
     except (ValueError, RecursionError) as error:
         raise LogError(f"not JSON ({error})", where=path, remedy="copy the file again") from error
     if not isinstance(content, dict) or not isinstance(content.get("entries"), list) or not content["entries"]:

@@ -45,6 +45,7 @@ import numpy as np
 
 from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError
+from motorprior.files import read_toml
 from motorprior.logs.formats.column_units import (
     OF_ANGLES,
     QUANTITIES,
@@ -64,7 +65,6 @@ from motorprior.logs.motor_log import (
     POSTURES,
     is_register,
 )
-from motorprior.outside_files import read_toml
 from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of, require
 
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -20,11 +19,11 @@ import numpy as np
 
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, shown
+from motorprior.files import read_text
 from motorprior.logs.formats.column_map import ColumnMap, MappedJoint
 from motorprior.logs.formats.column_units import ANGLES, Conversion
 from motorprior.logs.formats.log_reader import FOLDER, LogReader
 from motorprior.logs.formats.mapped_table import if_it_has, read_mapped_log
-from motorprior.logs.formats.number_table import read_text
 from motorprior.logs.formats.table_columns import table_columns
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
@@ -96,8 +95,8 @@ def _tables(path: Path) -> list[Path]:
 
 def lerobot_columns(
     path: Path, names: list[str], joints: int | None = None, posture: str | None = None
-) -> Iterator[dict[str, np.ndarray]]:
-    """Batches of the columns of a dataset's files, see `table_columns`.
+) -> dict[str, np.ndarray]:
+    """Columns of a dataset's files, see `table_columns`.
 
     Args:
         path: the folder of the dataset.
@@ -113,15 +112,12 @@ def lerobot_columns(
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
     lengths: dict[str, int] | None = dict.fromkeys((ACTION, STATE), joints) if joints else None
-    frames, episodes = 0, set[float]()
-    for file in found:
-        for batch in table_columns(file, names, lengths=lengths, posture=posture):
-            frames += len(next(iter(batch.values())))
-            episodes.update(np.unique(batch[EPISODE]).tolist() if EPISODE in batch else ())
-            yield batch
-    _require_complete(info, "frames", frames, path)
-    if EPISODE in names:
-        _require_complete(info, "episodes", len(episodes), path)
+    parts = [table_columns(file, names, lengths=lengths, posture=posture) for file in found]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    _require_complete(info, "frames", len(next(iter(columns.values()))), path)
+    if EPISODE in columns:
+        _require_complete(info, "episodes", len(np.unique(columns[EPISODE])), path)
+    return columns
 
 
 def _require_complete(info: dict[str, Any], what: str, count: int, path: Path) -> None:
@@ -136,7 +132,7 @@ def _require_complete(info: dict[str, Any], what: str, count: int, path: Path) -
 def _info(path: Path) -> dict[str, Any]:
     where = path / INFO
     try:
-        info = json.loads(read_text(where, MAX_INFO))
+        info = json.loads(read_text(where, MAX_INFO, LogError))
     except (ValueError, RecursionError) as error:
         raise LogError(f"not JSON ({error})", where=where, remedy=_REMEDY) from error
     version = info.get("codebase_version") if isinstance(info, dict) else None

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.files import require_file
 from motorprior.logs.motor_log import MotorLog
-from motorprior.outside_files import require_file
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"

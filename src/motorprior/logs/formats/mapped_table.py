@@ -1,11 +1,8 @@
-"""Columns that a `ColumnMap` names become a `MotorLog`: of tables, of files of tensors, of any other source of columns.
-
-Only the columns that the map names are read, batch by batch; besides the log itself there is room for one channel.
-"""
+"""Columns that a `ColumnMap` names become a `MotorLog`: of tables, files of tensors or any other source of columns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,18 +12,15 @@ import numpy as np
 from motorprior.exceptions import LogError, shown
 from motorprior.logs.formats.column_map import ColumnMap, MappedJoint
 from motorprior.logs.formats.column_units import Conversion
-from motorprior.logs.formats.growing_array import GrowingArray
-from motorprior.logs.formats.parquet_pages import COPY_AGAIN, MAX_NUMBERS
-from motorprior.logs.formats.posture_column import NAMES
-from motorprior.logs.formats.table_columns import CORRECT, table_columns
+from motorprior.logs.formats.csv_table import COPY_AGAIN
+from motorprior.logs.formats.table_columns import CORRECT, POSTURE_NAMES, table_columns
 from motorprior.logs.formats.tensor_file import tensor_columns
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
-Columns = Callable[[Path, list[str]], Iterator[dict[str, np.ndarray]]]
-"""Batches of the named columns of a file or folder, each (rows,) float64, timedelta64 of time stamps or
-int64 of postures."""
+Columns = Callable[[Path, list[str]], dict[str, np.ndarray]]
+"""The named columns of a file or folder, each (rows,) float64, timedelta64 of time stamps or int64 of postures."""
 _SI = Conversion()
 
 
@@ -51,21 +45,12 @@ def read_mapped_log(
     joints = _in_order(columns, robot, path)
     wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
     singles = [name for name in (columns.time, columns.segment, columns.posture_column) if name]
-    parts: dict[str, GrowingArray] = {}
-    rows = 0
     every = [*singles, *(name for names in wanted.values() for name in names)]
-    for batch in source(path, list(dict.fromkeys(every))):
-        for channel, part in _channels(batch, wanted, joints, columns, rows, path).items():
-            if channel in parts:
-                parts[channel].add(part)
-            else:
-                parts[channel] = GrowingArray(part)
-        rows += len(next(iter(batch.values())))
-        if rows * len(batch) > MAX_NUMBERS:
-            raise LogError(f"more than {MAX_NUMBERS // len(batch)} rows", where=path, remedy="split the recording")
+    table = source(path, list(dict.fromkeys(every)))
+    rows = len(next(iter(table.values())))
     if not rows:
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
-    values: dict[str, np.ndarray] = {channel: part.finished() for channel, part in parts.items()}
+    values = _channels(table, wanted, joints, columns, path)
     values |= {name: np.broadcast_to(gains, (rows, len(joints))) for name, gains in columns.gains(joints).items()}
     values |= {name: np.full((rows, len(joints)), value) for name, value in columns.conditions.items()}
     if columns.posture in POSTURES:
@@ -89,9 +74,9 @@ def require_one_posture(columns: ColumnMap, path: Path, kind: str) -> None:
     """
     if columns.posture_column:
         raise LogError(
-            f"the column map {columns.source} says posture = {shown(columns.posture_column)}: that is no posture, and "
-            f"{kind} has no column of texts",
-            where=path, remedy=f"state one posture for all rows: {NAMES}",
+            f"the column map {columns.source} says posture = {shown(columns.posture_column)}: not a posture, and "
+            f"{kind} has no text columns",
+            where=path, remedy=f"state one posture for all rows: {POSTURE_NAMES}",
         )  # fmt: skip
 
 
@@ -120,30 +105,30 @@ def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[Mapp
 
 
 def _channels(
-    batch: dict[str, np.ndarray], wanted: dict[str, list[str]], joints: tuple[MappedJoint, ...], columns: ColumnMap,
-    before: int, path: Path,
+    table: dict[str, np.ndarray], wanted: dict[str, list[str]], joints: tuple[MappedJoint, ...], columns: ColumnMap,
+    path: Path,
 ) -> dict[str, Any]:  # fmt: skip
-    """The channels of a batch in SI units; its first row is row ``before`` of the log."""
-    values: dict[str, Any] = {"time": _time(batch, columns, before, path)}
+    """The channels in SI units."""
+    values: dict[str, Any] = {"time": _time(table, columns, path)}
     for channel, names in wanted.items():
-        raw = np.stack([batch[name] for name in names], axis=1)
-        _require_finite(raw, names, [f"{channel}/{joint.name}" for joint in joints], before, path)
+        raw = np.stack([table[name] for name in names], axis=1)
+        _require_finite(raw, names, [f"{channel}/{joint.name}" for joint in joints], path)
         values[channel] = _in_si(channel, raw, joints)
     if columns.segment:
-        values["segment"] = _whole(batch[columns.segment], columns.segment, before, path)
+        values["segment"] = _whole(table[columns.segment], columns.segment, path)
     if columns.posture_column:
-        values["posture"] = batch[columns.posture_column]
+        values["posture"] = table[columns.posture_column]
     return values
 
 
-def _time(batch: dict[str, np.ndarray], columns: ColumnMap, before: int, path: Path) -> np.ndarray:
+def _time(table: dict[str, np.ndarray], columns: ColumnMap, path: Path) -> np.ndarray:
     """(rows,) [s]."""
     if columns.rate is not None:
-        return (before + np.arange(len(next(iter(batch.values()))))) / columns.rate
+        return np.arange(len(next(iter(table.values())))) / columns.rate
     name = columns.time or ""
-    time = batch[name]
+    time = table[name]
     if time.dtype.kind != "m":
-        _require_finite(time[:, None], [name], ["time"], before, path)
+        _require_finite(time[:, None], [name], ["time"], path)
         return columns.time_scale * time
     if columns.time_scale != 1.0:
         problem = f"{name} holds time stamps, which have a unit of their own"
@@ -151,14 +136,14 @@ def _time(batch: dict[str, np.ndarray], columns: ColumnMap, before: int, path: P
     return time / np.timedelta64(1, "s")
 
 
-def _require_finite(raw: np.ndarray, names: list[str], channels: list[str], before: int, path: Path) -> None:
+def _require_finite(raw: np.ndarray, names: list[str], channels: list[str], path: Path) -> None:
     """Refuse what is not finite, of columns of these names that are for these channels."""
     if np.isfinite(raw).all():
         return
     row, column = np.argwhere(~np.isfinite(raw))[0].tolist()
     of = channels[column] if names[column] == channels[column] else f"{channels[column]} (column {names[column][:80]})"
     raise LogError(
-        f"row {before + row}, {of} is {raw[row, column]}, not a finite number", where=path,
+        f"row {row}, {of} is {raw[row, column]}, not a finite number", where=path,
         remedy="remove the row, or split the recording into two segments there",
     )  # fmt: skip
 
@@ -171,9 +156,9 @@ def _in_si(channel: str, raw: np.ndarray, joints: tuple[MappedJoint, ...]) -> np
     return values
 
 
-def _whole(values: np.ndarray, name: str, before: int, path: Path) -> np.ndarray:
+def _whole(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     odd = np.flatnonzero((values != np.rint(values)) | ~np.isfinite(values))
     if odd.size:
-        problem = f"row {before + odd[0]}, {name} is {values[odd[0]]:g}, not a whole number"
+        problem = f"row {odd[0]}, {name} is {values[odd[0]]:g}, not a whole number"
         raise LogError(problem, where=path, remedy=CORRECT)
     return values.astype(np.int64)

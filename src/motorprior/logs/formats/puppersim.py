@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError
+from motorprior.files import load_pickle, numpy_names, read_bytes
 from motorprior.logs.doctor.checks import require_plausible_angles
-from motorprior.logs.formats.csv_stream import csv_head
+from motorprior.logs.formats.csv_table import csv_head, read_number_table
 from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader, require_given
-from motorprior.logs.formats.number_table import read_number_table
-from motorprior.logs.formats.restricted_unpickler import load_plain
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
@@ -30,6 +28,7 @@ PICKLE_SUFFIXES = (".txt",)
 _IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
 _COLUMN = re.compile(rf"t_s|q(_des)?_\d+|{'|'.join(_IMU)}", re.ASCII)
 _NUMBER = re.compile(r"[-+.,\d]*(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+MAX_PICKLE = 100_000_000
 _NAMED = 8
 """Columns of an unknown table that are named."""
 
@@ -126,7 +125,12 @@ def short_name(path: Path) -> str | None:
 
 def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
     """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
-    content = load_plain(path, keys=widths)
+    try:
+        content = load_pickle(read_bytes(path, MAX_PICKLE, LogError), numpy_names())
+    except LogError as error:
+        raise LogError(error.problem, where=path, remedy=error.remedy) from error
+    if not isinstance(content, dict) or not widths.keys() <= content.keys():
+        raise LogError(f"expected a dict of {list(widths)}", where=path, remedy=GET_LOGS)
     columns = {key: _column_block(content[key], key, width, path) for key, width in widths.items()}
     lengths = {key: len(block) for key, block in columns.items()}
     if len(set(lengths.values())) != 1:
@@ -134,34 +138,21 @@ def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
     return np.concatenate(list(columns.values()), axis=1)
 
 
-def _column_block(rows: object, key: str, width: int, path: Path) -> np.ndarray:
+def _column_block(rows: Any, key: str, width: int, path: Path) -> np.ndarray:
     """A list of T rows, or an array, as (T, width)."""
     if not isinstance(rows, list | tuple | np.ndarray):
         raise LogError(f"{key} is {type(rows).__name__}, not a list", where=path, remedy=GET_LOGS)
-    if isinstance(rows, np.ndarray):
-        if rows.ndim == 0:
-            raise LogError(f"{key} is one number, not a list", where=path, remedy=GET_LOGS)
-        rows = rows[:, None] if rows.ndim == 1 else rows
     block = np.empty((len(rows), width))
     for index, row in enumerate(rows):
-        block[index] = _row(row, index, key, width, path)
+        try:
+            cells = np.ravel(row)
+            if cells.dtype.kind not in "fiu" or len(cells) != width:
+                raise ValueError
+            block[index] = cells
+        except ValueError:
+            problem = f"row {index}, {key} is {str(row)[:80]}, expected {width} numbers"
+            raise LogError(problem, where=path, remedy=GET_LOGS) from None
     return block
-
-
-def _row(row: object, index: int, key: str, width: int, path: Path) -> list[Any]:
-    cells: Any = row.ravel() if isinstance(row, np.ndarray) else row if isinstance(row, list | tuple) else [row]
-    if len(cells) != width:
-        raise LogError(f"row {index}, {key} has {len(cells)} values, expected {width}", where=path, remedy=GET_LOGS)
-    values = cells.tolist() if isinstance(cells, np.ndarray) else [_unwrapped(cell) for cell in cells]
-    for column, value in enumerate(values):
-        if type(value) is not float and not (type(value) is int and is_number(value)):
-            problem = f"row {index}, {key}[{column}] is {shown(value)}, not a number"
-            raise LogError(problem, where=path, remedy=GET_LOGS)
-    return values
-
-
-def _unwrapped(cell: object) -> object:
-    return cell.item() if isinstance(cell, np.ndarray) and cell.size == 1 else cell
 
 
 def _require_known_columns(path: Path) -> None:

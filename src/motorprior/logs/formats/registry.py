@@ -18,7 +18,7 @@ from motorprior.logs.formats.puppersim import PUPPERSIM
 from motorprior.logs.formats.robot_run import ROBOT_RUN
 from motorprior.logs.formats.ros_bag import ROS_BAG
 from motorprior.logs.formats.sage import SAGE
-from motorprior.logs.formats.tensor_file import contents_in_words
+from motorprior.logs.formats.tensor_file import describe_tensors
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
@@ -100,8 +100,8 @@ def taken_for_granted(path: Path, columns: ColumnMap | str | Path | None = None)
 
 def _tensors_without_map(path: Path) -> LogError:
     maps = ", ".join(name for name in shipped_maps() if name.endswith(OF_TENSORS))
-    problem = f"a file of tensors, and nobody says what they mean; it has {contents_in_words(path)}"
-    remedy = f"read it {SAY_COLUMNS}, or one that comes with motorprior: {maps}"
+    problem = f"unmapped tensors: {describe_tensors(path)}"
+    remedy = f"read it {SAY_COLUMNS}, or a shipped map: {maps}"
     return LogError(problem, where=path, remedy=remedy, argument="columns")
 
 

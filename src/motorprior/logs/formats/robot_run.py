@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.logs.formats.csv_table import read_number_table
 from motorprior.logs.formats.log_reader import LogReader, require_given
-from motorprior.logs.formats.number_table import read_number_table
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot

@@ -8,7 +8,6 @@ out. What the joints of a known robot are called stands in the shipped map `so10
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
+from motorprior.files import read_text
 from motorprior.logs.formats.column_map import ColumnMap, MappedJoint, load_column_map
-from motorprior.logs.formats.csv_stream import csv_batches, csv_head
+from motorprior.logs.formats.csv_table import COPY_AGAIN, csv_head, csv_table
 from motorprior.logs.formats.log_reader import FOLDER, LogReader
 from motorprior.logs.formats.mapped_table import if_it_has, read_mapped_log
-from motorprior.logs.formats.number_table import read_text
-from motorprior.logs.formats.parquet_pages import COPY_AGAIN
 from motorprior.logs.formats.table_columns import present, unreadable
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
@@ -56,7 +54,7 @@ SAGE = LogReader("motion of isaac-sim2real/sage", (FOLDER,), is_sage_folder, rea
 
 
 def _joint_list(path: Path) -> list[str]:
-    names = read_text(path / JOINTS, _MAX_NAMES).split()
+    names = read_text(path / JOINTS, _MAX_NAMES, LogError).split()
     if not names or len(set(names)) != len(names):
         raise LogError("joint names are missing or repeat", where=path / JOINTS, remedy="name each joint on a line")
     return names
@@ -70,7 +68,7 @@ def _columns(path: Path) -> ColumnMap:
     return replace(known, robot="", motor="", firmware={}, joints=tuple(MappedJoint(name, name) for name in names))
 
 
-def _merged(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
+def _merged(path: Path, names: list[str]) -> dict[str, np.ndarray]:
     joints = _joint_list(path)
     since, (targets,) = _table(path / CONTROL, "CONTROL", ["positions"], len(joints))
     time, (angles, speeds) = _table(path / STATE, "STATE_MOTOR", ["positions", "velocities"], len(joints))
@@ -82,40 +80,35 @@ def _merged(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
     series = {"q_des": targets[in_force], "q": angles[begun], "dq": speeds[begun]}
     found = {f"{kind}_{joint}": values[:, k] for kind, values in series.items() for k, joint in enumerate(joints)}
     found["t_s"] = MICROSECOND * time[begun]
-    yield {name: found[name] for name in names}
+    return {name: found[name] for name in names}
 
 
 def _table(path: Path, kind: str, lists: list[str], width: int) -> tuple[np.ndarray, list[np.ndarray]]:
     """Times (T,) [µs] and each column of lists (T, width) of one file."""
     import pyarrow as pa
 
-    times: list[np.ndarray] = []
-    parts: list[list[np.ndarray]] = [[] for _ in lists]
-    rows = 0
     wanted = present(list(csv_head(path).names), ["type", "timestamp", *lists], path)
     try:
-        for batch in csv_batches(path, wanted, texts=wanted):
-            _require_kind(batch.column("type"), kind, rows, path)
-            times.append(_cast(batch.column("timestamp"), "timestamp", rows, path))
-            for name, found in zip(lists, parts, strict=True):
-                found.append(_lists(batch.column(name), name, width, rows, path))
-            rows += batch.num_rows
+        table = csv_table(path, wanted, texts=wanted).combine_chunks()
+        if not table.num_rows:
+            raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+        column = {name: table.column(name).chunk(0) for name in wanted}
+        _require_kind(column["type"], kind, path)
+        times = _cast(column["timestamp"], "timestamp", path)
+        return times, [_lists(column[name], name, width, path) for name in lists]
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         raise unreadable(path, error) from error
-    if not rows:
-        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
-    return np.concatenate(times), [np.concatenate(found) for found in parts]
 
 
-def _require_kind(column: Any, kind: str, before: int, path: Path) -> None:
+def _require_kind(column: Any, kind: str, path: Path) -> None:
     other = np.asarray(column.to_numpy(zero_copy_only=False)) != kind
     if other.any():
         row = int(np.argmax(other))
-        problem = f"row {before + row} is of type {str(column[row])[:40]!r}, not {kind!r}"
+        problem = f"row {row} is of type {str(column[row])[:40]!r}, not {kind!r}"
         raise LogError(problem, where=path, remedy="restore the file of this name")
 
 
-def _lists(column: Any, name: str, width: int, before: int, path: Path) -> np.ndarray:
+def _lists(column: Any, name: str, width: int, path: Path) -> np.ndarray:
     """(rows, width) of texts ``[0.1, 0.2]``."""
     import pyarrow.compute as pc
 
@@ -124,22 +117,21 @@ def _lists(column: Any, name: str, width: int, before: int, path: Path) -> np.nd
     lengths = np.asarray(cells.fill_null(cells.list_value_length(numbers), 0))
     if np.any(lengths != width):
         row = int(np.argmax(lengths != width))
-        problem = f"row {before + row}, {name} has {lengths[row]} values for {width} joints"
+        problem = f"row {row}, {name} has {lengths[row]} values for {width} joints"
         raise LogError(problem, where=path, remedy=COPY_AGAIN)
-    values = _cast(cells.utf8_trim_whitespace(numbers.flatten()), name, before, path, width).reshape(-1, width)
+    values = _cast(cells.utf8_trim_whitespace(numbers.flatten()), name, path).reshape(-1, width)
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0].tolist()
-        problem = f"row {before + row}, {name}[{column}] is {values[row, column]}, not a finite number"
+        problem = f"row {row}, {name}[{column}] is {values[row, column]}, not a finite number"
         raise LogError(problem, where=path, remedy="remove the row")
     return values
 
 
-def _cast(column: Any, name: str, before: int, path: Path, per_row: int = 1) -> np.ndarray:
+def _cast(column: Any, name: str, path: Path) -> np.ndarray:
     import pyarrow as pa
 
     try:
         return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False))
     except pa.ArrowInvalid as error:
-        first, last = before, before + len(column) // per_row
-        problem = f"rows {first} to {last}, {name}: {str(error).splitlines()[0][:200]}"
+        problem = f"{name}: {str(error).splitlines()[0][:200]}"
         raise LogError(problem, where=path, remedy=COPY_AGAIN) from error

@@ -1,29 +1,30 @@
-"""Columns of tables, CSV (plain or gzip) or Parquet, batch by batch: only those asked for, as numbers.
+"""Columns of tables, CSV (plain or gzip) or Parquet: only the requested ones, as numbers.
 
-``x[2]`` is element 2 of a column ``x`` of lists. A column of time stamps comes as time since the first row, one of
-postures' names as their places in `motor_log.POSTURES`.
+``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the first row, names of postures become
+indices in `motor_log.POSTURES`.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
-from motorprior.logs.formats.csv_stream import csv_batches, csv_head
-from motorprior.logs.formats.parquet_pages import COPY_AGAIN, require_parquet, require_small_pages
-from motorprior.logs.formats.posture_column import CORRECT as CORRECT_POSTURE
-from motorprior.logs.formats.posture_column import NAMES, posture_codes
-from motorprior.logs.formats.time_stamps import TimeStamps, are_stamps, are_texts, begins_like_a_stamp
-from motorprior.outside_files import require_file
+from motorprior.exceptions import LogError, shown
+from motorprior.files import MAX_FILE, require_file
+from motorprior.logs.formats.csv_table import COPY_AGAIN, csv_head, csv_table
+from motorprior.logs.motor_log import POSTURES
 
 CORRECT = "correct the column map, or the file"
+POSTURE_NAMES = f"{', '.join(POSTURES[:-1])} or {POSTURES[-1]}"
+CORRECT_POSTURE = f"use {POSTURE_NAMES} in each row, or state one of them for all rows as posture in the column map"
+_CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
+_BEGINS_LIKE_A_STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]|$)", re.ASCII)
 
 
 def table_columns(
@@ -32,43 +33,49 @@ def table_columns(
     time: str | None = None,
     lengths: Mapping[str, int] | None = None,
     posture: str | None = None,
-) -> Iterator[dict[str, np.ndarray]]:
-    """Batches of rows: name -> (rows,) float64.
+) -> dict[str, np.ndarray]:
+    """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps, int64 for postures.
 
     Args:
         path: the table.
-        names: of its columns, or of elements of its columns of lists.
-        time: that of them which may hold time stamps; it then comes as timedelta64[ns] since the first row.
-        lengths: column of lists -> numbers that every list has to have.
-        posture: that of them which holds names of `motor_log.POSTURES`; it then comes as int64.
+        names: of columns, or of elements of list columns.
+        time: the column that may hold time stamps.
+        lengths: list column -> length of each of its lists.
+        posture: the column that holds names of `motor_log.POSTURES`.
 
     Raises:
-        LogError: missing or damaged file, a column that it lacks, a cell that is empty, no number, no time stamp or no
-            posture, a list of another length; names the file, the row and the column.
+        LogError: missing or damaged file, missing column, or a cell that is empty or of another kind; names file, row
+            and column.
     """
     import pyarrow as pa
 
     require_file(path, LogError)
-    rows, stamps = 0, TimeStamps(time or "", path)
     try:
-        for batch in _batches(path, names, time, posture):
-            for name, length in (lengths or {}).items():
-                _require_length(batch.column(name), name, length, rows, path)
-            yield {
-                name: posture_codes(batch.column(name), name, rows, path)
-                if name == posture
-                else stamps.since_first(batch.column(name), rows)
-                if name == time and _holds_stamps(batch, name)
-                else _numbers(batch, name, rows, path)
-                for name in names
-            }
-            rows += batch.num_rows
+        table = _table(path, names, time, posture).combine_chunks()
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         raise unreadable(path, error) from error
 
+    def column(name: str) -> Any:
+        found = table.column(name)
+        found = found.chunk(0) if found.num_chunks else pa.array([], found.type)
+        return found.dictionary_decode() if pa.types.is_dictionary(found.type) else found
+
+    for name, length in (lengths or {}).items():
+        _require_length(column(name), name, length, path)
+    found: dict[str, np.ndarray] = {}
+    for name in names:
+        owner = name if name in table.column_names else _owner(name, ())
+        if name == posture:
+            found[name] = _posture_codes(column(owner), name, path)
+        elif name == time and _may_be_stamps(column(owner).type):
+            found[name] = _since_first(column(owner), name, path)
+        else:
+            found[name] = _numbers(column(owner), name, owner, path)
+    return found
+
 
 def unreadable(path: Path, error: Exception) -> LogError:
-    """What a library said, on one line."""
+    """The error of a library as one line."""
     said = (str(error) or type(error).__name__).splitlines()[0][:300]
     return LogError(f"cannot be read ({said})", where=path, remedy=COPY_AGAIN)
 
@@ -79,132 +86,152 @@ def element_of(name: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def _batches(path: Path, names: list[str], time: str | None, posture: str | None) -> Iterator[Any]:
-    if path.suffix == ".parquet":
-        yield from _parquet_batches(path, names, time, posture)
-        return
-    wanted = present(list(csv_head(path).names), names, path, posture)
-    texts = [posture] if posture else []
-    texts += [time] if time in wanted and _begins_with_a_stamp(path, time) else []
-    yield from csv_batches(path, wanted, texts=texts)
-
-
-def _begins_with_a_stamp(path: Path, time: str) -> bool:
-    """Whether the first cell of a column of a table of text is a time stamp."""
-    first = next(csv_batches(path, [time], texts=[time]), None)
-    return first is not None and begins_like_a_stamp(first.column(time)[0].as_py())
-
-
-def _parquet_batches(path: Path, names: list[str], time: str | None, posture: str | None) -> Iterator[Any]:
-    import pyarrow.parquet as pq
-
-    require_parquet(path)
-    schema = pq.read_schema(path)
-    wanted = present(schema.names, names, path, posture)
-    _require_kinds(schema, wanted, time, posture, path)
-    texts = [name for name in wanted if are_texts(_inner(schema.field(name).type))]
-    require_small_pages(path, set(wanted), texts=set(texts))
-    # without pre_buffer, or all is held in memory; texts as dictionaries, or they may unfold to gigabytes
-    with pq.ParquetFile(path, pre_buffer=False, read_dictionary=texts) as file:
-        yield from file.iter_batches(columns=wanted)
-
-
-def _inner(kind: Any) -> Any:
-    """Type of the elements of a list, or of a dictionary's words; else the type itself."""
-    return getattr(kind, "value_type", kind)
-
-
-def _holds_stamps(batch: Any, name: str) -> bool:
-    """Whether a column of a batch has time stamps, where it may."""
-    kind = batch.schema.field(name).type if batch.schema.get_field_index(name) >= 0 else None
-    return kind is not None and are_stamps(_inner(kind))
-
-
-def _require_kinds(schema: Any, wanted: list[str], time: str | None, posture: str | None, path: Path) -> None:
-    """Refuse, before it is read, any column but of numbers or their lists, of time stamps, or of postures' names."""
-    import pyarrow as pa
-
-    for name in wanted:
-        kind = schema.field(name).type
-        inner = _inner(kind)
-        if name == posture:
-            if not are_texts(inner) or pa.types.is_nested(kind):
-                raise LogError(f"{name} is {kind}, not names of postures", where=path, remedy=CORRECT_POSTURE)
-            continue
-        if name == time and are_stamps(inner) and not pa.types.is_nested(kind):
-            continue
-        if not (pa.types.is_integer(inner) or pa.types.is_floating(inner)):
-            raise LogError(f"{name} is {kind}, not numbers", where=path, remedy=CORRECT)
-
-
 def present(have: list[str], names: list[str], path: Path, posture: str | None = None) -> list[str]:
-    """Columns of the file that hold these names, each once; that of postures holds no lists."""
+    """Columns of the file that hold these names, each once."""
     counted = Counter(have)
     found = dict.fromkeys(name if name == posture else _owner(name, counted) for name in names)
     for name in found:
         if counted[name] != 1:
-            problem = "no column" if name not in counted else "more than one column"
-            problem = f"posture is none of {NAMES}, and {problem}" if name == posture else problem
-            shown = ", ".join(map(ascii, have[:8])) + (", …" if len(have) > 8 else "")
-            remedy = CORRECT_POSTURE if name == posture else _first_line(have) or CORRECT
-            raise LogError(f"{problem} {name[:80]!r}; it has {shown[:300]}", where=path, remedy=remedy)
+            problem = "more than one column" if counted[name] else "no column"
+            problem = f"posture is not {POSTURE_NAMES}, and {problem}" if name == posture else problem
+            columns = ", ".join(map(ascii, have[:8])) + (", …" if len(have) > 8 else "")
+            remedy = CORRECT_POSTURE if name == posture else _header_remedy(have) or CORRECT
+            raise LogError(f"{problem} {name[:80]!r}; it has {columns[:300]}", where=path, remedy=remedy)
     return list(found)
 
 
-def _first_line(names: list[str]) -> str:
-    """What to do about a table of text whose first line names no columns; empty if it does."""
+def _header_remedy(names: list[str]) -> str:
+    """Remedy for a first line that names no columns; empty otherwise."""
     if names and names[0].startswith(("#", "%")):
-        return "its first line is a comment: remove such lines, and the sign before the names, if they have one"
+        return "its first line is a comment: remove comment lines, and the sign before the names"
     if len(names) == 1 and len(names[0].split()) > 1:
         return "its columns are separated by blanks: separate them by commas, semicolons or tabs"
     return ""
 
 
-def _owner(name: str, have: Container[str]) -> str:
-    """The column that holds a name: that of this name, or the column of lists of which it is an element."""
+def _owner(name: str, have: Any) -> str:
+    """The column with this name, or the list column of which it is an element."""
     element = element_of(name)
     return element[0] if element and name not in have else name
 
 
-def _numbers(batch: Any, name: str, before: int, path: Path) -> np.ndarray:
-    """(rows,) float64 of a batch."""
-    owner = name if batch.schema.get_field_index(name) >= 0 else _owner(name, ())
-    column = batch.column(owner)
-    if owner != name:
-        column = _element(column, name, before, path)
-    kind = str(column.type)
-    if column.null_count or not (kind in ("float", "double", "halffloat") or kind.startswith(("int", "uint"))):
-        empty = np.flatnonzero(~np.asarray(column.is_valid()))
-        problem = f"row {before + empty[0]}, {name} is empty" if empty.size else f"{name} is {kind}, not numbers"
-        raise LogError(problem, where=path, remedy=CORRECT)
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+def _table(path: Path, names: list[str], time: str | None, posture: str | None) -> Any:
+    if path.suffix == ".parquet":
+        return parquet_table(path, lambda have: present(have, names, path, posture))
+    wanted = present(list(csv_head(path).names), names, path, posture)
+    texts = [posture] if posture else []
+    if time in wanted:
+        cells = csv_table(path, [time], texts=[time]).column(time)
+        texts += [time] if len(cells) and _BEGINS_LIKE_A_STAMP.match(cells[0].as_py().strip()) else []
+    return csv_table(path, wanted, texts=texts)
 
 
-def _element(column: Any, name: str, before: int, path: Path) -> Any:
-    import pyarrow.compute as pc
+def parquet_table(path: Path, wanted: Any) -> Any:
+    """Arrow table of the columns ``wanted(names of all columns)`` of a Parquet file.
 
-    index = int(name[name.rindex("[") + 1 : -1])
-    if "list" not in str(column.type):
-        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
-    lengths = _lengths(column, index + 1)
-    if short := np.flatnonzero(lengths <= index).tolist():
-        problem = f"row {before + short[0]}, {name}: its list has {lengths[short[0]]} numbers"
-        raise LogError(problem, where=path, remedy=CORRECT)
-    return pc.list_element(column, index)  # pyright: ignore[reportAttributeAccessIssue]
+    Raises:
+        LogError: not a complete Parquet file, or larger than `files.MAX_FILE` when unpacked.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-
-def _require_length(column: Any, name: str, length: int, before: int, path: Path) -> None:
-    if "list" not in str(column.type):
-        raise LogError(f"{name} is {column.type}, not lists", where=path, remedy=CORRECT)
-    lengths = _lengths(column, length)
-    if odd := np.flatnonzero(lengths != length).tolist():
-        problem = f"row {before + odd[0]}, {name} has {lengths[odd[0]]} numbers, and {length} are described"
-        raise LogError(problem, where=path, remedy="describe every number, or correct the row")
+    require_file(path, LogError)
+    try:
+        with pq.ParquetFile(path) as file:
+            groups = range(file.metadata.num_row_groups)
+            if sum(file.metadata.row_group(index).total_byte_size for index in groups) > MAX_FILE:
+                raise LogError(f"more than {MAX_FILE} bytes", where=path, remedy="split the recording")
+            return file.read(columns=wanted(file.schema_arrow.names))
+    except (pa.ArrowException, OSError) as error:
+        raise LogError(f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN) from error
 
 
-def _lengths(column: Any, of_empty: int) -> np.ndarray:
-    """(rows,) numbers in the lists of a column; of an empty cell, which is refused as such, ``of_empty``."""
+def _numbers(column: Any, name: str, owner: str, path: Path) -> np.ndarray:
+    import pyarrow as pa
     import pyarrow.compute as pc
 
     cells: Any = pc
-    return np.asarray(cells.fill_null(cells.list_value_length(column), of_empty))
+    if owner != name:
+        index = int(name[name.rindex("[") + 1 : -1])
+        _require_length(column, name, index + 1, path, at_least=True)
+        column = cells.list_element(column, index)
+    _require_no_empty(column, name, path)
+    if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+        raise LogError(f"{name} is {column.type}, not numbers", where=path, remedy=CORRECT)
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _require_no_empty(column: Any, name: str, path: Path, remedy: str = CORRECT) -> None:
+    if column.null_count:
+        row = np.flatnonzero(~np.asarray(column.is_valid()))[0]
+        raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=remedy)
+
+
+def _require_length(column: Any, name: str, length: int, path: Path, at_least: bool = False) -> None:
+    import pyarrow.compute as pc
+
+    cells: Any = pc
+    if "list" not in str(column.type):
+        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
+    lengths = np.asarray(cells.fill_null(cells.list_value_length(column), length))  # empty cells are an error later
+    if bad := np.flatnonzero(lengths < length if at_least else lengths != length).tolist():
+        problem = f"row {bad[0]}, {name}: its list has {lengths[bad[0]]} numbers, expected {length}"
+        raise LogError(problem, where=path, remedy=CORRECT)
+
+
+def _posture_codes(column: Any, name: str, path: Path) -> np.ndarray:
+    """(rows,) indices in `motor_log.POSTURES`."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    cells: Any = pc
+    if not pa.types.is_string(column.type) and not pa.types.is_large_string(column.type):
+        raise LogError(f"{name} is {column.type}, not names of postures", where=path, remedy=CORRECT_POSTURE)
+    _require_no_empty(column, name, path, CORRECT_POSTURE)
+    words = cells.utf8_trim_whitespace(column)
+    codes = cells.index_in(words, value_set=pa.array(POSTURES, words.type))
+    if unknown := np.flatnonzero(~np.asarray(codes.is_valid())).tolist():
+        problem = f"row {unknown[0]}, {name[:80]} is {shown(column[unknown[0]].as_py())}, not a posture"
+        raise LogError(problem, where=path, remedy=CORRECT_POSTURE)
+    return np.asarray(codes.to_numpy(zero_copy_only=False), dtype=np.int64)
+
+
+def _may_be_stamps(kind: Any) -> bool:
+    import pyarrow as pa
+
+    tests = (pa.types.is_timestamp, pa.types.is_duration, pa.types.is_string, pa.types.is_large_string)
+    return any(test(kind) for test in tests)
+
+
+def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
+    """(rows,) timedelta64[ns] since the first row, of time stamps, durations or ISO 8601 texts."""
+    import pyarrow as pa
+
+    _require_no_empty(column, name, path, _CORRECT_TIME)
+    if pa.types.is_duration(column.type):
+        stamps = column.cast(pa.duration("ns"))
+    elif pa.types.is_timestamp(column.type):
+        stamps = column.cast(pa.timestamp("ns", column.type.tz))
+    else:
+        with_zone = _parsed(column[:1], with_zone=True) is not None
+        stamps = _parsed(column, with_zone)
+        if stamps is None:
+            row = next(row for row in range(len(column)) if _parsed(column[row : row + 1], with_zone) is None)
+            problem = f"row {row}, {name} is {shown(column[row].as_py())}"
+            if _parsed(column[row : row + 1], not with_zone) is not None:
+                problem += f", {'without' if with_zone else 'with'} a time zone, unlike the first row"
+            raise LogError(problem, where=path, remedy=_CORRECT_TIME)
+    counts = np.asarray(stamps.cast(pa.int64()).to_numpy(zero_copy_only=False))
+    return (counts - counts[:1]).astype("timedelta64[ns]")
+
+
+def _parsed(texts: Any, with_zone: bool) -> Any:
+    """Texts as time stamps; None if one is not, or has another kind of time zone."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    cells: Any = pc
+    try:
+        return cells.utf8_trim_whitespace(texts).cast(pa.timestamp("ns", "UTC" if with_zone else None))
+    except pa.ArrowInvalid:
+        return None

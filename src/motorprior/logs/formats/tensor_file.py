@@ -1,132 +1,143 @@
-"""Files of tensors (``.pt`` of torch.save), read without PyTorch and without running anything.
+"""Files of tensors (``.pt`` of torch.save), read without PyTorch.
 
-Such a file is a zip of a pickle and of raw numbers; of the pickle only names, types and shapes are taken.
+Such a file is a zip of a pickle, which holds names, types and shapes, and of raw numbers.
 """
 
 from __future__ import annotations
 
-import struct
+import collections
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown, spelled
-from motorprior.logs.formats.parquet_pages import COPY_AGAIN
-from motorprior.logs.formats.pickled_tensors import PickledTensor, require_inside
-from motorprior.logs.formats.restricted_unpickler import load_tensors
+from motorprior.exceptions import LogError, shown
+from motorprior.files import load_pickle, numpy_names, require_file
+from motorprior.logs.formats.csv_table import COPY_AGAIN
 from motorprior.logs.formats.table_columns import CORRECT, element_of, unreadable
-from motorprior.outside_files import require_file
 
-MAX_FILE = 50_000_000
-"""Bytes; of such a file the list of contents alone may take a gigabyte."""
-MAX_PICKLE = 1_000_000
-MAX_NUMBERS = 30_000_000
-"""Of the tensors that are asked for; several may share the bytes of the file."""
-_NAMED = 8
-"""Keys that an error names."""
-_ZIP_ERRORS = (
-    zipfile.BadZipFile, OSError, EOFError, KeyError, NotImplementedError, RuntimeError, ValueError, struct.error,
-)  # fmt: skip
+MAX_BYTES = 500_000_000
+_TYPES = {
+    "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8", "IntStorage": "i4",
+    "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1", "BoolStorage": "b1", "BFloat16Storage": "bfloat16",
+}  # fmt: skip
 
 
-def tensor_columns(path: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
-    """The named columns of a dictionary of tensors, in one batch: ``x`` is a tensor (T,), ``x[2]`` column 2 of (T, J).
+@dataclass(frozen=True)
+class Tensor:
+    """Where the numbers of a tensor are: the file ``data/KEY`` of so many numbers, first index, sizes, strides."""
+
+    code: str
+    key: str
+    count: int
+    offset: int
+    size: tuple[int, ...]
+    stride: tuple[int, ...]
+
+
+def tensor_columns(path: Path, names: list[str]) -> dict[str, np.ndarray]:
+    """Columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` column 2 of a tensor (T, J).
 
     Raises:
-        LogError: no complete file of tensors, one that asks for anything but tensors and numbers, a key that it lacks,
-            or tensors of other shapes; names the key.
+        LogError: not a complete file of tensors, a pickle that asks for anything else, a missing key, or tensors of
+            other shapes; names the key.
     """
     owners = {name: element_of(name) or (name, None) for name in names}
     tensors = read_tensors(path, {owner for owner, _ in owners.values()})
-    yield {name: _column(tensors[owner], owner, index, path) for name, (owner, index) in owners.items()}
+    return {name: _column(tensors[owner], owner, index, path) for name, (owner, index) in owners.items()}
 
 
 def read_tensors(path: Path, keys: set[str]) -> dict[str, np.ndarray]:
-    """Arrays of some tensors (or numpy arrays) of a file by key, float64.
+    """Some tensors (or numpy arrays) of a file by key, float64.
 
     Raises:
         LogError: as `tensor_columns`.
     """
     with _opened(path) as (archive, folder, content):
         if missing := sorted(keys - content.keys()):
-            known = ", ".join(map(shown, list(content)[:_NAMED]))
+            known = ", ".join(map(shown, list(content)[:8]))
             raise LogError(f"no tensor {missing[0]!r}; it has {known}", where=path, remedy=CORRECT)
-        count = sum(prod(content[key].size) for key in keys if isinstance(content[key], PickledTensor))
-        if count > MAX_NUMBERS:
-            raise LogError(f"{count} numbers, more than {MAX_NUMBERS}", where=path, remedy="split the recording")
-        order = _byte_order(archive, folder, path)
-        return {key: _array(archive, folder, order, key, content[key], path) for key in sorted(keys)}
+        return {key: _array(archive, folder, key, content[key], path) for key in sorted(keys)}
 
 
-def contents_in_words(path: Path) -> str:
-    """What a file of tensors has: keys, with the shapes of those that are tensors. No number of a tensor is read.
+def describe_tensors(path: Path) -> str:
+    """Keys of a file of tensors, with the shapes of those that are tensors.
 
     Raises:
         LogError: as `tensor_columns`.
     """
     with _opened(path) as (_, _, content):
-        return ", ".join(_entry(key, value) for key, value in list(content.items())[:_NAMED]) + (
-            ", …" if len(content) > _NAMED else ""
-        )
-
-
-def _entry(key: Any, value: Any) -> str:
-    size = value.size if isinstance(value, PickledTensor) else value.shape if isinstance(value, np.ndarray) else None
-    return shown(key) if size is None else f"{shown(key)} of {spelled(tuple(size))}"
+        shapes = {key: getattr(value, "size", None) for key, value in list(content.items())[:8]}
+        entries = [f"{shown(key)} {shape}" if isinstance(shape, tuple) else shown(key) for key, shape in shapes.items()]
+        return ", ".join(entries) + (", …" if len(content) > 8 else "")
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, str, dict[Any, Any]]]:
     """The archive, the folder in it, and the dictionary of its pickle."""
-    if (size := require_file(path, LogError)) > MAX_FILE:
-        raise LogError(f"{size} bytes, more than {MAX_FILE}", where=path, remedy="split the recording")
+    if require_file(path, LogError) > MAX_BYTES:
+        raise LogError(f"more than {MAX_BYTES} bytes", where=path, remedy="split the recording")
     try:
         with zipfile.ZipFile(path) as archive:
-            yield archive, *_pickle(archive, path)
-    except _ZIP_ERRORS as error:
+            found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
+            if len(found) != 1:
+                raise LogError("not a file of tensors of torch.save", where=path, remedy="save a dict of tensors")
+            content = load_pickle(_stored(archive, found[0], path), numpy_names() | _torch_names(), _storage)
+            if not isinstance(content, dict):
+                raise LogError(f"it holds a {type(content).__name__}", where=path, remedy="save a dict of tensors")
+            yield archive, found[0].removesuffix("data.pkl"), content
+    except LogError as error:
+        raise error if error.where else LogError(error.problem, where=path, remedy=error.remedy) from error
+    except Exception as error:  # a damaged zip may end in anything
         raise unreadable(path, error) from error
 
 
-def _pickle(archive: zipfile.ZipFile, path: Path) -> tuple[str, dict[Any, Any]]:
-    """The folder in the archive, and the dictionary of its pickle."""
-    found = [info for info in archive.infolist() if info.filename.split("/")[1:] == ["data.pkl"]]
-    if len(found) != 1 or found[0].file_size > MAX_PICKLE:
-        raise LogError("not a file of tensors of torch.save", where=path, remedy="save a dict of tensors")
-    content = load_tensors(_stored(archive, found[0].filename, path), where=path)
-    if not isinstance(content, dict):
-        raise LogError(f"it holds a {type(content).__name__}", where=path, remedy="save a dict of tensors")
-    return found[0].filename.removesuffix("data.pkl"), content
+def _torch_names() -> dict[tuple[str, str], Any]:
+    def tensor(storage: tuple[str, str, int], offset: int, size: tuple, stride: tuple, *_: Any) -> Tensor:
+        return Tensor(*storage, offset, tuple(size), tuple(stride))
+
+    return {
+        ("torch._utils", "_rebuild_tensor_v2"): tensor,
+        ("collections", "OrderedDict"): collections.OrderedDict,
+        **{("torch", name): code for name, code in _TYPES.items()},
+    }
+
+
+def _storage(reference: Any) -> tuple[str, str, int]:
+    """Type, key and count of what the pickle refers to: ("storage", type, key, device, count)."""
+    _, code, key, _, count = reference
+    if code == "bfloat16":
+        raise LogError("it holds numbers of type bfloat16", remedy="save them as float32, by tensor.float()")
+    return code, key, count
 
 
 def _stored(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
-    """An entry that is no longer unpacked than the file itself."""
-    info = archive.getinfo(name)
-    if info.compress_type != zipfile.ZIP_STORED or info.file_size > path.stat().st_size:
-        raise LogError(f"{name[:60]!r} is packed", where=path, remedy="save it with torch.save")
+    """An entry, which torch.save stores without compression."""
+    if archive.getinfo(name).compress_type != zipfile.ZIP_STORED:
+        raise LogError(f"{name[:60]!r} is compressed", where=path, remedy="save it with torch.save")
     return archive.read(name)
 
 
-def _byte_order(archive: zipfile.ZipFile, folder: str, path: Path) -> str:
-    name = folder + "byteorder"
-    return ">" if name in archive.namelist() and _stored(archive, name, path).strip() == b"big" else "<"
-
-
-def _array(archive: zipfile.ZipFile, folder: str, order: str, key: str, value: Any, path: Path) -> np.ndarray:
+def _array(archive: zipfile.ZipFile, folder: str, key: str, value: Any, path: Path) -> np.ndarray:
     if isinstance(value, np.ndarray):
         return value.astype(np.float64)
-    if not isinstance(value, PickledTensor):
+    if not isinstance(value, Tensor):
         raise LogError(f"{key!r} is a {type(value).__name__}, not a tensor", where=path, remedy=CORRECT)
-    raw = _stored(archive, f"{folder}data/{value.storage.key}", path)
-    kind = np.dtype(order + value.storage.code)
-    if len(raw) != value.storage.count * kind.itemsize:
-        problem = f"{key!r}: {len(raw)} bytes for {value.storage.count} numbers of {kind}"
+    name = folder + "byteorder"
+    order = ">" if name in archive.namelist() and _stored(archive, name, path).strip() == b"big" else "<"
+    kind = np.dtype(order + value.code)
+    raw = _stored(archive, f"{folder}data/{value.key}", path)
+    last = value.offset + sum((length - 1) * step for length, step in zip(value.size, value.stride, strict=True))
+    # as_strided reads any memory, so the tensor must lie within its numbers
+    negative = min((value.offset, *value.size, *value.stride)) < 0
+    if negative or len(raw) != value.count * kind.itemsize or prod(value.size) > value.count or last >= value.count:
+        problem = f"{key!r}: size {value.size}, stride {value.stride} do not fit {len(raw)} bytes"
         raise LogError(problem, where=path, remedy=COPY_AGAIN)
-    require_inside(value)
     numbers = np.frombuffer(raw, dtype=kind)[value.offset :]
     steps = [kind.itemsize * step for step in value.stride]
     return np.lib.stride_tricks.as_strided(numbers, value.size, steps, writeable=False).astype(np.float64)
@@ -138,6 +149,6 @@ def _column(values: np.ndarray, key: str, index: int | None, path: Path) -> np.n
     if index is None and values.ndim == 1:
         return values
     if index is None or values.ndim != 2 or index >= values.shape[1]:
-        shown = key if index is None else f"{key}[{index}]"
-        raise LogError(f"{shown}: the tensor has shape {values.shape}", where=path, remedy=CORRECT)
+        name = key if index is None else f"{key}[{index}]"
+        raise LogError(f"{name}: the tensor has shape {values.shape}", where=path, remedy=CORRECT)
     return values[:, index]

@@ -12,11 +12,10 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
 from motorprior.logs.doctor.gravity_checks import signs
 from motorprior.logs.formats.column_map import load_column_map
-from motorprior.logs.formats.log_size import most_rows, numbers_per_row
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.formats.registry import read_log, taken_for_granted
 from motorprior.logs.formats.robot_run import ROBOT_RUN, Mode, read_robot_run
-from motorprior.logs.motor_log import CONDITIONS, FIRMWARE, MotorLog, channels
+from motorprior.logs.motor_log import CONDITIONS, FIRMWARE, MotorLog
 from motorprior.logs.resampling import resample
 from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import.import_files import targets_of, tell, tell_replaced
@@ -29,8 +28,6 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1.0
 """Of a grid [s]; a recipe's sample period has the same bounds."""
-_LOADS = ("joint_vel", "load_inertia", "external_torque", "load_stiffness", "posture")
-"""Channels that a log has once it has loads; a torque is left out."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +195,6 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
         progress.note(f"{path}: {told}")
     if period is None:
         return log
-    _require_size(path, log, period, bool(wanted))
     if not wanted:
         return resample(log, period)
     return with_loads_on_grid(log, robot, period) if config.hung else _bare(log, period)
@@ -234,28 +230,10 @@ def _require_no_load(path: Path, log: MotorLog, wanted: str) -> None:
             raise ConfigError(problem, where=path, remedy=f"leave {wanted} out", argument=wanted)
 
 
-def _require_size(path: Path, log: MotorLog, period: float, loads: bool) -> None:
-    """Refuse a grid whose motor log could not be read again, before it takes gigabytes, and hours for its loads.
-
-    Raises:
-        ConfigError: names the rows that there may be, and the shortest period that is possible.
-    """
-    present = channels(log).keys() - {"joint_torque"} | set(_LOADS) if loads else channels(log).keys()
-    rows, most = log.duration / period, most_rows(numbers_per_row(present, log.num_joints))
-    if rows > most:
-        raise ConfigError(
-            f"period {period:g} s makes {rows:,.0f} rows ({log.duration / 60.0:.3g} minutes) of {log.num_joints} "
-            f"joints; a motor log of these channels has at most {most:,}, {most * period / 60.0:.3g} minutes",
-            where=path, remedy=f"split the recording, or give a period of at least {1.01 * log.duration / most:.3g} s",
-            argument="period",
-        )  # fmt: skip
-
-
 def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
     if config.period is None and not config.hung:
         return read_log(path, robot)
     period = config.period or robot.physics_dt
-    _require_size(path, read_log(path, robot), period, config.hung)
     if not config.hung:
         return read_robot_run(path, robot, period=period)
     from motorprior.simulation.hung_load import with_loads

@@ -13,7 +13,7 @@ import numpy as np
 
 from motorprior.artifacts import parse_json, write_text
 from motorprior.exceptions import ArtifactError
-from motorprior.outside_files import read_text
+from motorprior.files import read_text
 
 METRICS = "metrics.jsonl"
 MAX_BYTES = 40_000_000

@@ -1,0 +1,133 @@
+"""Third-party files: bounded sizes, one clear error, and an allow-list for pickles."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import pickle
+import tomllib
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from motorprior.exceptions import ArtifactError, LogError, MotorPriorError
+
+MAX_FILE = 2_000_000_000
+MAX_UNPACKED = 500_000_000
+"""Bytes; of a file, and of an unpacked gzip file or pickle."""
+
+
+def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> int:
+    """Size [bytes] of a regular file.
+
+    Raises:
+        MotorPriorError: of class ``error``: missing, or a folder, pipe or device.
+    """
+    if not path.exists():
+        raise error("no such file", where=path, remedy="check the path")
+    if not path.is_file():
+        raise error("not a regular file", where=path, remedy="give a file")
+    return path.stat().st_size
+
+
+def read_bytes(path: Path, max_bytes: int = MAX_FILE, error: type[MotorPriorError] = ArtifactError) -> bytes:
+    """Content of a file, unpacked if its name ends in ``.gz``.
+
+    Raises:
+        MotorPriorError: as `require_file`; unreadable, damaged, or larger than ``max_bytes`` (`MAX_UNPACKED` unpacked).
+    """
+    size, limit = require_file(path, error), max_bytes
+    try:
+        if path.suffix == ".gz":
+            limit = min(max_bytes, MAX_UNPACKED)
+            with gzip.open(path, "rb") as file:
+                data = file.read(limit + 1)
+            size = len(data)
+        else:
+            data = path.read_bytes() if size <= limit else b""
+    except (OSError, EOFError, zlib.error) as reason:
+        raise error(f"unreadable or damaged ({reason})", where=path, remedy="copy it again from its source") from reason
+    if size > limit:
+        raise error(f"more than {limit} bytes", where=path, remedy="split it, or check that it is the right file")
+    return data
+
+
+def read_text(path: Path, max_bytes: int, error: type[MotorPriorError] = ArtifactError) -> str:
+    """Text of a UTF-8 file, with or without byte order mark.
+
+    Raises:
+        MotorPriorError: as `read_bytes`, or not UTF-8.
+    """
+    try:
+        return read_bytes(path, max_bytes, error).decode("utf-8-sig")
+    except UnicodeDecodeError as reason:
+        raise error(f"not a text file ({reason})", where=path, remedy="save it as UTF-8") from reason
+
+
+def read_toml(path: Path, remedy: str) -> dict[str, Any]:
+    """Table of a TOML file.
+
+    Raises:
+        ArtifactError: as `read_text`, or not TOML.
+    """
+    try:
+        return tomllib.loads(read_text(path, 100_000))
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=remedy) from error
+
+
+def numpy_names() -> dict[tuple[str, str], Any]:
+    """Names that pickles of numpy arrays and scalars use, of all versions of numpy and Python."""
+    import _codecs
+
+    import numpy as np
+    from numpy._core import multiarray, numeric
+
+    names = {
+        ("_codecs", "encode"): _codecs.encode,
+        ("builtins", "bytes"): bytes,
+        ("__builtin__", "bytes"): bytes,
+        ("numpy", "ndarray"): np.ndarray,
+        ("numpy", "dtype"): np.dtype,
+    }
+    for core in ("numpy.core", "numpy._core"):
+        names[f"{core}.multiarray", "_reconstruct"] = multiarray._reconstruct  # pyright: ignore
+        names[f"{core}.multiarray", "scalar"] = multiarray.scalar  # pyright: ignore
+        names[f"{core}.numeric", "_frombuffer"] = numeric._frombuffer  # pyright: ignore
+    return names
+
+
+def load_pickle(
+    data: bytes, allowed: Mapping[tuple[str, str], Any], persistent: Callable[[Any], Any] | None = None
+) -> Any:
+    """Unpickle plain containers and what ``allowed`` names; text of Python 2 is latin1.
+
+    Args:
+        data: the pickle.
+        allowed: (module, name) -> object that stands for this name.
+        persistent: resolves a persistent id.
+
+    Raises:
+        LogError: any other name, which is not imported; or a damaged pickle.
+    """
+
+    class Restricted(pickle.Unpickler):
+        def find_class(self, module: str, name: str) -> Any:
+            if (module, name) not in allowed:
+                raise LogError(f"the pickle asks for {module[:80]}.{name[:80]}, which is not allowed")
+            return allowed[module, name]
+
+        def persistent_load(self, pid: Any) -> Any:
+            if persistent is None:
+                raise LogError("the pickle refers to data outside of itself")
+            return persistent(pid)
+
+    try:
+        return Restricted(io.BytesIO(data), encoding="latin1").load()
+    except LogError as error:
+        remedy = "use log files from their original source; convert others to CSV where they were made"
+        raise LogError(error.problem, remedy=error.remedy or remedy) from error
+    except Exception as error:  # a damaged pickle may end in anything
+        problem = f"not a complete pickle ({type(error).__name__}: {error})"
+        raise LogError(problem, remedy="copy the file again from its source") from error
