@@ -71,7 +71,7 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
 def measure(settings: Settings, family: str) -> dict[str, float]:
     """The figures of one family, measured unless they are there."""
     paths, folder = identify(settings, family), settings.out / family / "measured"
-    wanted = description("validate", __file__, asdict(settings) | {"families": [family]}, list(paths.values()))
+    wanted = description("validate", asdict(settings) | {"families": [family]}, list(paths.values()))
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_json(folder / FIGURES, figures(settings, family, paths))

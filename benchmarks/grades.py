@@ -30,7 +30,7 @@ from motorprior.artifacts import write_json, write_text
 from motorprior.bounds import require_count
 from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.stage import locked
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
@@ -288,7 +288,7 @@ def main() -> None:
             sys.exit(f"no grade {name!r}: use one of {', '.join(GRADES)}")
     for name in ("seeds", "draws", "workers"):  # before hours of work
         require_count(name, getattr(settings, name))
-    with taken(settings.out):
+    with locked(settings.out):
         priors = {name: prior_of(settings, GRADES[name]) for name in settings.grades}
         faithful = {
             (name, population): fidelity(settings, path, GRADES[name], population)

@@ -28,7 +28,7 @@ import tyro
 from motorprior.artifacts import write_json, write_text
 from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.stage import locked
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import description, is_finished, remove, seconds_of, working
@@ -209,7 +209,7 @@ def train(walker: Walker, condition: Condition, seed: int) -> Path:
         )  # fmt: skip
         return folder
     inputs = [*motors.inputs(walker.robot), *walker.robot.files]
-    wanted = description("walk", __file__, {"method": method, "seed": seed, "iterations": settings.iterations}, inputs)
+    wanted = description("walk", {"method": method, "seed": seed, "iterations": settings.iterations}, inputs)
     if is_finished(folder, wanted):
         return folder
     PROGRESS.note(f"{method} {seed} ...")
@@ -287,7 +287,7 @@ def main() -> None:
             sys.exit(f"no method {method!r}: use some of {', '.join(METHODS)}")
     for name in ("seeds", "iterations", "draws", "workers"):
         require_count(name, getattr(settings, name))
-    with taken(settings.out):
+    with locked(settings.out):
         table, trainings = measured(settings)
         table.save(settings.out / "walks.csv")
         results = figures_of(table, trainings)

@@ -131,7 +131,7 @@ def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[F
 def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
     """Figures of one fold, measured unless they are there."""
     folder = settings.out / robot / fold.name
-    wanted = description("validate", __file__, _counted(settings), [*fold.known, *fold.judged])
+    wanted = description("validate", _counted(settings), [*fold.known, *fold.judged])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_json(folder / FIGURES, _figures(settings, robot, fold, folder))
@@ -210,7 +210,7 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
     """The motors of one leg left out, judged on one of the logs; measured unless it is there."""
     robot, judged = load_robot(str(file)), paths[fold % len(paths)]
     folder = settings.out / robot.name / MOTORS_OUT / str(fold)
-    wanted = description("validate", __file__, _counted(settings), [*paths, judged, *robot.files])
+    wanted = description("validate", _counted(settings), [*paths, judged, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             known, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(judged)
@@ -300,7 +300,7 @@ def imported(settings: Settings, name: str, columns: str | None, robot: Path | N
     described = None if robot is None else str(robot)
     config = LogsImport(raw, folder, columns, RECIPE.period, hung=robot is not None, robot=described)
     inputs = [*raw, *(load_robot(described).files if described else [])]
-    wanted = description("import", __file__, asdict(config), inputs)
+    wanted = description("import", asdict(config), inputs)
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             import_logs(config)

@@ -85,7 +85,7 @@ def measure(settings: Settings, case: Case) -> dict[str, float]:
     paths = {name: settings.out / case.name / name / PRIOR for name in PRESETS}
     for name, path in paths.items():
         run_identify(Identify(bench, path.parent, name, settings.seed, torque=case.torque), PROGRESS)
-    wanted = description("validate", __file__, asdict(settings) | {"cases": [case.name]}, list(paths.values()))
+    wanted = description("validate", asdict(settings) | {"cases": [case.name]}, list(paths.values()))
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             priors = {name: MotorPrior.load(path) for name, path in paths.items()}

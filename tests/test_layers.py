@@ -3,12 +3,12 @@
 import ast
 import re
 import warnings
+from collections.abc import Iterator
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
-
-from motorprior.pipeline.module_imports import imported
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
@@ -56,10 +56,26 @@ HOMES = {
     **dict.fromkeys(["pyarrow", "mcap", "mcap_ros2"], "logs/"),
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
-    "filelock": "pipeline/folder_lock",
+    "filelock": "pipeline/stage",
     "tensorboardX": "pipeline/walking/tensorboard",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
+
+
+def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
+    """Line and absolute dotted name of everything imported at any depth, and of what ``python -m`` runs."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*start, *([node.module] if node.module else [])])
+            yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module":
+            yield from ((node.lineno, str(arg.value)) for arg in node.args[:1] if isinstance(arg, ast.Constant))
+        elif isinstance(node, ast.List | ast.Tuple):
+            words = [str(each.value) if isinstance(each, ast.Constant) else "" for each in node.elts]
+            yield from ((node.lineno, module) for flag, module in pairwise(words) if flag == "-m" and module)
 
 
 def layer(name: str, source: Path) -> str:

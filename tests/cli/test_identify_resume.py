@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from motorprior.pipeline.stopwatch import UNFINISHED
 
 from motorprior.artifacts import read_json, read_tensors, write_json
 from motorprior.pipeline import identify
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import CHECKPOINT, PRIOR
-from motorprior.pipeline.stage import MARKER, seconds_of
-from motorprior.pipeline.stopwatch import UNFINISHED
+from motorprior.pipeline.stage import MARKER, locked, seconds_of
 
 Command = Callable[..., Any]
 STEPS = 1200
@@ -111,7 +110,7 @@ def test_a_folder_where_another_command_writes_is_refused_before_the_log_is_work
     refused: Command, bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(identify, "_data", lambda job: pytest.fail("it was worked on"))
-    other = taken(tmp_path / "out")
+    other = locked(tmp_path / "out")
     with ThreadPoolExecutor(1) as thread:
         thread.submit(other.__enter__).result()
         refused(*words(bench, tmp_path / "out"), words=("another command writes there",))

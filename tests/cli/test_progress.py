@@ -14,7 +14,7 @@ from motorprior.cli import console
 from motorprior.cli.console import Bar, Terminal
 from motorprior.identification.networks import descent
 from motorprior.pipeline.progress import Progress
-from motorprior.pipeline.side_by_side import side_by_side
+from motorprior.pipeline.stage import in_parallel
 from motorprior.pipeline.walking.walk_metrics import Extent, Metrics
 
 
@@ -44,7 +44,7 @@ def test_work_in_several_threads_is_shown_together(monkeypatch: pytest.MonkeyPat
             meeting.wait()
             task.advance(2, "done")
 
-    side_by_side([lambda given, name=name: work(name, given) for name in ("first", "second")], 2, progress)
+    in_parallel([lambda given, name=name: work(name, given) for name in ("first", "second")], 2, progress)
     assert drawings[0] is drawings[1] and (drawings[0] is not None) == terminal
     assert progress._drawing is None, "the last one ends the drawing"
     assert all(f"{name}: " in shown.getvalue() for name in ("first", "second"))

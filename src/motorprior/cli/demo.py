@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import fields
 
-from motorprior.cli.console import TERMINAL, table
+from motorprior.cli.console import TERMINAL
 from motorprior.cli.real_motors import show_real_motors
 from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
@@ -45,8 +45,5 @@ def _show(config: Demo, found: DemoResult) -> None:
             "(Apache-2.0): --logs FOLDER"
         )
     show_transfer(found.results)
-    rows = [[name, f"{seconds:.1f}"] for name, seconds in found.seconds.items()]
-    table("Where the time went", ["stage", "seconds"], rows)
-    share, seconds = found.results.value(quantity="mj_step_share"), found.results.value(quantity="seconds")
-    print(f"{100 * share:.1f} % of an episode's time is inside mj_step.")
+    seconds = found.results.value(quantity="seconds")
     print(f"Report: {found.page}   Figures: {config.out / FIGURES}   {seconds:.0f} s")

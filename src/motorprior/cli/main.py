@@ -20,7 +20,6 @@ from motorprior.cli.calibrate import CalibrateCommand, run_calibrate_command  # 
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
-from motorprior.cli.diff import Diff, run_diff  # noqa: E402
 from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.identify import IdentifyCommand  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
@@ -29,7 +28,6 @@ from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
 from motorprior.cli.simulate import SimulateCommand  # noqa: E402
-from motorprior.cli.speed import Speed, run_speed  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
@@ -53,7 +51,6 @@ Command = (
     | Annotated[IdentifyCommand, tyro.conf.subcommand("identify")]
     | Annotated[ValidateCommand, tyro.conf.subcommand("validate")]
     | Annotated[ValidateLogCommand, tyro.conf.subcommand("validate-log")]
-    | Annotated[Diff, tyro.conf.subcommand("diff")]
     | Annotated[AdaptCommand, tyro.conf.subcommand("adapt")]
     | Annotated[SimulateCommand, tyro.conf.subcommand("simulate")]
     | Annotated[ReplayCommand, tyro.conf.subcommand("replay")]
@@ -65,7 +62,6 @@ Command = (
     | Annotated[Record, tyro.conf.subcommand("record")]
     | Annotated[VirtualRobotCommand, tyro.conf.subcommand("virtual-robot")]
     | Annotated[MakeReport, tyro.conf.subcommand("report")]
-    | Annotated[Speed, tyro.conf.subcommand("speed")]
 )
 RUN = {
     Demo: partial(demo, started=_STARTED),
@@ -76,7 +72,6 @@ RUN = {
     IdentifyCommand: partial(run_identify, progress=TERMINAL),
     ValidateCommand: validate,
     ValidateLogCommand: validate_log,
-    Diff: run_diff,
     AdaptCommand: adapt,
     SimulateCommand: partial(run_simulate, progress=TERMINAL),
     ReplayCommand: replay,
@@ -88,7 +83,6 @@ RUN = {
     Record: run_record_command,
     VirtualRobotCommand: run_virtual_robot,
     MakeReport: run_report,
-    Speed: run_speed,
 }
 
 
@@ -124,7 +118,7 @@ def main() -> None:
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         CONSOLE.print("interrupted: finished stages are kept, run the same command again to continue")
-        raise SystemExit(130) from None
+        os._exit(130)  # threads of unfinished stages end too; every file is written atomically
 
 
 if __name__ == "__main__":

@@ -21,11 +21,10 @@ from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.validity import checked
 from motorprior.pipeline.fit_report import other_conditions, told_at_rest, told_quality
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.prior_file import prior_and_robot, require_robot_of, trained_on
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.recipe import recipe_of
-from motorprior.pipeline.stage import description, is_finished, working
+from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.weak_motors import advice_on_weak_motors
 
 if TYPE_CHECKING:  # they import JAX
@@ -223,12 +222,12 @@ def run_adapt(
     whole = read_parquet(config.log)
     log = first_seconds(whole, config.seconds)
     prior, robot = prior_and_robot(config.prior, log, config.robot)
-    wanted = description("adapt", __file__, asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
+    wanted = description("adapt", asdict(config), [config.prior, config.log, *(robot.files if robot else ())])
     _note_known(prior, whole, str(config.log), progress)
     if is_finished(config.out, wanted):
         progress.note(f"{config.out / POSTERIOR} is there already, of the same log and settings")
         return
-    with taken(config.out):  # long before it is written to: a log that is refused leaves what is there
+    with locked(config.out):  # long before it is written to: a log that is refused leaves what is there
         with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
             found = adapt_to(prior, config.prior, log, str(config.log))
             outliers = outlier_test(prior, config.prior, log, str(config.log), found)

@@ -87,7 +87,7 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
     robot = load_robot(config.robot)
     fleet, preset = load_robot_fleet(robot, config.fleet), bench_preset(config.preset).for_robot(robot)
     wanted = description(
-        "bench", __file__, asdict(config), [*fleet_files(robot, config.fleet), *robot.files], recipe=asdict(preset)
+        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files], recipe=asdict(preset)
     )
     if is_finished(config.out, wanted):
         return

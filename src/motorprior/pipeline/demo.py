@@ -16,18 +16,13 @@ from motorprior.exceptions import ArtifactError
 from motorprior.locomotion.command import Commands
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.demo_settings import Demo, comparison_of, require_settings, that_walks
-from motorprior.pipeline.digests import digest
 from motorprior.pipeline.first_look.real_motors import RealMotors, Show, is_replayed, run_real_motors
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.replay.replay import Replay, run_replay
-from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report, seconds_by_kind
-from motorprior.pipeline.side_by_side import side_by_side
-from motorprior.pipeline.speed import measure_speed
-from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, write_results
-from motorprior.pipeline.stopwatch import seconds_in_stages
+from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report
+from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, in_parallel, locked, write_results
 from motorprior.pipeline.transfer_study.robustness import Robustness, run_robustness
 from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.pipeline.validation.validate import GAINS_FILE, TUNED, Validate, run_validate
@@ -51,12 +46,10 @@ class DemoResult:
     Attributes:
         results: every measurement; also in results.json and, by name, in figures.json.
         page: the report.
-        seconds: kind of stage -> seconds of its stages, interrupted runs included; and of everything else in this run.
     """
 
     results: Results
     page: Path
-    seconds: dict[str, float]
 
 
 def run_demo(
@@ -79,23 +72,20 @@ def run_demo(
         MotorPriorError: a stage cannot run; what is finished stays.
     """
     started = time.monotonic() if started is None else started
-    earlier = seconds_in_stages()
     given, config = config, that_walks(config)
     comparison = comparison_of(given)
     replayed = comparison is not None and is_replayed(comparison, config.robot)
     require_settings(config, replayed)
     settings = asdict(given) | {"out": str(given.out), "logs": None if given.logs is None else str(given.logs)}
     settings |= {WALKER: config.robot, REPLAYED: replayed}
-    with taken(config.out):
+    with locked(config.out):
         begin(config.out)
         _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
         results = _all_stages(config, comparison, replayed, progress, show)
         page = build_report(config.out)
-        elsewhere = time.monotonic() - started - (seconds_in_stages() - earlier)
-        seconds = seconds_by_kind(config.out) | {"everything else": elsewhere}
-        results += Results((Result("seconds", "s", sum(seconds.values())),))
+        results += Results((Result("seconds", "s", time.monotonic() - started),))
         write_results(config.out, results)
-    return DemoResult(results, page, seconds)
+    return DemoResult(results, page)
 
 
 def _all_stages(config: Demo, comparison: RealMotors | None, replayed: bool, progress: Progress, show: Show) -> Results:
@@ -113,8 +103,6 @@ def _all_stages(config: Demo, comparison: RealMotors | None, replayed: bool, pro
     _page_so_far(config.out)
     if replayed:
         results += stages.run("replay", lambda: _replay(config, config.logs, progress))
-    prior = config.out / "priors" / "rollout" / PRIOR
-    results += measure_speed(prior, load_robot(config.robot), config.fleet, progress=progress)
     _train_policies(config, stages, progress)
     results += stages.run("transfer", lambda: _transfer(config, progress))
     _map_robustness(config, stages, progress)
@@ -147,7 +135,7 @@ class _Stages:
             lambda progress, folder=folder, work=work: self.run(folder, partial(work, progress))
             for folder, work in works.items()
         ]
-        side_by_side(stages, threads, progress)
+        in_parallel(stages, threads, progress)
 
 
 def _learn(config: Demo, stages: _Stages, progress: Progress) -> None:

@@ -22,10 +22,8 @@ from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, stated_gains_of
 from motorprior.logs.validity import checked
 from motorprior.pipeline.fit_report import told_at_rest, told_quality
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
-from motorprior.pipeline.stage import description, is_finished, remove, working
-from motorprior.pipeline.stopwatch import Stopwatch
+from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.training_log import Origin, origin_of, training_log
 
 if TYPE_CHECKING:  # they import JAX
@@ -109,7 +107,7 @@ def fit_recipe(
     job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
     if out is None:
         return _fitted(job, _data(job), progress, None)
-    wanted = description("identify", __file__, {"preset": preset, "seed": seed}, [], asdict(recipe))
+    wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
     return _fitted_in(out, wanted | {"inputs": [log_digest(log)]}, job, progress)
 
 
@@ -124,7 +122,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     log, inputs, origin = training_log(config.bench)
     recipe = _for_log(recipe, log)
     settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # the inputs speak for it
-    wanted = description("identify", __file__, settings, inputs, recipe=asdict(recipe))
+    wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
     job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
     _fitted_in(config.out, wanted, job, progress)
@@ -189,12 +187,12 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
     if is_finished(out, wanted):
         progress.note(f"{out / PRIOR} is there already, of the same logs and settings")
         return MotorPrior.load(out / PRIOR)
-    with taken(out):  # long before it is written to: a log that is refused leaves what is there
+    with locked(out):  # long before it is written to: a log that is refused leaves what is there
         data = _data(job)
-        with working(out, wanted) as clock:
-            _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted, clock)).save(out / PRIOR)
+        with working(out, wanted):
+            _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted)).save(out / PRIOR)
             prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
-            remove(out, CHECKPOINT)
+            (out / CHECKPOINT).unlink(missing_ok=True)
     return prior
 
 
@@ -220,8 +218,6 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
 
         def report(work: int, text: str) -> None:
-            if kept is not None and work:
-                kept.clock.note()
             nonlocal said
             said = text or said  # a beat has nothing to say
             task.advance(work, said)
@@ -258,7 +254,6 @@ class _Checkpoint:
 
     path: Path
     stage: dict[str, Any]
-    clock: Stopwatch
 
     def load(self) -> dict[str, np.ndarray] | None:
         try:

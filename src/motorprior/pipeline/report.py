@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.pipeline.digests import digest
-from motorprior.pipeline.stage import MARKER, RESULTS, read_results, seconds_of
+from motorprior.pipeline.stage import MARKER, RESULTS, digest, read_results
 from motorprior.robots.load import load_robot
 from motorprior.transfer.robustness import MAPS, load_maps
 
@@ -68,8 +67,6 @@ def build_report(run: Path) -> Path:
         found += _chapters(run, *stages[name])
     if settings["logs"] is None:
         found.insert(min(len(found), 3), sections.no_logs())
-    if belonging:
-        found.append(sections.times(seconds_by_kind(run)))
     report = Report(
         title="motorprior",
         subtitle="Learn the distribution of a robot's motors from logs, train a policy on samples of it, and see "
@@ -155,16 +152,3 @@ def belonging_stages(run: Path) -> list[str]:
 def _kind(folder: str) -> str:
     """Of the stage in a folder: its first part."""
     return Path(folder).parts[0]
-
-
-def seconds_by_kind(run: Path) -> dict[str, float]:
-    """Seconds of the stages that belong to a run's settings, summed by the first part of their folders.
-
-    Raises:
-        ArtifactError: a damaged marker.
-    """
-    seconds: dict[str, float] = {}
-    for folder in belonging_stages(run):
-        kind = _kind(folder)
-        seconds[kind] = seconds.get(kind, 0.0) + seconds_of(run / folder)
-    return seconds

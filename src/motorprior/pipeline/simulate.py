@@ -64,7 +64,7 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
     robot = load_robot(config.robot)
     draw = config.motors.drawer(robot)
     targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
-    wanted = description("simulate", __file__, asdict(config), [*config.motors.inputs(robot), *robot.files])
+    wanted = description("simulate", asdict(config), [*config.motors.inputs(robot), *robot.files])
     if is_finished(config.out, wanted):
         return
     title = f"simulate {robot.name}: {config.excitation}, {config.seconds:g} s"

@@ -1,48 +1,62 @@
-"""A stage of work in a folder: finished or not, and whether what is there is what is asked for.
+"""A stage of work in a folder: settings + digests of the inputs + version -> folder.
 
-``stage.json`` is written last. It holds the resolved settings, the contents of the recipe, the digests of the
-inputs and of the code, the version, and the seconds that the stage took, its share of them where several stages ran
-side by side; a stage whose file says the same, whatever its seconds, is not run again, so an interrupted demo continues
-where it stopped. No path is part of it: a folder that was moved or copied is still finished.
+``stage.json`` is written last. A stage whose file holds the same description is not run again, so an interrupted run
+continues where it stopped. No path is part of it: a folder that was moved or copied is still finished.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from filelock import FileLock, Timeout
 
 from motorprior import __version__
 from motorprior.artifacts import read_json, remove_half_written, write_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ArtifactError
-from motorprior.pipeline.digests import code_digest, digest
-from motorprior.pipeline.folder_lock import taken
-from motorprior.pipeline.stopwatch import SHARED_TIME, UNFINISHED, Stopwatch, is_duration, seconds_of_same
+from motorprior.pipeline.progress import Progress
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
-RESULTS, FIGURES = "results.json", "figures.json"
-MARKER = "stage.json"
+RESULTS, FIGURES, MARKER = "results.json", "figures.json", "stage.json"
+LOCK = ".lock"
+Result = TypeVar("Result")
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        ArtifactError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
 
 
 def description(
-    name: str, file: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
+    name: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """What a stage was asked to do, as JSON.
+    """Description of a stage, as JSON.
 
     Args:
         name: of the stage.
-        file: of the module that does its work, its ``__file__``; that code counts, see `code_digest`.
-        settings: resolved options; paths among them are left out, `inputs` speaks for them.
-        inputs: every file that the stage reads, in a fixed order; counts by name and content.
-        recipe: contents of the preset that an option names.
+        settings: resolved options; paths among them are left out, ``inputs`` represent them.
+        inputs: all files that the stage reads, in a fixed order; by name and content.
+        recipe: content of the preset that an option names.
     """
     return {
         "stage": name,
         "version": __version__,
-        "code": code_digest(file),
         "config": _plain(settings),
         "recipe": _plain(recipe or {}),
         "inputs": [f"{path.name} {digest(path)}" for path in inputs],
@@ -59,13 +73,13 @@ def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
 
 
 def write_results(folder: Path, results: Results) -> None:
-    """Keep what a stage measured: as rows for the library, as figures by name for everybody else."""
+    """Write results.json (rows) and figures.json (name -> value)."""
     results.save(folder / RESULTS)
     write_json(folder / FIGURES, results.to_figures())
 
 
 def read_results(folder: Path) -> Results:
-    """What a finished stage measured.
+    """Results of a finished stage.
 
     Raises:
         ArtifactError: missing or damaged.
@@ -74,39 +88,39 @@ def read_results(folder: Path) -> Results:
 
 
 def _plain(value: Any) -> Any:
-    """JSON values without paths; a fleet's file counts by its content, so its place is left out too."""
+    """JSON values without paths and fleet files, which count by content."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items() if not _is_place(item)}
+        return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value if not _is_place(item)]
+        return [_plain(item) for item in value if not _is_path(item)]
     return value
 
 
-def _is_place(value: Any) -> bool:
+def _is_path(value: Any) -> bool:
     return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
 
 
 def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
     """Whether ``folder`` holds the result of exactly this stage."""
-    return seconds_of_same(folder / MARKER, wanted) is not None
+    try:
+        found = read_json(folder / MARKER)
+    except ArtifactError:
+        return False
+    return isinstance(found, dict) and {name: value for name, value in found.items() if name != "seconds"} == wanted
 
 
 def seconds_of(folder: Path) -> float:
-    """Seconds of the finished stage in ``folder``, see `Stopwatch`.
+    """Seconds of the finished stage in ``folder``, of its last run.
 
     Raises:
-        ArtifactError: no finished stage, or a damaged marker.
+        ArtifactError: no finished stage.
     """
-    marker = read_json(folder / MARKER)
-    seconds = marker.get("seconds") if isinstance(marker, dict) else None
-    if seconds is None or not is_duration(seconds):
-        raise ArtifactError("it does not say how long the stage took", where=folder / MARKER, remedy="run it again")
-    return seconds
+    return float(read_json(folder / MARKER)["seconds"])
 
 
 @contextmanager
-def working(folder: Path, wanted: dict[str, Any], since: float | None = None) -> Iterator[Stopwatch]:
-    """Take the folder of a stage: while this is open it is unfinished, and finished once it closes without an error.
+def working(folder: Path, wanted: dict[str, Any], since: float | None = None) -> Iterator[None]:
+    """Run a stage: its folder is locked and unfinished while this is open, and finished after it closes without error.
 
     Args:
         folder: where the stage writes.
@@ -114,31 +128,40 @@ def working(folder: Path, wanted: dict[str, Any], since: float | None = None) ->
         since: time.monotonic() when the work began; now if not given.
 
     Raises:
-        ArtifactError: the folder cannot be created or written, or another process or thread writes there.
+        ArtifactError: the folder cannot be written, or another process or thread writes there.
     """
-    with taken(folder):
+    with locked(folder):
         begin(folder)
-        clock = Stopwatch(folder, wanted, since)
-        SHARED_TIME.change(1)
-        try:
-            yield clock
-            seconds = clock.seconds()
-        except KeyboardInterrupt:
-            clock.note()
-            raise
-        finally:
-            SHARED_TIME.change(-1)
-        write_json(folder / MARKER, wanted | {"seconds": seconds})
-        remove(folder, UNFINISHED)
+        started = time.monotonic() if since is None else since
+        yield
+        write_json(folder / MARKER, wanted | {"seconds": time.monotonic() - started})
 
 
-def remove(folder: Path, name: str) -> None:
-    """Remove a file that only an unfinished stage needs."""
-    (folder / name).unlink(missing_ok=True)
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Be the only writer of a folder; the same thread may lock it again.
+
+    Raises:
+        ArtifactError: another process or thread holds it, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder.resolve() / LOCK, timeout=0, is_singleton=True)
+        lock.acquire()
+    except Timeout:
+        remedy = "wait until it ends, or choose another folder"
+        raise ArtifactError("another command writes there", where=folder, remedy=remedy) from None
+    except OSError as error:
+        problem = f"cannot write there ({error.strerror or error})"
+        raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def begin(folder: Path) -> None:
-    """Begin anew in a folder: what was finished in it no longer is, and what killed processes half wrote goes.
+    """Mark a folder as unfinished, and remove files that killed processes left half written.
 
     Raises:
         ArtifactError: it cannot be created or written.
@@ -147,10 +170,29 @@ def begin(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / MARKER).unlink(missing_ok=True)
         remove_half_written(folder)
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
     except OSError as error:
-        raise ArtifactError(
-            f"cannot write there ({error.strerror})", where=folder, remedy="choose another folder"
-        ) from error
+        problem = f"cannot write there ({error.strerror})"
+        raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
+
+
+def threads_here(workers: int, progress: Progress) -> int:
+    """``workers``, or the number of cores if that is less."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers > cores:
+        progress.note(f"note: {workers} workers requested, this machine has {cores} cores: using {cores}")
+    return min(workers, cores)
+
+
+def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, progress: Progress) -> list[Result]:
+    """Results of functions of a `Progress`, in order, ``threads`` at a time; compiled code releases Python's lock.
+
+    Raises:
+        BaseException: of the first that failed; those that wait are not begun.
+    """
+    if threads == 1 or len(works) == 1:
+        return [work(progress) for work in works]
+    pool = ThreadPoolExecutor(threads)
+    try:
+        return [future.result() for future in [pool.submit(work, progress) for work in works]]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -233,21 +232,6 @@ def transfer(run: Path, robot: Robot) -> list[Section]:
         "0.1 m/s from seed to seed: small differences between conditions mean little.",
     )
     return [Section("Transfer", lead, body, tuple(pictures), (table,))]
-
-
-def times(seconds: Mapping[str, float]) -> Section:
-    """Where the time of a demo went.
-
-    Args:
-        seconds: kind of stage -> seconds of all of its kind.
-    """
-    rows = tuple((kind, round(took, 1)) for kind, took in seconds.items())
-    table = Table(
-        ("stage", "seconds"),
-        rows,
-        "Interrupted runs included; stages side by side share the time.",
-    )
-    return Section("Where the time goes", f"{sum(seconds.values()):.0f} s of work.", tables=(table,))
 
 
 def highlights(results: Results) -> tuple[tuple[str, str], ...]:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model_trial import cannot_read, try_model
 from motorprior.robots.robot import Leg
 
 TRIED, UNLIKE = 0.1, 0.08
@@ -17,6 +16,12 @@ TRIED, UNLIKE = 0.1, 0.08
 legs are smaller, a joint that turns the other way is further."""
 _LIGHTEST, _HEAVIEST = 0.3, 1.5
 """Of the smallest and the largest load: a bench goes a little beyond what a motor will meet."""
+
+
+def cannot_read(path: Path | None, reason: str) -> ArtifactError:
+    """The error for a model that MuJoCo cannot compile."""
+    words = " ".join(reason.split())[:300]
+    return ArtifactError(f"MuJoCo cannot read it ({words})", where=path, remedy="correct the model")
 
 
 class UserModel:
@@ -42,10 +47,9 @@ class UserModel:
         self._mujoco, self._path = mujoco, path
         if not path.is_file():
             raise ArtifactError("no such model file", where=path, remedy="correct the key model")
-        try_model(path)
         try:
             self._model = mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:  # a file that it includes has changed since
+        except ValueError as error:
             raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
             first = self._model.actuator(0).name

@@ -18,8 +18,8 @@ import mujoco
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.model_files import files_digest
 from motorprior.robots.model_source import GeneratedModel
-from motorprior.robots.model_trial import cannot_read
 from motorprior.robots.robot import GRAVITY, Robot
+from motorprior.robots.user_model import cannot_read
 
 CONTACT_TIME = 0.02
 """Time constant of a foot's contact [s], MuJoCo's default."""

@@ -18,11 +18,11 @@ from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import import raw_logs
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.log_import.unknown_load import weight_of
 from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.stage import locked
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -119,7 +119,7 @@ def test_a_period_out_of_bounds_is_refused_before_a_log_is_read(tmp_path: Path, 
 def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):
     """Of two logs of one name only one would be left."""
     out, path = tmp_path / "out", write_bam(tmp_path)
-    with taken(out), ThreadPoolExecutor(1) as other, pytest.raises(ArtifactError, match="another command writes there"):
+    with locked(out), ThreadPoolExecutor(1) as other, pytest.raises(ArtifactError, match="another command writes there"):
         other.submit(import_logs, LogsImport((path,), out)).result()
     assert not out.exists()
     import_logs(LogsImport((path,), out))

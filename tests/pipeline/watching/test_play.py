@@ -14,9 +14,9 @@ from PIL import Image
 import motorprior as mp
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.stage import locked
 from motorprior.pipeline.walking.walk import Walk, run_walk
 from motorprior.pipeline.watching.play import Play, _held, _measured, _notes, commands_of, run_play
 from motorprior.pipeline.watching.schedule_file import read_schedule
@@ -51,7 +51,7 @@ def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(
 def test_a_folder_has_one_film_at_a_time(gait_walk: Path, tmp_path: Path):
     """Another thread's folder is refused as another command's is."""
     out = tmp_path / "out"
-    with taken(out), ThreadPoolExecutor(1) as other:
+    with locked(out), ThreadPoolExecutor(1) as other:
         film = other.submit(run_play, Play((gait_walk,), out, seconds=1.0, film="drawn"))
         with pytest.raises(ArtifactError, match="another command writes there"):
             film.result()

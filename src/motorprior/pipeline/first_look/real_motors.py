@@ -76,7 +76,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot, folder = load_robot(config.robot), read_logs_of(config)
     maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []
-    wanted = description("real_motors", __file__, asdict(config), [*folder.files, *maps, *robot.files])
+    wanted = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             look = _look(config, folder, robot, progress)

@@ -17,11 +17,11 @@ from motorprior.logs.formats.registry import read_log, taken_for_granted
 from motorprior.logs.formats.robot_run import ROBOT_RUN, Mode, read_robot_run
 from motorprior.logs.motor_log import CONDITIONS, FIRMWARE, MotorLog
 from motorprior.logs.resampling import resample
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.log_import.import_files import targets_of, tell, tell_replaced
 from motorprior.pipeline.log_import.stated_settings import require_within_bounds, with_stated
 from motorprior.pipeline.log_import.unknown_load import write_with_unknown_loads
 from motorprior.pipeline.progress import SILENT, WARNING, Progress
+from motorprior.pipeline.stage import locked
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -108,7 +108,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     robot = load_robot(config.robot or DEFAULT_ROBOT)
     _require_robot_of_held_base(config)
     targets = targets_of(config.paths, config.out)
-    with taken(config.out):
+    with locked(config.out):
         if config.fit_load:
             logs = {target: _imported(path, robot, config, progress) for target, path in targets.items()}
             write_with_unknown_loads(logs, config.out, progress)

@@ -68,7 +68,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
     folder, prepared = read_logs(config.logs, robot)
     files = [*folder.files, *robot.files]
     settings = {name: value for name, value in asdict(config).items() if name != "prior"}
-    wanted = description("calibrate", __file__, settings, [*fleet_files(robot, config.fleet), *files])
+    wanted = description("calibrate", settings, [*fleet_files(robot, config.fleet), *files])
     ready = cache(lambda: replayers_of(folder.logs, prepared, robot, fleet, config.posture, progress))
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
@@ -76,7 +76,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
     if config.prior is None or prior is None:
         return read_results(config.out)
     bands = config.out / PRIOR_BANDS
-    wanted = description("calibrate", __file__, settings, [config.prior, config.out / FLEET, *files])
+    wanted = description("calibrate", settings, [config.prior, config.out / FLEET, *files])
     if not is_finished(bands, wanted):
         with working(bands, wanted):
             _draw_prior(config, bands, ready(), robot, prior, progress)

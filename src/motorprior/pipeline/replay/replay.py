@@ -75,7 +75,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
         _note_findings(name, log, robot, progress)
     prior = load_prior(config.prior, robot)
     inputs = [config.prior, *fleet_files(robot, config.fleet), *folder.files, *robot.files]
-    wanted = description("replay", __file__, asdict(config), inputs)
+    wanted = description("replay", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             _replay_all(config, robot, folder.logs, prepared, prior, progress)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 
 from motorprior.artifacts import read_tensors, write_json, write_tensors
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.side_by_side import threads_here
-from motorprior.pipeline.stage import write_results
+from motorprior.pipeline.stage import locked, threads_here, write_results
 from motorprior.pipeline.transfer_study.condition import Condition
 from motorprior.pipeline.transfer_study.study_cells import walk_table
 from motorprior.pipeline.transfer_study.study_conditions import adapt_robots, conditions, learn
@@ -29,7 +27,7 @@ def run_study(config: Study, progress: Progress = SILENT) -> Summary:
     """
     config = config.sized()
     robot = load_robot(config.robot)
-    with taken(config.out):
+    with locked(config.out):
         threads = threads_here(config.workers, progress)
         if config.ray_address is None:  # told once, not at every policy
             config = replace(config, workers=threads)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.side_by_side import side_by_side, threads_here
-from motorprior.pipeline.time_left import TimeLeft
+from motorprior.pipeline.stage import in_parallel, threads_here
 from motorprior.pipeline.transfer_study.condition import Condition
 from motorprior.pipeline.transfer_study.study_settings import Study
 from motorprior.pipeline.transfer_study.study_watch import twins_here, watched
@@ -35,19 +33,10 @@ def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: 
     at_a_time = threads_here(config.workers, SILENT) if config.executor == "threads" else 1
     processes = config.workers if config.ray_address is not None else threads_here(config.workers, SILENT)
     with progress.start(f"study: {len(cells)} policies, {config.draws} walks at each place", len(cells)) as task:
-        done = _Done(task, TimeLeft(len(cells), at_a_time))
-        works = [partial(_cell, config, robot, twins, condition, seed, done) for condition, seed in cells]
+        works = [partial(_cell, config, robot, twins, condition, seed, task) for condition, seed in cells]
         with many_executors(config.executor, processes, config.ray_address):
-            tables = side_by_side(works, at_a_time, progress)
+            tables = in_parallel(works, at_a_time, progress)
     return WalkTable.of(walk for each in tables for walk in each.walks)
-
-
-@dataclass(frozen=True)
-class _Done:
-    """What counts the policies that are done, and says how long the others take."""
-
-    task: Task
-    left: TimeLeft
 
 
 def _cell(
@@ -56,11 +45,11 @@ def _cell(
     twins: tuple[str, ...],
     condition: Condition,
     seed: int,
-    done: _Done,
+    done: Task,
     progress: Progress,
 ) -> WalkTable:
     """Train the policy of a condition and a seed, and watch it everywhere."""
-    name, begun = condition.folder(seed), done.left.begun()
+    name = condition.folder(seed)
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
         episode_steps=_EPISODE_STEPS,
@@ -73,7 +62,7 @@ def _cell(
     else:
         run_walk(walk, progress, name)
     table = watched(config, robot, twins, condition, seed, progress)
-    done.task.advance(1, f"{name}, {done.left.ended(begun)}".rstrip(", "))
+    done.advance(1, name)
     return table
 
 

@@ -17,7 +17,7 @@ from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Progress, Task
-from motorprior.pipeline.side_by_side import side_by_side
+from motorprior.pipeline.stage import in_parallel
 from motorprior.pipeline.transfer_study.condition import NOTHING, Condition, fleet_of
 from motorprior.pipeline.transfer_study.study_pds import FITTED, ROBOT_PD, fit_pds, fit_robot_pd
 from motorprior.pipeline.transfer_study.study_settings import FITS, Study
@@ -62,7 +62,7 @@ def learn(config: Study, threads: int, progress: Progress) -> None:
             progress,
         )  # fmt: skip
     works = [partial(_identify, config, preset) for preset in presets] + [partial(fit_pds, config)] * fitted
-    side_by_side(works, threads, progress)
+    in_parallel(works, threads, progress)
 
 
 def _needs(config: Study, names: Iterable[str]) -> bool:
@@ -170,7 +170,7 @@ def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
         return
     robots = [(population, seed) for seed in range(config.seeds) for population in (HOME, ABROAD)]
     with progress.start(f"adapt to {len(robots)} robots", len(robots)) as task:
-        side_by_side([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)
+        in_parallel([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)
 
 
 def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:

@@ -34,7 +34,7 @@ def fit_robot_pd(config: Study, log: Path, folder: Path, progress: Progress) -> 
     from motorprior.identification.baselines.tuned_pds import FRICTION  # here: they import scipy
 
     robot, start = load_robot(config.robot), _start(config)
-    wanted = description("study", __file__, {"start": start, "kinds": FRICTION}, [log, *robot.files])
+    wanted = description("study", {"start": start, "kinds": FRICTION}, [log, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             fit = fit_to_the_end(read_parquet(log), beginnings(start, FRICTION, LAGS), FRICTION)
@@ -65,7 +65,7 @@ def fit_pds(config: Study, progress: Progress) -> None:
     folder, start = config.out / "fits", _start(config)
     log = config.out / "bench" / "rollout" / "log.parquet"
     kinds = dict(zip(FITTED, (GAINS, EVERYTHING, FRICTION), strict=True))
-    wanted = description("study", __file__, {"start": start, "kinds": kinds}, [log, *robot.files])
+    wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):
         return
     with (

@@ -64,7 +64,7 @@ def watched(
         "study": config.seed, "condition": condition.name, "one_draw_is_all": condition.one_draw_is_all,
     }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
-    wanted = description("study", __file__, settings | {"robot": condition.robot}, [policy, *fleets, *robot.files])
+    wanted = description("study", settings | {"robot": condition.robot}, [policy, *fleets, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             watch = _Watch(config, robot, condition, seed, policy, progress)

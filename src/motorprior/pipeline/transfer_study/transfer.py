@@ -20,8 +20,16 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.side_by_side import side_by_side, threads_here
-from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
+from motorprior.pipeline.stage import (
+    description,
+    fleet_files,
+    in_parallel,
+    is_finished,
+    read_results,
+    threads_here,
+    working,
+    write_results,
+)
 from motorprior.pipeline.walking.motor_provenance import choice_from_json
 from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY
 from motorprior.results import Result, Results
@@ -76,7 +84,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     policies = [Policy.load(path) for path in files]  # says whether it is one, before all of it is read for its digest
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
-    wanted = description("transfer", __file__, settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
+    wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
         told = straight_ahead(together(robot, policies))
         walkers: list[Walker] = []
@@ -195,7 +203,7 @@ def _evaluate_all(config: Transfer, walkers: list[Walker], fleet: Fleet, told: C
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
     works = [partial(_own_and_twin, walker, fleet, told) for walker in walkers]
-    found = side_by_side(works, threads_here(config.workers, progress), progress)
+    found = in_parallel(works, threads_here(config.workers, progress), progress)
     for walker, places in zip(walkers, found, strict=True):
         for place, (walking, trace) in places.items():
             results += _results(walking, walker.condition, place, seeds[walker.condition])

@@ -118,7 +118,7 @@ def fitted_responses(
     from motorprior.identification.baselines.response_models import CONSTANTS, ResponseMotors
 
     out = fits.folder / "responses"
-    wanted = description("responses", __file__, {"seed": fits.seed}, [], asdict(preset)) | {"inputs": [log_digest(log)]}
+    wanted = description("responses", {"seed": fits.seed}, [], asdict(preset)) | {"inputs": [log_digest(log)]}
     if not is_finished(out, wanted):
         with working(out, wanted):
             constants = _fit(log, preset, fits.seed, progress)

@@ -122,7 +122,7 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
             )
     robot = load_robot(config.robot)
     priors, facts = load_priors(robot, config.priors)
-    wanted = description("validate", __file__, asdict(config), [*config.priors, *robot.files])
+    wanted = description("validate", asdict(config), [*config.priors, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             _measure(config, robot, priors, facts, progress)

@@ -95,7 +95,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     prior, robot = prior_and_robot(config.prior, log, config.robot)
     known, judged = _known_and_judged(config, log)
     inputs = [config.prior, config.log, *config.fitted_on, *(robot.files if robot else ())]
-    wanted = description("validate-log", __file__, asdict(config), inputs)
+    wanted = description("validate-log", asdict(config), inputs)
     trained = trained_on(prior, log)
     if trained:
         progress.note(

@@ -13,8 +13,8 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.pipeline.digests import digest
 from motorprior.pipeline.motor_choice import ACTUATORS, MotorChoice
+from motorprior.pipeline.stage import digest
 from motorprior.schema import TEXT, TRUTH, Schema, maybe, number, one_of
 
 LARGEST_FILE = 64 * 2**20

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.folder_lock import taken
+from motorprior.pipeline.stage import locked
 from motorprior.pipeline.walking.walk_metrics import read_metrics
 
 EVENTS = "tensorboard"
@@ -63,6 +63,6 @@ def write_events(folder: Path) -> None:
         ArtifactError: see `read_metrics`.
     """
     told = read_metrics(folder)
-    with taken(folder), events(folder / EVENTS) as add:
+    with locked(folder), events(folder / EVENTS) as add:
         for place in range(len(told["iteration"])):
             add({name: values[place].item() for name, values in told.items()})

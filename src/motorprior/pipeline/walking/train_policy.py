@@ -19,7 +19,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, load_robot_fleet, nominal_pd
 from motorprior.pipeline.prior_file import doubts
 from motorprior.pipeline.progress import WARNED, Progress
-from motorprior.pipeline.side_by_side import threads_here
+from motorprior.pipeline.stage import threads_here
 from motorprior.pipeline.walking.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
 from motorprior.pipeline.walking.trained_policy import judge_faults, policy_of
 from motorprior.pipeline.walking.training import as_point

@@ -15,7 +15,6 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, MotorPriorError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import Progress
-from motorprior.pipeline.stopwatch import Stopwatch
 from motorprior.pipeline.walking.tensorboard import EVENTS, events
 from motorprior.pipeline.walking.walk_metrics import Extent, Metrics
 from motorprior.search.ars import Ars, ArsConfig
@@ -32,17 +31,15 @@ _SAVING_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where the state of a training goes: its folder, the description of its stage, and the time it took."""
+    """Where the state of a training goes: its folder and the description of its stage."""
 
     folder: Path
     wanted: dict
-    clock: Stopwatch
 
     def save(self, state: dict[str, np.ndarray], curve: list[dict]) -> None:
         """Write the state; the curve may be a point ahead when interrupted between the two, and is cut to it."""
         points = curve[: int(state["iteration"])]
         write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
-        self.clock.note()
 
     def load(self, config: ArsConfig) -> tuple[Ars, Champion, list[dict]] | None:
         """The training of an interrupted run with the same settings, if there is one.

@@ -14,14 +14,10 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.digests import digest
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.prior_file import doubts, load_prior
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.side_by_side import threads_here
-from motorprior.pipeline.stage import description, is_finished, remove, working
-from motorprior.pipeline.stopwatch import Stopwatch
+from motorprior.pipeline.stage import description, digest, is_finished, locked, threads_here, working
 from motorprior.pipeline.walking.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
 from motorprior.pipeline.walking.earlier_training import tell_what_is_lost
 from motorprior.pipeline.walking.motor_provenance import choice_as_json
@@ -117,19 +113,17 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
     if is_finished(config.out, plan.wanted):
         if config.tensorboard:
             write_events(config.out)
-        if (config.out / CHECKPOINT).is_file():  # of a process that was killed at its very end
-            with taken(config.out):
-                remove(config.out, CHECKPOINT)
+        (config.out / CHECKPOINT).unlink(missing_ok=True)  # of a process that was killed at its very end
         return False
     require_executor(config.executor, config.ray_address)
     for line in plan.doubts():
         progress.note(line)
     scenes = plan.scenes()
-    with taken(config.out):
+    with locked(config.out):
         tell_what_is_lost(config.out, plan.wanted, progress)
-        with working(config.out, plan.wanted) as clock:
-            _train(plan, scenes, clock, progress, name)
-        remove(config.out, CHECKPOINT)  # once the marker is there: killed before, the same command goes on from it
+        with working(config.out, plan.wanted):
+            _train(plan, scenes, progress, name)
+        (config.out / CHECKPOINT).unlink(missing_ok=True)  # after the marker: a run killed before resumes from it
     return True
 
 
@@ -140,13 +134,13 @@ def require_possible(config: Walk) -> None:
     plan.scenes()
 
 
-def _train(plan: _Plan, scenes: list[Scene], clock: Stopwatch, progress: Progress, name: str) -> None:
+def _train(plan: _Plan, scenes: list[Scene], progress: Progress, name: str) -> None:
     """Train from the checkpoint, if there is one, and write what came out."""
     config = plan.config
     workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
     patient = config.patience is not None
     extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions, may_end_early=patient)
-    checkpoint = Checkpoint(config.out, plan.wanted, clock)
+    checkpoint = Checkpoint(config.out, plan.wanted)
     with executors(scenes, workers, config.executor, config.ray_address) as (executor, judge):
         training = Training(
             config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
@@ -157,8 +151,8 @@ def _train(plan: _Plan, scenes: list[Scene], clock: Stopwatch, progress: Progres
     try:
         judge_faults(curve, extent.episodes, progress)
     except SimulationFault:  # there is nothing to go on from
-        remove(config.out, CHECKPOINT)
-        remove(config.out, METRICS)
+        (config.out / CHECKPOINT).unlink(missing_ok=True)
+        (config.out / METRICS).unlink(missing_ok=True)
         shutil.rmtree(config.out / EVENTS, ignore_errors=True)
         raise
     _policy(plan, champion).save(config.out / POLICY)
@@ -243,7 +237,7 @@ def _planned(config: Walk) -> _Plan:
     inputs += [config.start] if config.start is not None else []
     inputs += judges.choice.inputs(robot) if judges is not None else []
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
-    wanted = description("walk", __file__, settings, inputs)
+    wanted = description("walk", settings, inputs)
     return _Plan(config, robot, shape, start, motors, judges, wanted)
 
 

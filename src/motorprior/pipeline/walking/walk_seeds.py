@@ -11,8 +11,7 @@ from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.side_by_side import side_by_side, threads_here
-from motorprior.pipeline.stage import write_results
+from motorprior.pipeline.stage import in_parallel, threads_here, write_results
 from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY, Walk, require_possible, run_walk
 from motorprior.pipeline.walking.walk_metrics import read_metrics
 from motorprior.results import Result, Results
@@ -43,7 +42,7 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     for walk in walks:  # all before the first begins, since that throws away what its folder held
         require_possible(walk)
     works = [partial(_train, walk) for walk in walks]
-    side_by_side(works, side, progress)
+    in_parallel(works, side, progress)
     _draw(config, walks)
     rows = []
     for walk in walks:

@@ -15,10 +15,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.timetable import Timetable
-from motorprior.pipeline.folder_lock import taken
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import write_results
+from motorprior.pipeline.stage import locked, write_results
 from motorprior.pipeline.transfer_study.transfer import own_scene, policy_for
 from motorprior.pipeline.walking.walk import POLICY
 from motorprior.pipeline.walking.walk_seeds import SEED_FOLDER
@@ -92,7 +91,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
             robot's usual speeds and those of a policy's training; no OpenGL where a rendered film is asked for; no
             screen where a window is.
     """
-    with taken(config.out):
+    with locked(config.out):
         played, walks = _play(config, progress)
     if config.viewer:
         robot = load_robot(config.robot)
