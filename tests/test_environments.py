@@ -15,8 +15,7 @@ from policies import ACTIONS, random_policy
 
 import motorprior.environments
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.environments import make_env, make_vector_env
-from motorprior.exceptions import ConfigError
+from motorprior.environments import make_env
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
@@ -127,70 +126,6 @@ def test_commands_beyond_the_robots_usual_range_are_followed():
     env.close()
 
 
-def test_seeds_are_one_or_one_for_each_robot():
-    env = make_vector_env(num_envs=3, actuator="pd")
-    from_one, from_each = env.reset(seed=4)[0], env.reset(seed=[4, 5, 6])[0]
-    np.testing.assert_array_equal(from_one, from_each)
-    wrong: list[list[int | None]] = [[], [1, 2], [1, 2, 3, 4]]
-    for seeds in wrong:
-        with pytest.raises(ValueError, match=f"{len(seeds)} seeds for 3 robots"):
-            env.reset(seed=seeds)
-    env.close()
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"engine": "bullet"}, "mujoco"),
-        ({"actuator": "servo"}, "prior"),
-        ({"actuator": "prior"}, "needs the file of a prior"),
-        ({"roughness": 0.01}, "PyBullet only"),
-        ({"engine": "pybullet", "roughness": 1.0}, "roughness"),
-        ({"randomization": {"push": 0.1}}, r"randomization \{'push': 0.1\} is not a Randomization -> import it"),
-        ({"commands": 0.3}, "commands 0.3 is not a Commands -> import it"),
-        ({"gait": "amble"}, "gait 'amble' is unknown -> use one of trot, walk, pace, bound, pronk"),
-        ({"task": 3.0}, "task 3.0 is not a TaskWeights -> import it"),
-        ({"kp": "8"}, "kp '8' is not a finite number of at least 0"),
-        ({"delay": True}, "delay True is not a finite number"),
-        ({"limit_follows_gain": 1}, "limit_follows_gain 1 is neither True nor False"),
-        ({"limit_follows_gain": True}, "limit_follows_gain 1 has no effect on actuator pd"),
-        ({"armature": np.nan}, "armature nan is not a finite number"),
-        ({"roughness": -0.01}, "roughness -0.01 is not a finite number of at least 0"),
-        ({"episode_steps": 0}, "episode_steps 0 is not a whole number of at least 1"),
-        ({"episode_steps": 2.5}, r"episode_steps 2\.5 is not a whole number"),
-        ({"episode_steps": "10"}, "episode_steps '10' is not a whole number"),
-        ({"fleet": 5}, "fleet 5 is not the name of a file"),
-        ({"actuator": "prior", "prior": 5}, "prior 5 is not the name of a file"),
-    ],
-)
-@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-def test_wrong_words_are_refused(make, settings, words):
-    with pytest.raises(ConfigError, match=words):
-        make(ID, **{"actuator": "pd"} | settings)
-
-
-@pytest.mark.parametrize("number", [{"num_envs": 0}, {"num_envs": 2.5}, {"threads": 0}, {"threads": "2"}])
-def test_robots_and_threads_are_whole_numbers(number):
-    with pytest.raises(ConfigError, match=rf"{next(iter(number))} .* is not a whole number of at least 1"):
-        make_vector_env(**{"num_envs": 1} | number, actuator="pd")
-
-
-@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-def test_a_robot_that_was_not_reset_does_not_walk(make):
-    env = make(ID, actuator="pd").unwrapped
-    with pytest.raises(ConfigError, match=r"reset\(\) first"):
-        env.step(np.zeros(env.action_space.shape))
-    env.close()
-
-
-@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-@pytest.mark.parametrize("word", [{"gain": 3.0}, {"render_mode": "rgb_array"}])
-def test_a_keyword_it_does_not_know_is_a_type_error_as_of_any_function(make, word):
-    """Stable-Baselines3 tries ``render_mode`` and goes on without it after a TypeError."""
-    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{next(iter(word))}'; use some of robot"):
-        make(ID, actuator="pd", **word)
-
-
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "train_ppo.py"
 
 
@@ -205,8 +140,3 @@ def test_the_example_trains_on_sampled_motors(prior):
     assert done.returncode == 0, done.stderr
     said = r"told 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, up for \d\.\d of 5 s"
     assert re.fullmatch(said, done.stdout.splitlines()[-1])
-
-
-def test_the_example_says_how_it_is_called():
-    done = example()
-    assert (done.returncode, done.stderr) == (1, "usage: python examples/train_ppo.py PRIOR STEPS\n")

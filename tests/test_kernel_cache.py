@@ -50,12 +50,6 @@ def where_kernels_go(home: Path, chosen: str) -> list[str]:
     return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
-def test_only_our_kernels_go_to_our_folder_even_if_numba_was_there_before(tmp_path: Path):
-    ours, theirs, setting = where_kernels_go(tmp_path, "")
-    assert ours.startswith(str(tmp_path / "cache" / "motorprior" / "kernels" / source_digest(SOURCE)))
-    assert not theirs.startswith(str(tmp_path / "cache")) and setting == "''"
-
-
 def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
     ours, theirs, setting = where_kernels_go(tmp_path, str(tmp_path / "chosen"))
     assert ours.startswith(str(tmp_path / "chosen")) and theirs.startswith(str(tmp_path / "chosen"))
@@ -65,28 +59,3 @@ def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
 def test_every_kernel_is_cached_there():
     imports = re.compile(r"^\s*from numba import .*\bnjit\b|numba\.n?jit\b", re.MULTILINE)
     assert [file.name for file in SOURCE.rglob("*.py") if imports.search(file.read_text("utf-8"))] == ["compiled.py"]
-
-
-def test_old_folders_are_removed(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    for age in range(9):
-        folder = tmp_path / "motorprior" / "kernels" / f"old{age}"
-        folder.mkdir(parents=True)
-        os.utime(folder, (1000 + age, 1000 + age))
-    kernel_folder()
-    left = sorted(path.name for path in (tmp_path / "motorprior" / "kernels").iterdir())
-    assert left[-4:] == ["old5", "old6", "old7", "old8"] and len(left) == 5
-
-
-def test_an_unwritable_home_is_no_error(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert kernel_folder() == ""
-
-
-def test_a_folder_that_another_process_removes_meanwhile_is_no_error(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    kernels = tmp_path / "motorprior" / "kernels"
-    kernels.mkdir(parents=True)
-    (kernels / "gone").symlink_to(tmp_path / "nowhere")  # listed, but stat fails as for a removed folder
-    assert kernel_folder().startswith(str(kernels))

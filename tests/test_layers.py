@@ -200,34 +200,6 @@ def test_nobody_needs_the_command_line():
     assert len(files) > 50 and found == []
 
 
-def test_the_command_line_only_parses_and_prints():
-    assert sum(len(file.read_text("utf-8").splitlines()) for file in (SOURCE / "cli").glob("*.py")) <= 1500
-
-
-def options_named(source: Path) -> list[str]:
-    """Every text outside the command lines that writes an argument as an option, as "file:line"; no docstrings."""
-    found = []
-    for file in sorted(source.rglob("*.py")):
-        place = file.relative_to(source).as_posix()
-        if place.startswith("cli/") or place == "hardware/__main__.py":
-            continue
-        tree = ast.parse(file.read_text("utf-8"))
-        docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        found += [
-            f"{place}:{node.lineno}"
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings
-            if re.search(r"--[a-z]", node.value)
-        ]
-    return found
-
-
-def test_the_library_names_arguments_and_not_options(tmp_path: Path):
-    assert options_named(SOURCE) == []
-    (tmp_path / "walk.py").write_text('"""See --workers."""\nraise ValueError("--workers 0")\n')
-    assert options_named(tmp_path) == ["walk.py:2"]
-
-
 @pytest.mark.filterwarnings("default::UserWarning")
 def test_files_are_short():
     lengths = {file: len(file.read_text("utf-8").splitlines()) for file in SOURCE.rglob("*.py")}
@@ -270,24 +242,3 @@ def test_nothing_outside_robots_names_a_robot_or_counts_its_joints(tmp_path: Pat
 
 def test_names_say_what_is_inside():
     assert [str(f.relative_to(SOURCE)) for f in SOURCE.rglob("*") if f.stem in EMPTY_NAMES] == []
-
-
-def parsed_names(file: Path) -> list[int]:
-    """Lines on which a text is taken apart at a slash, or compared with the start of one that ends in a slash."""
-    lines = []
-    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
-            continue
-        texts = [part.value for arg in node.args for part in ast.walk(arg) if isinstance(part, ast.Constant)]
-        texts = [text for text in texts if isinstance(text, str)]
-        apart = node.func.attr in ("split", "rsplit", "partition", "rpartition") and "/" in texts
-        starts = node.func.attr in ("startswith", "removeprefix", "endswith", "removesuffix")
-        if apart or (starts and any(text.startswith("/") or text.endswith("/") for text in texts)):
-            lines.append(node.lineno)
-    return lines
-
-
-def test_names_of_figures_are_never_parsed_back():
-    """What stands in a name stands in a column of `Results`; columns of log files are another matter."""
-    files = [file for file in sorted(SOURCE.rglob("*.py")) if "logs" not in file.parts]
-    assert [f"{file.relative_to(SOURCE)}:{line}" for file in files for line in parsed_names(file)] == []

@@ -4,11 +4,9 @@
 # MuJoCo ships no type stubs.
 
 import ast
-import inspect
 import json
 import subprocess
 import sys
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,6 @@ LIGHT = (
     *("Lines", "MotorLog", "Robot", "load_robot", "read_log", "write_log", "check_log"),
     *("MotorPriorError", "LogError", "ArtifactError", "ConfigError", "SimulationFault"),
 )
-NAMES = [name for name in mp.__all__ if name != "__version__"]
 ROBOT = mp.load_robot("pupper_v2")
 
 
@@ -69,28 +66,6 @@ def test_an_unknown_name_is_refused_with_those_that_are_close():
         exec("from motorprior import load_robots")
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_public_name_is_documented(name: str):
-    thing = getattr(mp, name)
-    text = inspect.getdoc(thing)
-    assert text and not text.startswith(f"{name}("), "a docstring of its own, not the one that dataclass makes"
-    if inspect.isfunction(thing):
-        assert_described(thing, text)
-        return
-    for method, function in vars(thing).items():
-        function = getattr(function, "__func__", function)
-        if inspect.isfunction(function) and not method.startswith("_"):
-            assert inspect.getdoc(function), f"{name}.{method}"
-
-
-def assert_described(function, text: str) -> None:
-    parameters = list(inspect.signature(function).parameters)
-    arguments = text.partition("Args:")[2].partition("\n\n")[0]
-    assert [each for each in parameters if f"    {each}: " not in arguments] == []
-    assert "Raises:" in text
-    assert inspect.signature(function).return_annotation in (None, "None") or "Returns:" in text
-
-
 @pytest.fixture(scope="module")
 def log() -> mp.MotorLog:
     return mp.record_bench(ROBOT, motors=3, steps=300, preset="paper")
@@ -99,13 +74,6 @@ def log() -> mp.MotorLog:
 @pytest.fixture(scope="module")
 def prior(log: mp.MotorLog) -> mp.MotorPrior:
     return mp.fit_prior(log, "paper", steps=2)
-
-
-def test_a_log_is_written_read_and_checked(log: mp.MotorLog, tmp_path: Path):
-    mp.write_log(tmp_path / "log.parquet", log)
-    read = mp.read_log(tmp_path / "log.parquet")
-    np.testing.assert_array_equal(read.joint_pos, log.joint_pos)
-    assert mp.check_log(read).usable and read.robot == ROBOT.name
 
 
 def test_a_bench_is_that_of_the_stage(log: mp.MotorLog, tmp_path: Path):
@@ -118,38 +86,6 @@ def test_a_bench_is_that_of_the_stage(log: mp.MotorLog, tmp_path: Path):
     np.testing.assert_array_equal(mp.record_bench(ROBOT, fleet, motors=3, steps=300, preset="paper").time, log.time)
     with pytest.raises(mp.ConfigError, match="of robot 'other'"):
         mp.record_bench(ROBOT, replace(fleet, robot="other"))
-
-
-def test_a_prior_is_that_of_the_stage_and_the_folder_keeps_it(log, tmp_path: Path):
-    from motorprior.pipeline.identify import Identify, run_identify
-
-    log = replace(log, robot="own")
-    prior = mp.fit_prior(log, "paper", steps=2)
-    mp.write_log(tmp_path / "log.parquet", log)
-    run_identify(Identify(tmp_path / "log.parquet", tmp_path / "stage", "paper", steps=2))
-    assert (tmp_path / "stage" / "prior.safetensors").read_bytes()
-    assert mp.MotorPrior.load(tmp_path / "stage" / "prior.safetensors").sha256() == prior.sha256()
-    lines = Notes()
-    kept = [mp.fit_prior(log, "paper", steps=2, out=tmp_path / "kept", progress=lines).sha256() for _ in range(2)]
-    assert kept == 2 * [prior.sha256()] and lines.started == ["identify paper"], "once"
-    assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == ["prior.safetensors", "stage.json"]
-    changed = replace(log, joint_pos=log.joint_pos + 1e-3)
-    assert mp.fit_prior(changed, "paper", steps=2, out=tmp_path / "kept").sha256() != prior.sha256(), "another log"
-
-
-def test_several_files_are_one_log(log: mp.MotorLog, tmp_path: Path):
-    from motorprior.pipeline.identify import Identify, run_identify
-
-    files = tuple(tmp_path / f"{name}.parquet" for name in ("first", "second"))
-    for file, rows in zip(files, (slice(0, 150), slice(150, 300)), strict=True):
-        mp.write_log(file, replace(log.rows(rows), robot="own"))
-    run_identify(Identify(files, tmp_path / "stage", "paper", steps=2))
-    both = mp.fit_prior([mp.read_log(file) for file in files], "paper", steps=2)
-    assert mp.MotorPrior.load(tmp_path / "stage" / "prior.safetensors").sha256() == both.sha256()
-    with pytest.raises(mp.ConfigError, match="not a motor log"):
-        run_identify(Identify((files[0], tmp_path), tmp_path / "other", "paper", steps=2))
-    with pytest.raises(mp.ConfigError, match="no log given"):
-        run_identify(Identify((), tmp_path / "other", "paper", steps=2))
 
 
 class Notes(mp.Lines):
@@ -188,17 +124,6 @@ def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
             mp.fit_prior(logs, "paper", steps=1)
 
 
-def test_what_cannot_be_fitted_is_refused(log: mp.MotorLog):
-    with pytest.raises(mp.ConfigError, match="read them with read_log"):
-        mp.fit_prior("log.parquet")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(mp.ConfigError, match="no identification preset 'rolout'"):
-        mp.fit_prior(log, "rolout")
-    with pytest.raises(mp.LogError, match=r"period 0\.01 s"):
-        mp.fit_prior(log, "rollout")
-    with pytest.raises(mp.ConfigError, match="steps 0"):
-        mp.fit_prior(log, "paper", steps=0)
-
-
 def test_a_prior_becomes_motors_of_a_model_of_ones_own(prior: mp.MotorPrior, tmp_path: Path):
     prior.save(tmp_path / "prior.safetensors")
     motors = mp.MotorPrior.load(tmp_path / "prior.safetensors").sample(1, seed=3)
@@ -220,14 +145,6 @@ def hinge_model(timestep: float = 0.002) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{timestep}"/><worldbody>{body}</worldbody></mujoco>'
     )
-
-
-@pytest.mark.parametrize(("integrator", "taken"), [("implicit", True), ("implicitfast", True), ("RK4", False)])
-def test_driven_joints_need_an_integrator_that_damps_implicitly(prior: mp.MotorPrior, integrator: str, taken: bool):
-    model = hinge_model()
-    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
-    with nullcontext() if taken else pytest.raises(mp.ConfigError, match="does not damp its joints implicitly"):
-        mp.DrivenJoints(model, mujoco.MjData(model), prior.sample(1, seed=3), ["hinge"])
 
 
 def driven_to(target: float, steps: int, model: mujoco.MjModel, data: mujoco.MjData, driven: mp.DrivenJoints) -> list:
@@ -255,36 +172,6 @@ def test_motors_begin_again_where_the_simulation_does(prior: mp.MotorPrior):
     assert driven_to(0.3, 20, model, data, driven) == pytest.approx(first)
 
 
-def test_driven_joints_refuse_what_would_be_wrong_silently(prior: mp.MotorPrior):
-    motors, model = prior.sample(2, seed=3), hinge_model()
-    data = mujoco.MjData(model)
-    with pytest.raises(mp.ConfigError, match="'hinge' is named twice"):
-        mp.DrivenJoints(model, data, motors, ["hinge", "hinge"])
-    driven = mp.DrivenJoints(model, data, prior.sample(1, seed=3), ["hinge"])
-    model.opt.timestep = 0.001
-    with pytest.raises(mp.ConfigError, match=r"timestep is 0\.001 s, the motors' 0\.002 s"):
-        driven.drive(np.zeros(1))
-    with pytest.raises(mp.ConfigError, match="MotorPrior is no set of motors -> draw some"):
-        mp.Motors(prior, 0.002, np.zeros(1))  # pyright: ignore[reportArgumentType]
-    for spread in (np.nan, -1.0):
-        with pytest.raises(mp.ConfigError, match="spread"):
-            prior.sample(1, seed=3, spread=spread)
-
-
-def test_a_log_of_another_robot_is_not_adapted_to(prior: mp.MotorPrior):
-    log = replace(mp.record_bench(ROBOT, motors=2, steps=200, preset="paper", seed=5), robot="spot")
-    with pytest.raises(mp.ConfigError, match="the prior is of robot 'pupper_v2', the log of 'spot'"):
-        mp.adapt(prior, log, anyway=True)
-
-
-def test_motors_with_names_of_no_joint_are_not_put_on_a_robot_by_their_places(prior: mp.MotorPrior):
-    log = mp.record_bench(ROBOT, motors=ROBOT.num_joints, steps=200, preset="paper", seed=5)
-    posterior = mp.adapt(prior, log, anyway=True)
-    others = replace(posterior, joint_names=tuple(f"leg_{index}" for index in range(ROBOT.num_joints)))
-    with pytest.raises(mp.ConfigError, match="are not pupper_v2's"):
-        mp.simulate(ROBOT, others, np.tile(ROBOT.nominal_pose, (3, 1)), hung=True)
-
-
 def test_every_public_name_is_there():
     assert all(getattr(mp, name) is not None for name in dir(mp))
 
@@ -301,20 +188,6 @@ def test_a_grey_box_that_was_never_written_adapts_and_tells_of_weak_motors(monke
     monkeypatch.setattr("motorprior.pipeline.weak_motors.weak_below", lambda network: (99.0, 0.85))
     mp.adapt(prior, log, anyway=True, progress=notes)
     assert any("weak motors" in note and "limit_follows_gain" in note for note in notes.noted)
-
-
-def test_adapted_motors_need_nothing_else(prior: mp.MotorPrior, tmp_path: Path):
-    new = mp.record_bench(ROBOT, motors=ROBOT.num_joints, steps=200, preset="paper", seed=5)
-    posterior = mp.adapt(prior, new, anyway=True)
-    motors = posterior.sample(ROBOT.num_joints, seed=1)
-    assert motors.z.shape == posterior.mean.shape == (ROBOT.num_joints, prior.network.num_latents)
-    posterior.save(tmp_path / "posterior.safetensors")
-    again = mp.MotorPosterior.load(tmp_path / "posterior.safetensors", prior).sample(ROBOT.num_joints, seed=1)
-    np.testing.assert_array_equal(again.z, motors.z)
-    joints = mp.simulate(ROBOT, posterior, np.tile(ROBOT.nominal_pose, (3, 1)), hung=True).joint_pos
-    assert joints.shape[1] == ROBOT.num_joints and np.isfinite(joints).all()
-    with pytest.raises(mp.LogError, match="period"):
-        mp.adapt(prior, mp.record_bench(ROBOT, motors=1, steps=400), anyway=True)
 
 
 def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
@@ -341,24 +214,6 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     assert mp.train_policy(ROBOT, prior, start=fast, **short).forward == fast.forward == (-0.2, 0.8)
     beside = mp.compare(ROBOT, {"prior": policies[0], "fast": fast}, {"twin": fleet}).where(model="prior")
     assert beside.value(quantity="speed") == table["speed", "prior", 0][1], "both are told what the slower one may be"
-
-
-def test_what_does_not_fit_a_robot_is_refused(prior: mp.MotorPrior):
-    with pytest.raises(mp.ConfigError, match="robot 'other'"):
-        mp.train_policy(ROBOT, replace(prior, robot="other"), iterations=1)
-    with pytest.raises(mp.ConfigError, match="3 for the 12 joints"):
-        mp.simulate(ROBOT, prior.sample(3, seed=0), np.zeros((1, ROBOT.num_joints)))
-    with pytest.raises(mp.ConfigError, match="targets"):
-        mp.simulate(ROBOT, prior, np.zeros((1, 3)))
-    with pytest.raises(mp.ConfigError, match="no policies given"):
-        mp.compare(ROBOT, {}, {"twin": prior})
-    fleet = mp.load_fleet("pupper_v2")
-    for wrong, words in (
-        (lambda rng: mp.IdealPd.uniform(1, 7.0, 0.8, 1.3), "1 for the 12 joints"),
-        (lambda rng: fleet.sample(12, rng), "set of motors or function that draws one"),
-    ):
-        with pytest.raises(mp.ConfigError, match=words):
-            mp.train_policy(ROBOT, wrong, iterations=1)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_function_may_draw_physical_motors():

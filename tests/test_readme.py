@@ -84,10 +84,6 @@ def page_commands() -> list[tuple[str, list[str]]]:
     return [(page.name, words) for page in PAGES if page.is_file() for words in commands(page.read_text("utf-8"))]
 
 
-def test_the_readme_shows_commands():
-    assert any(page == "README.md" for page, _ in page_commands())
-
-
 @pytest.mark.parametrize("words", [pytest.param(w, id=f"{page}: {shlex.join(w)}") for page, w in page_commands()])
 def test_every_command_exists(words: list[str]):
     check(words)
@@ -115,17 +111,6 @@ def test_the_library_section_runs_in_a_small_size(tmp_path: Path, monkeypatch: p
     names: dict = {}
     exec(code, names)
     assert names["torque"].shape == (12,) and {row.quantity for row in names["table"]} == {"speed", "upright", "drift"}
-
-
-def test_commands_are_read_out_of_the_text():
-    text = "```sh\n$ A=1 make demo ARGS='--seed 1'  # all\n"
-    text += "motorprior bench \\\n  --out x > log && make test\n```\n"
-    text += "```json\nno\n```\n"
-    assert list(commands(text)) == [
-        ["make", "demo", "ARGS=--seed 1"],
-        ["motorprior", "bench", "--out", "x"],
-        ["make", "test"],
-    ]
 
 
 @pytest.mark.parametrize("text", ["make nothing", "pip install 'motorprior[nothing]'", "nothing", "python no.py"])

@@ -1,6 +1,5 @@
 """The table of results: selection, the names of figures, and a file that is read as rows or refused."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -79,32 +78,3 @@ def test_what_is_saved_is_loaded(tmp_path: Path):
     table = WALKS + ERRORS + OTHERS
     table.save(tmp_path / "results.json")
     assert Results.load(tmp_path / "results.json") == table
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"value": "fast"}, "a row: value = 'fast' is not a finite number"),
-        ({"value": True}, "value = True"),
-        ({"colour": "red"}, "unknown keys .'colour'"),
-        ({"seed": 0.5}, "seed = 0.5 is not an integer"),
-        ({"model": 3}, "model = 3 is not a text"),
-        ({"model": None}, "model = None is not a text"),
-    ],
-)
-def test_a_row_that_is_none_is_refused(tmp_path: Path, change: dict[str, object], words: str):
-    path = tmp_path / "run" / "results.json"
-    WALKS.save(path)
-    data = json.loads(path.read_text())
-    data["rows"][2] |= change
-    path.write_text(json.dumps(data))
-    with pytest.raises(ArtifactError, match=words) as error:
-        Results.load(path)
-    assert error.value.where == path and f"delete the folder {path.parent}" in str(error.value)
-
-
-@pytest.mark.parametrize("text", ["{", "[]", '{"rows": []}', '{"schema_version": 2, "rows": []}', "NaN"])
-def test_what_is_no_table_is_refused(tmp_path: Path, text: str):
-    (tmp_path / "results.json").write_text(text)
-    with pytest.raises(ArtifactError, match="run the same command again"):
-        Results.load(tmp_path / "results.json")

@@ -84,15 +84,6 @@ def test_a_value_beyond_its_declaration_is_named(key: str, value: object, words:
     assert words in refusal(**{key: value})
 
 
-def test_no_message_is_longer_than_a_kilobyte():
-    for problem in (
-        refusal(name=10**4000),
-        refusal(kind="x" * 10**6),
-        refusal(**{f"key{i}" * 50: 0 for i in range(100)}),
-    ):
-        assert len(problem.encode()) < 900
-
-
 def test_keys_are_compared_and_a_table_must_be_one():
     assert refusal(colour=1) == "unknown keys ['colour']"
     with pytest.raises(ArtifactError, match="recipe is not a table"):

@@ -11,7 +11,6 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.fleet import load_fleet
-from motorprior.exceptions import ConfigError
 
 DT = 0.001
 ONE = np.ones(3)
@@ -77,30 +76,3 @@ def test_of_a_grey_box(grey_network, stated):
             varied.arrays(DT).parameters[:, motor], LatentActuator(told, latents).arrays(DT).parameters[:, motor],
             rtol=1e-9,
         )  # fmt: skip
-
-
-def test_factors_multiply(grey_network):
-    net = grey_network(spread=0.0)
-    actuator = LatentActuator(net, np.zeros((3, net.num_latents)))
-    twice = with_factors(with_factors(actuator, FACTORS), FACTORS)
-    same_parameters(twice, with_factors(actuator, Factors(*(factor**2 for factor in FACTORS))))
-
-
-@pytest.mark.parametrize("name", Factors._fields)
-def test_a_network_has_no_constants(grey_network, name):
-    network = replace(grey_network(network=0.1), motor=None)
-    actuator, one = LatentActuator(network, np.zeros((3, network.num_latents))), Factors(ONE, ONE, ONE, ONE)
-    assert with_factors(actuator, one) is actuator
-    with pytest.raises(ConfigError, match=rf"'latent' .* have no {name} that .* leave the range of {name} at 1 to 1"):
-        with_factors(actuator, one._replace(**{name: 0.9 * ONE}))
-
-
-def test_a_pd_has_no_friction():
-    with pytest.raises(ConfigError, match=r"'ideal_pd' .* have no coulomb that could vary"):
-        with_factors(pd(FACTORS), FACTORS)
-
-
-def test_factors_are_no_stated_gains(grey_network):
-    net = replace(grey_network(kp=2.0, kd_over_kp=0.1, spread=0.0), gain_unit="N·m/rad")
-    with pytest.raises(ConfigError, match=r"stated gains \[N·m/rad\] -> say which"):
-        with_factors(LatentActuator(net, np.zeros((3, net.num_latents))), FACTORS)

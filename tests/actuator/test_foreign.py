@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator import foreign_step as rows
-from motorprior.actuator.foreign import ForeignActuator, ForeignMotors
+from motorprior.actuator.foreign import ForeignMotors
 from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
@@ -51,15 +51,6 @@ def referred(motors: ForeignMotors, targets: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def test_the_rows_of_the_parameters_are_the_fields():
-    names = [field.name.upper() for field in fields(ForeignMotors)][: rows.NUM_ROWS]
-    assert [getattr(rows, name) for name in names] == list(range(rows.NUM_ROWS))
-    two = ForeignMotors(*(np.array([k, k + 100.0]) for k in range(len(fields(ForeignMotors)))))
-    np.testing.assert_array_equal(two.table()[:, 0], np.arange(rows.NUM_ROWS))
-    np.testing.assert_array_equal(two.take(np.array([1])).table()[:, 0], np.arange(rows.NUM_ROWS) + 100.0)
-    assert len(two) == 2 and isinstance(two.actuator(), ForeignActuator)
-
-
 def test_with_everything_off_it_is_a_second_order_system():
     kp, kd, viscous, inertia = 9.0, 0.3, 0.05, 0.014  # of rotor and load
     answer = respond(motor(kp=kp, kd=kd, viscous_damping=viscous), step(0.1, 0.6)).joint_pos[:, 0]
@@ -67,13 +58,6 @@ def test_with_everything_off_it_is_a_second_order_system():
     omega = np.sqrt(kp / inertia - decay**2)
     known = 0.1 * (1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time)))
     np.testing.assert_allclose(answer, known, atol=0.0008)
-
-
-def test_the_delay_shifts_the_response():
-    constants = {"kp": 9.0, "kd": 0.3}
-    at_once = respond(motor(**constants), step(0.1, 0.3)).joint_pos[:, 0]
-    late = respond(motor(**constants, delay=0.0123), step(0.1, 0.3)).joint_pos[:, 0]
-    np.testing.assert_allclose(late[123:], at_once[:-123], atol=1e-12)
 
 
 def test_before_it_slides_friction_is_lu_gres_spring():
@@ -110,47 +94,6 @@ def test_friction_falls_from_that_at_rest_to_that_of_sliding(speed):
     known = 0.05 + 0.04 * np.exp(-((speed / 0.2) ** 2))
     for direction in (1.0, -1.0):
         assert friction_at(motors, direction * speed) == pytest.approx(direction * known, rel=1e-3)
-
-
-def test_friction_grows_with_the_load_and_varies_with_the_position():
-    loaded = motor(armature=100.0, load_friction=0.2, bristle_stiffness=400.0, gear_stiffness=100.0, gear_damping=0.0)
-    assert friction_at(loaded, 1.0, twist=0.03) == pytest.approx(0.2 * 100.0 * 0.03, rel=1e-3)
-    rough = motor(armature=100.0, coulomb=0.05, position_friction=0.3, position_order=20.0, bristle_stiffness=400.0)
-    for position in (0.0, 0.05, 0.2):
-        assert friction_at(rough, 1.0, position) == pytest.approx(0.05 * (1 + 0.3 * np.sin(20 * position)), rel=1e-3)
-
-
-def test_bristles_damp_before_they_slide():
-    """F = bristle_stiffness·z + bristle_damping·dz/dt, and dz/dt = w where nothing slides yet."""
-    motors = motor(
-        armature=100.0, coulomb=1e6, stribeck_velocity=1e6, bristle_stiffness=50.0, bristle_damping=0.3,
-        gear_damping=0.0,
-    )  # fmt: skip
-    arrays, still = motors.actuator().arrays(DT), np.zeros(1)
-    reset_actuator(arrays, still, still)
-    arrays.memory[rows.ROTOR_VEL, 0] = 0.2
-    step_actuator(arrays, DT, still, still, still, still.copy())
-    slowed = (0.2 - arrays.memory[rows.ROTOR_VEL, 0]) * 100.0 / DT
-    assert slowed == pytest.approx(0.3 * 0.2 + 50.0 * 0.2 * DT, rel=1e-3)
-
-
-def test_the_output_shaft_is_damped():
-    """A free joint behind a wide play slows down by exp(-damping·t / load)."""
-    motors = motor(backlash=100.0, output_damping=0.02)
-    external = np.where(np.arange(4000) < 1000, 0.1, 0.0)
-    speed = respond(motors, np.zeros(4000), external, load=0.01).joint_vel[:, 0]
-    assert speed[3500] / speed[1500] == pytest.approx(np.exp(-0.02 / 0.01 * 0.2), rel=2e-3)
-
-
-def test_the_laws_velocity_is_filtered():
-    """A joint that begins to move at 2 rad/s: the law brakes by kd·2·(1 - exp(-t / velocity_filter))."""
-    motors = motor(kd=0.5, velocity_filter=0.004, output_encoder=1.0, armature=1e9)
-    arrays, still = motors.actuator().arrays(DT), np.zeros(1)
-    reset_actuator(arrays, still, still)
-    for tick in range(1, 81):
-        step_actuator(arrays, DT, still, np.array([2.0 * DT * tick]), np.array([2.0]), np.zeros(1))
-        known = -0.5 * 2.0 * (1 - np.exp(-tick * DT / 0.004))
-        assert arrays.memory[rows.COMMAND, 0] == pytest.approx(known, rel=1e-6)
 
 
 @pytest.mark.parametrize(("output", "known"), [(0.0, 0.0), (1.0, -3.0 * 0.04)])
@@ -204,18 +147,6 @@ def test_the_profile_keeps_its_speed_and_acceleration_and_lands_on_the_target():
     assert DT * np.argmax(found > 1.19) == pytest.approx(rest, abs=0.03)
 
 
-def test_a_profile_that_is_off_follows_at_once():
-    np.testing.assert_array_equal(referred(motor(), step(1.2, 0.01)), 1.2 * (step(1.2, 0.01) > 0))
-
-
-def test_the_profile_keeps_its_bounds_when_the_target_jumps_about():
-    rng, period = np.random.default_rng(0), 0.001
-    targets = np.repeat(rng.uniform(-1.0, 1.0, 30), 700)
-    found = referred(motor(profile_speed=4.0, profile_acceleration=50.0, servo_period=period), targets)[9::10]
-    velocity = np.diff(found) / period
-    assert np.abs(velocity).max() <= 4.0 + 1e-9 and np.abs(np.diff(velocity)).max() <= 50.0 * period + 1e-9
-
-
 def held_torque(motors: ForeignMotors, error: float, seconds: float = 0.1) -> np.ndarray:
     """(steps,) torque [N·m] on a joint that is blocked at 0, with this target [rad]."""
     return respond(motors, step(error, seconds), load=BLOCKED).joint_torque[:, 0]
@@ -244,24 +175,9 @@ def test_dead_zone_integral_and_limit_shape_the_torque_at_rest():
     assert held_torque(motor(**damped | {"torque_limit": 0.3}), 0.1)[-1] == pytest.approx(0.3)
 
 
-def test_the_supply_sags_under_its_own_current():
-    """Torque = stall - sag·torque at rest."""
-    motors = motor(kp=1e3, viscous_damping=0.3, stall_torque=2.0, no_load_speed=30.0, sag=0.25, current_time=0.001)
-    assert held_torque(motors, 1.0)[-1] == pytest.approx(2.0 / 1.25, rel=1e-3)
-
-
 def test_a_free_motor_ends_at_the_speed_that_leaves_no_torque():
     motors = motor(kp=1e3, stall_torque=2.0, no_load_speed=30.0)
     assert respond(motors, step(1e3, 3.0)).joint_vel[-1, 0] == pytest.approx(30.0, rel=1e-3)
-
-
-def test_a_current_loop_is_a_first_order_lag():
-    stiff = motor(kp=5.0, armature=1e6, current_time=0.004)  # a rotor that does not move
-    arrays, still, torque = stiff.actuator().arrays(DT), np.zeros(1), np.zeros(1)
-    reset_actuator(arrays, still, still)
-    for _ in range(40):
-        step_actuator(arrays, DT, np.ones(1), still, still, torque)
-    assert arrays.memory[rows.TORQUE, 0] == pytest.approx(5.0 * (1 - np.exp(-1.0)))
 
 
 def twisted(motors: ForeignMotors, twist: np.ndarray) -> np.ndarray:

@@ -88,24 +88,6 @@ def test_each_input_row_is_its_own_tap(row):
     np.testing.assert_allclose(torque, 0.7 * once / (1 + np.abs(once)), atol=1e-6)
 
 
-def test_the_torque_is_held_between_renewals():
-    # four physics steps of 0.5 ms per period; what happens in between is not seen
-    actuator, inputs = LatentActuator(network(), np.zeros((12, 3))), motion(12)
-    fine = inputs.repeat(4, axis=1)
-    unseen = np.arange(fine.shape[1]) % 4 != 0
-    fine[:, unseen] += 1.0
-    expected = torques(actuator, inputs).repeat(4, axis=0)
-    np.testing.assert_array_equal(torques(actuator, fine, PERIOD / 4), expected)
-
-
-def test_the_clip_is_at_the_limit_of_the_motors_it_saw():
-    net = network(torque_limit=0.5)
-    z, inputs = np.zeros((12, 3)), motion(12)
-    free = torques(LatentActuator(replace(net, torque_limit=10.0), z), inputs)
-    np.testing.assert_array_equal(torques(LatentActuator(net, z), inputs), np.clip(free, -0.5, 0.5))
-    assert np.any(np.abs(free) > 0.5)
-
-
 def test_armature_is_log_linear_in_z():
     net, z = network(), np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]])
     expected = [0.002, 0.002 * np.exp(net.armature_slope @ [1.0, -2.0, 0.5])]

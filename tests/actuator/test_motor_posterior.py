@@ -39,13 +39,6 @@ def test_samples_have_the_posteriors_moments():
     np.testing.assert_allclose(np.cov(z[:, 5].T), posterior(12).covariance[5], atol=0.01)
 
 
-def test_a_single_motor_stands_for_every_joint_and_another_number_is_refused():
-    z = posterior(1).sample(5000, 0).z
-    np.testing.assert_allclose(z.mean(axis=0), posterior(1).mean[0], atol=0.02)
-    with pytest.raises(ConfigError, match="3 motors, the robot has 12"):
-        posterior(3).sample(12, 0)
-
-
 def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_network):
     network = grey_network(spread=0.2, kp=9.0, torque_limit=1.26)
     prior = MotorPrior(network, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
@@ -94,14 +87,6 @@ def test_a_posterior_of_another_prior_is_refused(tmp_path: Path):
     posterior(2).save(tmp_path / "p.safetensors")
     with pytest.raises(ConfigError, match="no posterior of this prior"):
         MotorPosterior.load(tmp_path / "p.safetensors", replace(PRIOR, preset="another"))
-
-
-def test_a_seed_and_a_generator_of_it_draw_the_same():
-    np.testing.assert_array_equal(posterior(2).sample(2, 7).z, posterior(2).sample(2, np.random.default_rng(7)).z)
-    np.testing.assert_array_equal(PRIOR.sample(2, 7).z, PRIOR.sample(2, np.random.default_rng(7)).z)
-    for seed in (-1, 0.5, "seven"):
-        with pytest.raises(ConfigError, match="seed"):
-            PRIOR.sample(2, seed)  # pyright: ignore[reportArgumentType]
 
 
 def nearly_singular(rng: np.random.Generator) -> np.ndarray:

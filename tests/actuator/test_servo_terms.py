@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_constants import (
-    BASE_CONSTANTS,
     StepConstants,
-    decode,
-    parameters_of,
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import ABSENT, SIGNED, TERMS, Conditions, constants_of, in_order, under
+from motorprior.actuator.servo_terms import TERMS, Conditions, under
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 
@@ -25,7 +22,6 @@ EVERY = tuple(TERMS)
 CASES = pytest.mark.parametrize("terms", [*((name,) for name in TERMS), EVERY], ids=[*TERMS, "all"])
 MOTORS = 11
 """Eight lanes and three alone."""
-VELOCITIES = ("dq", "rotor_vel", "filtered_vel", "joint_vel")
 NUMPY = array_arithmetic(np)
 STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02, "temperature_loss": 0.3}
 """Terms that are felt."""
@@ -102,49 +98,6 @@ def test_a_term_is_felt(grey_network: Networks, terms: tuple[str, ...]):
     assert np.abs(moved - plain).max() > 1e-4
 
 
-def test_terms_that_are_absent_leave_a_motion_as_it_is(grey_network: Networks):
-    """Every lane of compiled code with terms computes all of them."""
-    gone = {name: value for name, value in ABSENT.items()} | {"heat_loss": 0.0}
-    some = in_order(set(TERMS) - {"output_encoder"})
-    absent, bare = grey_network(spread=0.0, terms=some, **gone), grey_network(spread=0.0)
-    time = H * np.arange(1000)[:, None]
-    target = 0.3 * np.sin(6.0 * time) * np.minimum(1.0, 3.0 * time)
-    case = Trial(target, 0.05 * np.cos(9.0 * time), np.array([0.004]), H)
-    one, other = (run(LatentActuator(network, np.zeros((1, 3))), case) for network in (absent, bare))
-    np.testing.assert_allclose(one.joint_pos, other.joint_pos, atol=1e-6)
-    assert np.ptp(other.joint_pos) > 0.3
-
-
-@CASES
-def test_absent_constants_are_an_absent_term(grey_network: Networks, terms: tuple[str, ...]):
-    """In one step, from any state of motors without the term."""
-    rng = np.random.default_rng(1)
-    motors = LatentActuator(grey_network(spread=0.3), rng.standard_normal((200, 3)))
-    values, drawn = motors.network.constants(motors.z), drawn_states(motors, (), rng)
-    n = motors.num_motors
-    remembered = {name: np.zeros(n) for name in MotorState._fields if name not in drawn}
-    full = drawn | remembered | {"reference": drawn["target"]}
-    expected = stepped(step_constants(values, H, np), drawn, ())
-    constants = step_constants(values, H, np, ("dead_zone",))  # whose constant is not given, and so absent as well
-    # a current without a lag is the law's torque, also before the step
-    full["current"] = np.clip(rng.standard_normal(n), -1.0, 1.0)
-    found = stepped(constants, full, terms)
-    np.testing.assert_allclose(found[0].rotor_vel, expected[0].rotor_vel, atol=1e-5)
-    np.testing.assert_allclose(found[1], expected[1], atol=1e-5)
-    np.testing.assert_allclose(found[2], expected[2], atol=1e-12)
-
-
-def test_names_and_numbers_of_constants_belong_together():
-    assert set(constants_of(EVERY)) - set(ABSENT) == {"heat_loss", "heat_time", "supply_share", "temperature_loss"}
-    assert set(SIGNED) <= set(parameters_of(EVERY))
-    assert in_order(("heat", "profile")) == ("profile", "heat")
-    raw = np.zeros(len(parameters_of(EVERY)))
-    full = step_constants(decode(raw, np, EVERY), H, np, EVERY)
-    assert all(row is not None for row in full)
-    bare = step_constants(decode(np.zeros(len(parameters_of(()))), np), H, np)
-    assert sum(row is not None for row in bare) == BASE_CONSTANTS
-
-
 # Closed forms.
 
 
@@ -206,22 +159,6 @@ def test_a_profile_keeps_within_speed_and_acceleration_and_lands_without_oversho
     assert np.all(took <= wanted + 6 * H) and np.all(took >= 0.9 * wanted - 4 * H)
 
 
-def test_a_profile_keeps_its_acceleration_where_the_target_jumps_on_the_way():
-    rng, count = np.random.default_rng(1), 200
-    speeds, accelerations = np.exp(rng.uniform(0, 3, count)), np.exp(rng.uniform(2, 6, count))
-    limits = {"profile_speed": speeds, "profile_acceleration": accelerations}
-    p = step_constants({name: np.full(count, value) for name, value in SERVO.items()} | limits, H, np, ("profile",))
-    state, still, before = MotorState(**dict.fromkeys(MotorState._fields, np.zeros(count))), np.zeros(count), 0.0
-    for index in range(1000):
-        target = np.sin(index // 100 * np.arange(count))
-        state = step(p, state, target, still, still, H, NUMPY, ("profile",))[0]
-        state = state._replace(rotor_pos=still, rotor_vel=still, filtered_vel=still)
-        assert np.all(np.abs(state.reference_vel) <= speeds * (1 + 1e-9))
-        change = np.abs(state.reference_vel - before)
-        assert np.all(change <= accelerations * H * (1 + 1e-9) + 1e-9)
-        before = state.reference_vel
-
-
 def test_a_dead_zone_is_taken_from_the_error_on_both_sides():
     p = law({}, ("dead_zone",), dead_zone=0.05)
     for target, error in ((0.04, 0.0), (-0.05, 0.0), (0.15, 0.1), (-0.25, -0.2)):
@@ -238,22 +175,6 @@ def test_an_integral_grows_at_its_rate_and_is_clamped():
     np.testing.assert_allclose(found, grown, rtol=1e-4)
     down = 0.002 * rotor_accelerations(p, at(integral=0.003), -0.1, 400, ("integral",))
     assert down[-1] == pytest.approx(-0.01 * 0.1 - 0.003, rel=1e-4)
-
-
-def test_an_integral_removes_the_steady_error_under_a_load(grey_network: Networks):
-    smooth = {"coulomb": 0.0, "stribeck_torque": 0.0, "load_friction": 0.0}
-    target, push = np.zeros((2500, 1)), np.full((2500, 1), 0.2)
-    case, errors = Trial(target, push, np.array([0.002]), H), {}
-    for name, terms, limit in (("with", ("integral",), 0.5), ("clamped", ("integral",), 0.05), ("without", (), 0.5)):
-        network = grey_network(
-            spread=0.0, terms=terms, integral_rate=4.0, integral_limit=limit, backlash=1e-4, **smooth
-        )
-        motors = LatentActuator(network, np.zeros((1, 3)))
-        found, twist = run(motors, case).joint_pos[-1, 0], 0.2 / 70.0
-        errors[name] = found - twist - 0.5e-4
-    assert errors["without"] == pytest.approx(0.2 / 10.0, rel=1e-3)
-    assert errors["with"] == pytest.approx(0.0, abs=1e-5)
-    assert errors["clamped"] == pytest.approx((0.2 - 0.05) / 10.0, rel=1e-3)
 
 
 def test_a_voltage_leaves_no_torque_at_the_no_load_speed_and_all_of_it_at_rest():
@@ -336,24 +257,9 @@ def test_heat_takes_its_share_of_the_laws_torque(grey_network: Networks):
     np.testing.assert_allclose(forces[1], 0.85 * forces[0], rtol=1e-9)
 
 
-def test_a_motor_that_does_not_warm_has_no_warmth(grey_network: Networks):
-    network, z = grey_network(), np.zeros((2, 3))
-    assert network.warmth(z, 100.0) == 0.0
-    rows = [LatentActuator(network, z, each).arrays(H).parameters for each in (Conditions(), HARD)]
-    np.testing.assert_array_equal(rows[0], rows[1])
-
-
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (0.5, 0.9), (20.0, 0.1)])
 def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(share: float, law: float):
     values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0)
     found = under(Conditions(supply=0.8), values | {"supply_share": share}, np)
     assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
     assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
-
-
-def test_a_temperature_takes_its_share_of_the_magnets_torques():
-    values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed"), 2.0)
-    for loss, warmer, left in ((0.2, 50.0, 0.8), (0.2, -25.0, 1.1), (-0.2, 25.0, 1.1), (0.9, 100.0, 0.1)):
-        found = under(Conditions(warmer=warmer), values | {"temperature_loss": loss}, np)
-        torques = [found[name] for name in ("kp", "torque_limit", "integral_limit", "stall_torque")]
-        assert torques == pytest.approx([2.0 * left] * 4) and found["no_load_speed"] == 2.0

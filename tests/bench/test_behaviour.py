@@ -8,7 +8,6 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench import behaviour
-from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 
@@ -88,38 +87,3 @@ def test_dead_band_is_friction_and_brake_over_kp():
     creep = (motors.kd + motors.viscous_damping) * behaviour.CREEP_SPEED / motors.kp + motors.delay * 0.04
     expected = (motors.coulomb + behaviour.PRESS) / motors.kp + wound + creep
     np.testing.assert_allclose(measured, expected, atol=0.001)
-
-
-def test_a_motor_that_fails_a_trial_gets_the_end_of_the_scale():
-    stuck = behaviours(PhysicalActuator(central(coulomb=20.0, gear_stiffness=600.0)))
-    row = dict(zip(stuck.names, stuck.values[0], strict=True))
-    assert np.isfinite(stuck.values).all()
-    assert (row["rise time"], row["overshoot"]) == (
-        pytest.approx(behaviour.STEP_DURATION),
-        pytest.approx(0.0, abs=0.02),
-    )
-    assert (row["dead band"], row["breakaway"]) == (
-        pytest.approx(behaviour.CREEP_REACH),
-        pytest.approx(behaviour.RAMP_TOP),
-    )
-    assert (row["stall torque"], row["gain 1 Hz"]) == (0.0, pytest.approx(0.0, abs=0.01))
-    limp = behaviours(IdealPd.uniform(1, kp=0.0, kd=0.0, torque_limit=1.0))
-    assert np.isfinite(limp.values).all()
-
-
-def test_features_are_rounded_named_and_belong_to_their_motor():
-    motors = geared(load_fleet("mixed").sample(3, np.random.default_rng(4)))
-    every = behaviours(PhysicalActuator(motors))
-    alone = behaviours(PhysicalActuator(motors.take(np.array([2]))))
-    np.testing.assert_array_equal(every.values[2], alone.values[0])
-    assert every.values.shape == (3, len(every.names)) == (3, len(every.units)) == (3, 14)
-    assert every.names[:2] == ("gain 1 Hz", "gain 2 Hz")
-    np.testing.assert_allclose(every.values[:, 0] * 1000, np.round(every.values[:, 0] * 1000), atol=1e-9)
-
-
-def test_a_faster_motor_is_faster_and_a_softer_one_gains_less():
-    motors = PhysicalActuator(central(kp=[7.0, 11.0], torque_limit=[1.0, 2.0]))
-    slow, fast = behaviour.peak_speed(motors)
-    assert fast > 1.2 * slow
-    soft, hard = behaviour.frequency_response(motors, 4)[0]
-    assert hard > soft

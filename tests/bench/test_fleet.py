@@ -79,17 +79,6 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
                 assert log(low) == pytest.approx(center - sigma, abs=0.04 * sigma), field
 
 
-@pytest.mark.parametrize("name", ["mixed", "pupper_v2"])
-def test_every_sampled_motor_can_exist(name):
-    motors = geared(load_fleet(name).sample(20000, np.random.default_rng(1)))
-    for field in ("kp", "kd", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature"):
-        assert np.min(getattr(motors, field)) > 0.0, field
-    for field in ("delay", "coulomb", "stribeck_torque", "viscous_damping", "load_friction", "backlash"):
-        assert np.min(getattr(motors, field)) >= 0.0, field
-    assert np.all(motors.load_friction < 1.0)  # or the gear locks itself for good
-    assert np.all(np.isfinite(motors.table())) and len(motors) == 20000
-
-
 def test_same_generator_same_motors_and_the_center_is_the_median():
     fleet = load_fleet("pupper_v2")
     a, b, other = (geared(fleet.sample(5, np.random.default_rng(seed))).table() for seed in (3, 3, 4))
@@ -132,27 +121,3 @@ def test_a_table_that_makes_no_sense_is_refused(tmp_path, body, problem):
     error = refusal(with_table(tmp_path, "kp", body))
     assert re.search(problem, error.problem)
     assert str(error.where).endswith("mine.toml[kp]")
-
-
-def test_a_distribution_that_can_draw_an_impossible_motor_is_refused(tmp_path):
-    # one motor in 16 would have a negative rotor inertia
-    body = 'unit = "kg·m²"\nsource = "x"\ndistribution = "normal"\ncenter = 0.003\nspread = 0.002\n'
-    refusal(with_table(tmp_path, "armature", body + "center_uncertainty = 0.0"))
-
-
-def test_a_parameter_too_many_or_too_few_is_refused(tmp_path):
-    (tmp_path / "mine.toml").write_text(SHIPPED_TEXT.replace("[kp]", "[kq]"), encoding="utf-8")
-    problem = refusal(tmp_path / "mine.toml").problem
-    assert "unknown keys ['kq']" in problem and "missing keys ['kp']" in problem
-
-
-def test_what_is_no_fleet_file_is_refused(tmp_path):
-    for content in (b"name = ", b"\xff\xfe\x00", b""):
-        (tmp_path / "mine.toml").write_bytes(content)
-        refusal(tmp_path / "mine.toml")
-
-
-def test_a_missing_fleet_is_refused_with_the_names_that_exist(tmp_path):
-    for missing in ("pupper_v3", str(tmp_path / "nowhere.toml")):
-        error = refusal(missing)
-        assert ", ".join(NAMES) in str(error.remedy)

@@ -9,8 +9,7 @@ import pytest
 from motorprior.bench import excitation
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import FLUNG, PRESETS, bench_preset, record
-from motorprior.exceptions import ConfigError
+from motorprior.bench.recording import FLUNG, PRESETS, record
 from motorprior.logs.motor_log import channels
 from motorprior.logs.validity import checked
 
@@ -49,11 +48,6 @@ def test_every_segment_starts_from_rest_at_its_target(steps):
         np.testing.assert_array_equal(part.joint_pos[0], part.position_target[0])
 
 
-def test_a_longer_recording_begins_with_the_shorter_one():
-    short, long = recorded(steps=800), recorded(steps=2100)
-    np.testing.assert_array_equal(short.joint_pos, long.joint_pos[:800])
-
-
 def test_loads_and_blows_are_those_of_the_preset():
     log = recorded(steps=4000)
     assert log.load_inertia is not None and log.external_torque is not None
@@ -77,26 +71,6 @@ def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
     assert np.abs(both[1].joint_pos - both[1].position_target).max() < FLUNG
 
 
-def test_every_excitation_is_held_at_100_hz_every_second_time():
-    kinds, held = len(ROLLOUT.kinds), []
-    for part in recorded(steps=4000).segments():
-        rows = np.flatnonzero(np.any(np.diff(part.position_target, axis=0) != 0, axis=1)) + 1
-        held.append(bool(np.all(rows % ROLLOUT.hold_steps == 0)))
-    assert len(held) == 2 * kinds
-    assert [once + again for once, again in zip(held[:kinds], held[kinds:], strict=True)] == [1] * kinds
-
-
-@pytest.mark.parametrize("steps", [1, 0, -5])
-def test_too_short_a_recording_is_refused(steps):
-    with pytest.raises(ConfigError, match=f"{steps} steps"):
-        recorded(steps=steps)
-
-
-def test_an_unknown_preset_is_refused_with_the_known_ones():
-    with pytest.raises(ConfigError, match=r"rolout.*paper, rollout"):
-        bench_preset("rolout")
-
-
 @pytest.mark.parametrize(
     ("signal", "reach"),
     [
@@ -110,33 +84,6 @@ def test_excitations_stay_within_their_reach_and_use_it(signal, reach, dt):
     targets = np.concatenate([signal(np.random.default_rng(seed), 700, dt) for seed in range(20)])
     assert targets.shape == (20 * 700,)
     assert 0.5 * reach < np.max(np.abs(targets)) <= reach
-
-
-def test_a_sine_that_is_fast_is_small():
-    # amplitude <= 1.2/frequency: at most 2π·1.2 = 7.5 rad/s, and the amplitude's own growth, at most
-    # 0.6 rad·ln(12)/0.5 s = 3 rad/s
-    speed = [
-        np.abs(np.diff(excitation.sine(np.random.default_rng(seed), 2000, 0.002))).max() / 0.002 for seed in range(10)
-    ]
-    assert 5.0 < max(speed) < 10.6
-
-
-@pytest.mark.parametrize(("signal", "reach"), [(excitation.creep, 0.3), (excitation.pushes, 2.0)])
-def test_a_slow_walk_starts_at_0_and_crosses_its_reach_in_no_less_than_its_shortest_leg(signal, reach):
-    walks = np.stack([signal(np.random.default_rng(seed), 2000, 0.002) for seed in range(20)])
-    np.testing.assert_array_equal(walks[:, 0], 0.0)
-    speed = np.abs(np.diff(walks, axis=1)).max() / 0.002
-    assert reach < speed < 2 * reach / 0.3  # legs last 0.3 s or more
-
-
-def test_the_same_excitations_in_shorter_segments_show_more_loads():
-    assert replace(PRESETS["adapt"], segment_steps=1000) == PRESETS["rollout"]
-    log = recorded(preset=PRESETS["adapt"], steps=4000)
-    assert log.load_inertia is not None and len(np.unique(log.load_inertia[:, 0])) == 4000 // 500
-
-
-def test_holding_keeps_every_fifth_target():
-    np.testing.assert_array_equal(excitation.held(np.arange(12), 5), [0] * 5 + [5] * 5 + [10] * 2)
 
 
 def test_blows_last_4_to_60_ms_around_a_constant_load():
@@ -153,9 +100,3 @@ def test_blows_last_4_to_60_ms_around_a_constant_load():
     # sampled at 0.5 ms, ends included: one sample either way
     assert 0.003 <= min(lengths) < 0.008 and 0.04 < max(lengths) <= 0.061
     assert 1.5 < max(peaks) <= 3.0
-
-
-def test_an_excitation_describes_itself_and_an_unknown_one_is_refused_with_the_known_ones():
-    assert all(excitation.excitation_named(kind).name == kind for preset in PRESETS.values() for kind in preset.kinds)
-    with pytest.raises(ConfigError, match="square"):
-        excitation.excitation_named("square")

@@ -13,10 +13,8 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
-from motorprior.identification.presets import identification_preset
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
-from motorprior.pipeline import weak_motors
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import Identify, run_identify
 from motorprior.pipeline.stage import read_results
@@ -57,14 +55,6 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
-def test_weak_motors_are_told_of(folder: Path, tmp_path: Path, motorprior, monkeypatch):
-    """Every motor of a log is weak where the bound is above all."""
-    monkeypatch.setattr(weak_motors, "weak_below", lambda network: (99.0, 0.85))
-    line = ("adapt", folder / "prior" / "prior.safetensors", folder / "few" / "log.parquet", "--anyway")
-    told = " ".join(motorprior(*line, "--out", tmp_path / "out").err.split())
-    assert "weak motors, as shares of the central motor's kp: motor_00" in told and "limit_follows_gain" in told
-
-
 def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, refused, monkeypatch):
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
@@ -98,41 +88,6 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
     refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 
 
-def test_joints_that_did_not_move_are_named_before_anything_is_judged(folder: Path, tmp_path: Path, motorprior):
-    prior, log = folder / "prior" / "prior.safetensors", tmp_path / "still.parquet"
-    moving = read_parquet(folder / "few" / "log.parquet").rows(slice(0, 1000))
-    write_log(log, moving)
-    assert "did not move" not in motorprior("validate-log", prior, log, "--out", tmp_path / "out").err
-    angle = moving.joint_pos.copy()
-    angle[500:, 1] = angle[500, 1]
-    write_log(log, replace(moving, joint_pos=angle))
-    told = " ".join(motorprior("validate-log", prior, log, "--out", tmp_path / "out").err.split())
-    assert "note: motor_001 did not move in what is judged" in told
-
-
-def test_prior_and_log_may_be_of_any_robot_that_both_name(folder: Path, tmp_path: Path, motorprior, refused):
-    prior, log, out = tmp_path / "pendulum.safetensors", tmp_path / "pendulum.parquet", ("--out", tmp_path / "out")
-    replace(MotorPrior.load(folder / "prior" / "prior.safetensors"), robot="pendulum").save(prior)
-    recorded = read_parquet(folder / "few" / "log.parquet")
-    write_log(log, replace(recorded, robot="pendulum"))
-    refused("validate-log", prior, log, *out, words=("pendulum.parquet", "longest segment"))
-    write_log(tmp_path / "arm.parquet", replace(recorded, robot="arm"))
-    words = ("pendulum.safetensors", "of robot 'pendulum', the log of 'arm'")
-    for command in ("adapt", "validate-log"):
-        refused(command, prior, tmp_path / "arm.parquet", *out, words=words)
-        refused(command, prior, log, "--robot", "pupper_v2", *out, words=("pendulum.safetensors", "not 'pupper_v2'"))
-    assert motorprior("adapt", prior, log, "--anyway", *out).code == 0
-
-
-def test_known_logs_that_are_too_short_are_named_before_anything_is_fitted(folder: Path, tmp_path: Path, refused):
-    prior, judged = folder / "prior" / "prior.safetensors", folder / "held_out" / "log.parquet"
-    known = tmp_path / "short.parquet"
-    log = read_parquet(judged).rows(slice(0, 600))
-    write_log(known, replace(log, segment=np.arange(600) // 150, source="elsewhere.csv"))
-    line = ("validate-log", prior, judged, "--fitted-on", known, "--out", tmp_path / "out")
-    refused(*line, words=(f"{known}: its longest segment has 150 rows, a window",))
-
-
 @pytest.mark.slow
 def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
     volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")
@@ -142,28 +97,6 @@ def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior
         assert motorprior(*line, "--anyway", "--out", out).code == 0
         volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors", prior).covariance))
     assert np.median(volumes[1] / volumes[0]) < 1.0
-
-
-def test_what_cannot_be_adapted_to_is_refused(folder: Path, tmp_path: Path, refused):
-    prior, out = folder / "prior" / "prior.safetensors", ("--out", tmp_path / "out")
-    refused("adapt", prior, folder / "slow" / "log.parquet", *out, words=("log.parquet", "period", "0.002"))
-    refused("adapt", prior, folder / "nowhere.parquet", *out, words=("nowhere.parquet", "no such file"))
-    refused("adapt", prior, folder / "new" / "log.parquet", "--seconds", -1, *out, words=("--seconds",))
-    plain = folder / "plain" / "prior.safetensors"
-    refused("adapt", plain, folder / "new" / "log.parquet", *out, words=("prior.safetensors", "no latents"))
-
-
-def test_a_prior_that_misstates_its_training_is_not_adapted(folder: Path, tmp_path: Path, refused):
-    trained = MotorPrior.load(folder / "prior" / "prior.safetensors")
-    path, log = tmp_path / "mine.safetensors", folder / "new" / "log.parquet"
-    for name, value in (("window", "abc"), ("window", 0), ("warm_up", 1.5)):
-        recipe = trained.provenance["recipe"] | {name: value}
-        replace(trained, provenance=trained.provenance | {"recipe": recipe}).save(path)
-        words = ("mine.safetensors", f"recipe: {name} = {value!r} is not")
-        refused("adapt", path, log, "--out", tmp_path / "out", words=words)
-    without = {key: value for key, value in trained.metrics.items() if key != "residual_p50_slow"}
-    replace(trained, metrics=without).save(path)
-    refused("adapt", path, log, "--out", tmp_path / "out", words=("mine.safetensors", "does not know its own errors"))
 
 
 @pytest.mark.slow
@@ -176,20 +109,6 @@ def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, m
     assert outcome.code == 2 and "unlike any the prior was trained on" in outcome.err
     assert not (tmp_path / "out").exists()
     assert motorprior(*line, "--anyway").code == 0 and (tmp_path / "out" / "posterior.safetensors").is_file()
-
-
-def test_a_posterior_of_another_prior_or_robot_does_not_walk(folder: Path, tmp_path: Path, refused):
-    prior, posterior = folder / "prior" / "prior.safetensors", tmp_path / "few.safetensors"
-    known, latents = MotorPrior.load(prior), identification_preset("rollout").num_latents
-    spread, names = np.stack([np.eye(latents)] * 3), ("a", "b", "c")
-    MotorPosterior(known, np.zeros((3, latents)), spread, names, 1.0, (0.5,) * 3).save(posterior)
-    out = ("--out", tmp_path / "walk")
-    refused("walk", "--prior", prior, "--posterior", posterior, *out, words=("3 motors", "12"))
-    other = tmp_path / "other.safetensors"
-    replace(known, provenance=known.provenance | {"seed": 1}).save(other)
-    refused("walk", "--prior", other, "--posterior", posterior, *out, words=("few.safetensors", "no posterior of"))
-    line = ("walk", "--actuator", "pd", "--posterior", posterior)
-    refused(*line, *out, words=("few.safetensors", "--actuator pd", "a posterior"))
 
 
 @pytest.mark.slow

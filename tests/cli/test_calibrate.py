@@ -1,19 +1,13 @@
 """``motorprior calibrate`` from a log to a fleet that a bench takes; every command of docs/calibrate.md runs."""
 
-import gzip
 import json
-import re
-import shlex
-import shutil
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.cli.main import RUN, parse
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
@@ -23,15 +17,7 @@ from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.posture import with_posture
 
-ROOT = Path(__file__).resolve().parents[2]
-BEGINNING, GO2 = (ROOT / "docs" / "calibrate.md").read_text("utf-8").split("\n## Another robot\n")
 SMALL = ("--starts", "1", "--iterations", "1", "--draws", "3")
-
-
-def commands(page: str) -> list[list[str]]:
-    """The words of every `motorprior …` of a part of the page."""
-    blocks = re.findall(r"```sh\n(.*?)```", page, re.DOTALL)
-    return [shlex.split(line)[1:] for block in blocks for line in block.splitlines()]
 
 
 @pytest.fixture(scope="module")
@@ -101,14 +87,6 @@ def test_a_prior_s_bands_are_drawn_over_the_same_logs_without_another_fit(
     assert again.out == outcome.out and (out / "prior" / "calibration.png").stat().st_mtime_ns == drawn
 
 
-def test_a_posture_on_the_command_line_goes_before_what_is_found(motorprior, logs: Path, tmp_path: Path):
-    log = logs / "on_the_floor.parquet"
-    outcome = motorprior("calibrate", log, "--out", tmp_path / "out", *SMALL, "--posture", "hung")
-    assert outcome.code == 0, outcome.err
-    assert "log on_the_floor: hung, as asked for" in outcome.err
-    assert "without this log" not in outcome.out, "there is but one"
-
-
 def test_gains_that_a_log_states_are_its_motors_and_not_fitted(motorprior, logs: Path, tmp_path: Path):
     log, center = read_log(logs / "in_the_air.parquet"), load_fleet("pupper_v2").center(1)
     gains = {"stated_kp": np.full(log.joint_pos.shape, center.kp), "stated_kd": np.full(log.joint_pos.shape, center.kd)}
@@ -135,47 +113,3 @@ def test_gains_that_a_log_states_are_its_motors_and_not_fitted(motorprior, logs:
 )
 def test_what_cannot_be_calibrated_is_refused(refused, logs: Path, tmp_path: Path, options, words):
     refused("calibrate", logs, "--out", tmp_path / "out", *options, words=words)
-
-
-@pytest.mark.slow
-def test_the_commands_of_the_page_run_on_the_real_logs(
-    shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    if not (shared_data / "pupper_v2").is_dir():
-        pytest.skip("no logs of a real Pupper")
-    shutil.copytree(shared_data / "pupper_v2", tmp_path / "logs")
-    monkeypatch.chdir(tmp_path)
-    small = {"calibrate": "--starts 1 --draws 2", "bench": "--motors 12 --steps 1500", "identify": "--steps 2"}
-    words = commands(BEGINNING)
-    assert [each[0] for each in words] == ["calibrate", "bench", "identify", "calibrate"]
-    for each in words:
-        config = parse([*each, *shlex.split(small[each[0]])])
-        RUN[type(config)](config)
-    figures = json.loads((tmp_path / "runs" / "fitted" / "figures.json").read_text("utf-8"))
-    error = {name: figures[f"calibrate_rmse/{name}/center"] for name in ("0116", "1_joint", "bf", "lr")}
-    assert error["0116"] < 0.014 and error["lr"] < 0.014 and error["1_joint"] < 0.007 and error["bf"] < 0.016
-    assert figures["calibrate_rmse/left_out"] < 0.0135
-
-
-@pytest.mark.slow
-def test_the_commands_for_another_robot_run_on_the_example_fleet_and_cut_logs(
-    motorprior, shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    raw, model = shared_data / "go2", shared_data / "robots" / "go2.xml"
-    if not raw.is_dir() or not model.is_file():
-        pytest.skip("no logs of a real Go2")
-    for path in (model, *(ROOT / "examples" / "robots").glob("go2*.toml")):
-        shutil.copy(path, tmp_path)
-    (tmp_path / "go2").mkdir()
-    for name in ("traj_0.csv.gz", "traj_3.csv.gz"):
-        with gzip.open(raw / name, "rt") as whole, gzip.open(tmp_path / "go2" / name, "wt") as cut:
-            cut.writelines(islice(whole, 800))
-    monkeypatch.chdir(tmp_path)
-    words = commands(GO2)
-    assert [each[0] for each in words] == ["logs", "calibrate"]
-    outcomes = [motorprior(*each) for each in words]
-    assert [each.code for each in outcomes] == [0, 0], outcomes
-    assert "log traj_3: it states kp 20, 40 N·m/rad and kd 1, 2 N·m·s/rad" in outcomes[1].err
-    figures = json.loads((tmp_path / "runs" / "go2_fitted" / "figures.json").read_text("utf-8"))
-    assert figures["calibrate_rmse/center"] < figures["calibrate_rmse/start"] < 0.02
-    assert "calibrate_center/kp" not in figures

@@ -4,34 +4,13 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from motorprior.cli.adapt import AdaptCommand
 from motorprior.cli.demo import demo_command
-from motorprior.cli.deploy import Deploy
-from motorprior.cli.diff import Diff
-from motorprior.cli.doctor import Doctor
-from motorprior.cli.identify import IdentifyCommand
-from motorprior.cli.logs import LogsCheck, LogsImportCommand
-from motorprior.cli.main import RUN, parse
-from motorprior.cli.play import PlayCommand
-from motorprior.cli.record import Record
-from motorprior.cli.replay import ReplayCommand
-from motorprior.cli.report import MakeReport
-from motorprior.cli.robot_choice import RobotChoice
-from motorprior.cli.speed import Speed
-from motorprior.cli.transfer import TransferCommand
-from motorprior.cli.validate import ValidateCommand
-from motorprior.cli.virtual_robot import VirtualRobotCommand
-from motorprior.cli.walk import WalkCommand
-from motorprior.hardware.settings import DeploySettings, RecordSettings
-from motorprior.pipeline.bench import Bench
+from motorprior.cli.main import parse
 from motorprior.pipeline.demo import Demo
-from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.virtual.virtual_robot import Virtual
 
 COMMANDS = (
     *(
@@ -103,34 +82,6 @@ def test_every_quantity_has_its_unit(help_of: Callable, command: str):
     lacking = {name for name, text in quantities.items() if not re.search(r"\[[^\]]+\]", text)}
     assert lacking <= WITHOUT_UNIT
     assert command != "walk" or len(quantities) > 10
-
-
-@pytest.mark.parametrize(
-    ("line", "config"),
-    [
-        ("demo --motors 16", Demo(motors=16)),
-        ("logs import a b --out c", LogsImportCommand((Path("a"), Path("b")), Path("c"))),
-        ("logs check a", LogsCheck((Path("a"),))),
-        ("bench --out a --steps 5", Bench(Path("a"), steps=5)),
-        ("identify a --out b", IdentifyCommand((Path("a"),), Path("b"))),
-        ("validate a b --out c", ValidateCommand((Path("a"), Path("b")), Path("c"))),
-        ("diff a b --json c", Diff(Path("a"), Path("b"), Path("c"))),
-        ("adapt a b --out c", AdaptCommand(Path("a"), Path("b"), Path("c"))),
-        ("replay a --prior b --out c", ReplayCommand(Path("a"), Path("b"), Path("c"))),
-        ("walk --out a --actuator pd --kp 8", WalkCommand(Path("a"), MotorChoice("pd", kp=8.0))),
-        ("play a b --place twin", PlayCommand((Path("a"), Path("b")), place="twin")),
-        ("transfer a --out b", TransferCommand(walks=(Path("a"),), out=Path("b"))),
-        ("doctor --port a", Doctor(RobotChoice("a"))),
-        ("deploy a --port b --yes", Deploy(Path("a"), RobotChoice("b"), DeploySettings(yes=True))),
-        ("record --virtual --joint knee", Record(RobotChoice(virtual=True), RecordSettings(joint="knee"))),
-        ("virtual-robot --robot.seed 3", VirtualRobotCommand(Virtual(seed=3))),
-        ("report a", MakeReport(Path("a"))),
-        ("speed --prior a", Speed(Path("a"))),
-    ],
-)
-def test_a_command_line_is_its_settings(line: str, config: object):
-    assert parse(line.split()) == config
-    assert type(config) in RUN
 
 
 def test_the_start_does_not_wait_for_heavy_libraries():

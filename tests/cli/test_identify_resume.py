@@ -4,17 +4,15 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 from motorprior.pipeline.stopwatch import UNFINISHED
 
-from motorprior.artifacts import read_json, read_tensors, write_json
-from motorprior.pipeline import identify
+from motorprior.artifacts import read_json, read_tensors
 from motorprior.pipeline.identify import CHECKPOINT, PRIOR
-from motorprior.pipeline.stage import MARKER, locked, seconds_of
+from motorprior.pipeline.stage import MARKER
 
 Command = Callable[..., Any]
 STEPS = 1200
@@ -81,37 +79,3 @@ def test_a_killed_process_is_continued_from_its_checkpoint(
     assert read_json(out / UNFINISHED)["seconds"] > 0.0
     assert motorprior(*words(bench, out)).code == 0
     assert_finished_like(out, whole)
-
-
-def test_the_seconds_of_an_interrupted_identification_add_up(
-    motorprior: Command, ctrl_c: Callable[[int], None], bench: Path, tmp_path: Path
-):
-    out = tmp_path / "prior"
-    for expected in (0.0, 1000.0):
-        ctrl_c(2)
-        assert motorprior(*words(bench, out)).code == 130
-        noted = read_json(out / UNFINISHED)
-        assert expected < noted["seconds"] < expected + 500.0
-        write_json(out / UNFINISHED, noted | {"seconds": expected + 1000.0})  # as if it had worked for so long
-    ctrl_c(0)
-    assert motorprior(*words(bench, out)).code == 0
-    assert 2000.0 < seconds_of(out) < 2500.0
-
-
-def test_the_seconds_of_another_training_do_not_count(motorprior: Command, bench: Path, tmp_path: Path):
-    out = tmp_path / "prior"
-    write_json(out / UNFINISHED, {"stage": "identify", "seconds": 5000.0})
-    line = [word if word != str(STEPS) else "100" for word in words(bench, out)]
-    assert motorprior(*line).code == 0
-    assert seconds_of(out) < 500.0
-
-
-def test_a_folder_where_another_command_writes_is_refused_before_the_log_is_worked_on(
-    refused: Command, bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(identify, "_data", lambda job: pytest.fail("it was worked on"))
-    other = locked(tmp_path / "out")
-    with ThreadPoolExecutor(1) as thread:
-        thread.submit(other.__enter__).result()
-        refused(*words(bench, tmp_path / "out"), words=("another command writes there",))
-        thread.submit(other.__exit__, None, None, None).result()

@@ -8,7 +8,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from weighed_arm import slow_motion, write_arm, write_table
 
 Command = Callable[..., Any]
 JOINTS = ("FR_hip", "FR_knee", "FL_hip")
@@ -36,24 +35,6 @@ def test_a_table_without_a_map_is_told_to_bring_one(refused: Command, tmp_path: 
     refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns, a map.toml", "your-motors.md"))
     table.write_text("\n".join(table.read_text().splitlines()[1:]))
     refused("logs", *command, table, words=("mine.csv: no header", "begin it with names"))
-
-
-def test_limits_are_those_of_the_joints_by_name(motorprior: Command, tmp_path: Path):
-    table, columns = written(tmp_path, size=3.0)
-    outcome = motorprior("logs", "check", table, "--columns", columns, "--robot", "pupper_v2")
-    assert outcome.code == 0 and "its limit is" in outcome.out and "no limits" not in outcome.out
-    assert motorprior("logs", "import", table, "--columns", columns, "--out", tmp_path).code == 0
-    log = tmp_path / "mine.parquet"
-    assert "its limit is" not in motorprior("logs", "check", log).out
-    assert "its limit is" in motorprior("logs", "check", log, "--robot", "pupper_v2").out
-
-
-def test_joints_that_the_robot_does_not_have_are_said_to_have_no_limits(motorprior: Command, tmp_path: Path):
-    table, columns = written(tmp_path, joints=("FR_hip", "tail", "neck"), size=3.0)
-    motorprior("logs", "import", table, "--columns", columns, "--out", tmp_path)
-    outcome = motorprior("logs", "check", tmp_path / "mine.parquet", "--robot", "pupper_v2")
-    said = " ".join(outcome.out.replace("│", " ").split())
-    assert "no limits for tail, neck" in said and "its limit is" in said
 
 
 def test_degrees_that_are_read_as_radians_are_refused(motorprior: Command, tmp_path: Path):
@@ -117,13 +98,3 @@ def test_what_the_doctor_advises_can_be_done(
     if mend is not None:
         damaged(table, mend)
     assert motorprior("logs", "check", table, "--columns", columns).code == 0
-
-
-@pytest.mark.parametrize(("turned", "warns"), [("", False), ("elbow", True)])
-def test_signs_that_are_not_the_robot_s_are_told_by_its_weight(
-    motorprior: Command, tmp_path: Path, turned: str, warns: bool
-):
-    robot = write_arm(tmp_path)
-    table, columns = write_table(slow_motion(robot), tmp_path, turned)
-    outcome = motorprior("logs", "check", table, "--columns", columns, "--robot", robot)
-    assert outcome.code == 0 and ("gravity" in outcome.out) == warns

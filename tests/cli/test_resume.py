@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,6 @@ import pytest
 
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.fleet import fleet_path
-from motorprior.bench.recording import PRESETS as bench_presets
-from motorprior.identification.presets import PRESETS as identification_presets
-from motorprior.pipeline import stage as stage_module
-from motorprior.pipeline.walking import training, walk
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
@@ -63,34 +58,6 @@ def test_an_interrupted_walk_ends_at_the_same_bytes(
     assert motorprior(*line).code == 0
     assert results(out) == results(whole_walk)
     assert sorted(path.name for path in out.iterdir()) == sorted((*RESULTS, MARKER))
-
-
-def test_a_walk_stopped_before_its_first_iteration_starts_again(
-    motorprior: Command, ctrl_c: Callable, tmp_path: Path, whole_walk: Path
-):
-    line = (*WALK, "--workers", 1, "--out", tmp_path / "walk")
-    ctrl_c(1)
-    assert motorprior(*line).code == 130
-    ctrl_c(0)
-    assert motorprior(*line).code == 0
-    assert results(tmp_path / "walk") == results(whole_walk)
-
-
-def test_a_walk_that_was_killed_continues_from_its_last_checkpoint(
-    motorprior: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, whole_walk: Path
-):
-    line = (*WALK, "--workers", 1, "--out", tmp_path / "walk")
-
-    def killed(*args: Any) -> None:
-        raise SystemExit(137)
-
-    with monkeypatch.context() as context:
-        context.setattr(walk, "_policy", killed)
-        context.setattr(training, "_SAVING_SHARE", 1e9)  # after every iteration, however slow the disk
-        assert motorprior(*line).code == 137
-    assert int(read_tensors(tmp_path / "walk" / "search.safetensors")[0]["iteration"]) == 12
-    assert motorprior(*line).code == 0
-    assert results(tmp_path / "walk") == results(whole_walk)
 
 
 def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ctrl_c: Callable, tmp_path: Path):
@@ -199,13 +166,6 @@ def test_a_finished_stage_is_not_run_again(motorprior: Command, tmp_path: Path, 
     assert modified(out) == before
 
 
-@pytest.mark.parametrize("change", [("--kp", 9), ("--iterations", 2), ("--search.seed", 1), ("--task.alive", 0)])
-def test_a_changed_setting_runs_it_again(motorprior: Command, tmp_path: Path, whole_walk: Path, change: tuple):
-    out = shutil.copytree(whole_walk, tmp_path / "walk")
-    assert motorprior(*WALK, *change, "--out", out).code == 0
-    assert results(out) != results(whole_walk)
-
-
 def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
     fleet, out = tmp_path / "mine.toml", tmp_path / "bench"
     text = fleet_path("pupper_v2").read_text("utf-8")
@@ -218,27 +178,6 @@ def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
     assert set(before.items()).isdisjoint(modified(out).items())
 
 
-@pytest.mark.parametrize("marker", ["", "{", "[]", "{}"])
-def test_a_damaged_marker_runs_it_again(motorprior: Command, tmp_path: Path, whole_walk: Path, marker: str):
-    out = shutil.copytree(whole_walk, tmp_path / "walk")
-    (out / "stage.json").write_text(marker)
-    assert motorprior(*WALK, "--out", out).code == 0
-    assert results(out) == results(whole_walk)
-
-
-def test_a_moved_folder_is_still_finished(motorprior: Command, tmp_path: Path, bench: Path):
-    old, new = tmp_path / "old", tmp_path / "new"
-    shutil.copytree(bench, old / "bench")
-    line = ("identify", "bench", "--preset", "paper_wide", "--steps", 1, "--out", "prior")
-    words = [str(old / word) if word in ("bench", "prior") else word for word in line]
-    assert motorprior(*words).code == 0
-    old.rename(new)
-    before = modified(new)
-    words = [str(new / word) if word in ("bench", "prior") else word for word in line]
-    assert motorprior(*words).code == 0
-    assert modified(new) == before
-
-
 def test_a_policy_finds_its_prior_after_both_were_moved(motorprior: Command, tmp_path: Path, prior: Path):
     old, new = tmp_path / "old", tmp_path / "new"
     old.mkdir()
@@ -247,47 +186,3 @@ def test_a_policy_finds_its_prior_after_both_were_moved(motorprior: Command, tmp
     assert motorprior(*line).code == 0
     old.rename(new)
     assert motorprior("transfer", new / "walk", "--out", new / "transfer").code == 0
-
-
-def test_a_policy_that_was_moved_alone_asks_for_its_prior_and_takes_it_beside_it(
-    motorprior: Command, tmp_path: Path, prior: Path
-):
-    walk, moved = tmp_path / "walk", tmp_path / "a" / "b" / "walk"
-    line = ("walk", "--prior", prior, "--out", walk, "--iterations", 1, "--episode-steps", 5, "--workers", 1)
-    assert motorprior(*line).code == 0
-    shutil.copytree(walk, moved)
-    asked = motorprior("transfer", moved, "--out", tmp_path / "transfer")
-    assert asked.code == 2 and prior.name in asked.err and "beside the policy" in asked.err
-    shutil.copy(prior, moved)
-    assert motorprior("transfer", moved, "--out", tmp_path / "transfer").code == 0
-
-
-def test_inputs_of_one_name_are_told_apart_by_their_contents(motorprior: Command, tmp_path: Path, walk: Path):
-    line = ("walk", "--actuator", "pd", "--kp", 5, "--iterations", 1, "--episode-steps", 5, "--out", tmp_path / "b")
-    assert motorprior(*line).code == 0
-    found = []
-    for folders in ((walk, tmp_path / "b"), (tmp_path / "b", walk)):
-        assert motorprior("transfer", *folders, "--out", tmp_path / "out").code == 0
-        found.append(read_json(tmp_path / "out" / "stage.json")["inputs"])
-    assert len(set(found[0])) == 3 and found[0] != found[1] and sorted(found[0]) == sorted(found[1])
-
-
-@pytest.mark.parametrize("changed", ["a bench preset", "an identification preset", "code"])
-def test_a_changed_recipe_or_code_runs_it_again(
-    motorprior: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, bench: Path, changed: str
-):
-    out = tmp_path / "out"
-    line: tuple = ("bench", "--motors", 1, "--steps", 10, "--out", out)
-    presets, name = bench_presets, "rollout"
-    if changed == "an identification preset":
-        presets, name = identification_presets, "paper_wide"
-        line = ("identify", bench, "--preset", name, "--steps", 1, "--out", out)
-    assert motorprior(*line).code == 0
-    before = modified(out)
-    assert motorprior(*line).code == 0 and modified(out) == before
-    if changed == "code":
-        monkeypatch.setattr(stage_module, "code_digest", lambda file: "another")
-    else:
-        monkeypatch.setitem(presets, name, replace(presets[name], period=0.002 + 1e-12))
-    assert motorprior(*line).code == 0
-    assert set(before.items()).isdisjoint(modified(out).items())

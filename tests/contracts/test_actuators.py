@@ -155,19 +155,6 @@ def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
     np.testing.assert_array_equal(step, before[:, 0])
 
 
-def test_two_robots_on_the_same_motors_do_not_feel_each_other(make):
-    actuator, one, other = make(12), motion(12), -motion(12)
-    first, second = actuator.arrays(DT), actuator.arrays(DT)
-    reset_actuator(first, one[0, 0].copy(), one[1, 0].copy())
-    reset_actuator(second, other[0, 0].copy(), other[1, 0].copy())
-    interleaved = np.zeros((2, *one.shape[1:]))
-    for step in range(one.shape[1]):
-        advance(first, one[:, step].copy(), interleaved[0, step])
-        advance(second, other[:, step].copy(), interleaved[1, step])
-    np.testing.assert_array_equal(interleaved[0], torques(actuator, one))
-    np.testing.assert_array_equal(interleaved[1], torques(actuator, other))
-
-
 def test_reset_forgets(make):
     actuator, inputs = make(12), motion(12)
     arrays = actuator.arrays(DT)
@@ -247,13 +234,6 @@ def test_the_engine_gets_one_armature_and_damping_per_motor(make):
     assert actuator.num_motors == 12
     for given in (actuator.armature, actuator.damping):
         assert given.shape == (12,) and np.all(given >= 0) and np.all(np.isfinite(given))
-
-
-@pytest.mark.parametrize("dt", [0.0, -0.001, float("nan")])
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_a_step_that_is_no_time_is_refused(make, dt):
-    with pytest.raises(ConfigError):
-        make(2).arrays(dt)
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,11 @@
 """Processes promise what every executor does: results in order, the same bytes, faults in the caller's hands."""
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-from far_tasks import Counter, count, die, fail, fail_oddly, make_walker
+from far_tasks import Counter, count, die, fail, make_walker
 
 from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -54,46 +51,8 @@ def test_a_fault_reaches_the_caller_and_the_process_goes_on(two: ProcessExecutor
     assert two.map(count, "x", [1])[0][:2] == ("x", 1)
 
 
-@pytest.mark.parametrize(
-    ("what", "kind", "words"),
-    [("error", SimulationFault, "OddError: odd"), ("result", Exception, "lambda"), ("file", EOFError, "a file ended")],
-)
-def test_what_cannot_be_sent_is_told_and_the_process_goes_on(two: ProcessExecutor, what: str, kind: type, words: str):
-    with pytest.raises(kind, match=words) as caught:
-        two.map(fail_oddly, what, [0])
-    assert what == "error" or "fail_oddly" in "".join(caught.value.__notes__) or "serve" in caught.value.__notes__[0]
-    assert [each[:2] for each in two.map(count, "x", range(4))] == [("x", task) for task in range(4)]
-
-
-def test_a_file_in_the_working_folder_is_no_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "queue.py").write_text("raise SystemExit(1)", "utf-8")
-    monkeypatch.chdir(tmp_path)
-    executor = ProcessExecutor(Counter, 1)
-    assert executor.map(count, "x", [0])[0][:3] == ("x", 0, 1)
-    executor.close()
-
-
 def test_a_process_that_ends_is_named_with_its_task():
     executor = ProcessExecutor(Counter, 1)
     with pytest.raises(SimulationFault, match="task 7 ended with 3: the engine is gone"):
         executor.map(die, None, [7])
     executor.close()
-
-
-def test_a_script_without_a_guard_is_not_run_again(tmp_path: Path):
-    """As the main module it would start processes without end."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from far_tasks import Counter, count\n"
-        "from motorprior.search.executor_process import ProcessExecutor\n"
-        "print('once')\n"
-        "executor = ProcessExecutor(Counter, 1)\n"
-        "print(executor.map(count, 'x', [0])[0][:3])\n"
-        "executor.close()\n",
-        "utf-8",
-    )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, env=environment, timeout=300, check=True
-    )
-    assert done.stdout.splitlines() == ["once", "('x', 0, 1)"]

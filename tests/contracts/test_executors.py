@@ -2,25 +2,21 @@
 
 # pyright: reportMissingImports=false
 # Ray is an extra.
-import ipaddress
 import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking.walk import Walk, scene
+from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search import executor_ray
 from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, SerialExecutor, make_executor
+from motorprior.search.executor import Executor, make_executor
 from motorprior.search.policy_search import Champion, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.randomization import Randomization
@@ -59,18 +55,6 @@ def test_any_number_of_threads_gives_the_same_search(serial, workers):
     executor = make_executor(make_walker, workers)
     assert searched(executor) == serial
     executor.close()
-
-
-def test_serial_is_one_worker_whatever_their_number(serial):
-    executor = make_executor(make_walker, 2, "serial")
-    assert isinstance(executor, SerialExecutor) and searched(executor) == serial
-    executor.close()
-
-
-@pytest.mark.parametrize(("workers", "kind", "words"), [(0, "ray", "workers 0"), (2, "process", "'process'")])
-def test_a_kind_that_nobody_knows_and_no_worker_at_all_are_refused(workers, kind, words):
-    with pytest.raises(ConfigError, match=words):
-        make_executor(make_walker, workers, kind)
 
 
 class Sleeper:
@@ -114,18 +98,6 @@ def test_a_fault_reaches_the_caller(request, workers, kind):
 
 
 # Ray: starting it takes seconds, so the tests below share one cluster of two nodes.
-
-
-def break_down_at_zero(simulator, shared, task):
-    if task == 0:
-        raise SimulationFault("broken down")
-
-
-def lose(simulator, shared, task):
-    """Wait for something that Ray has lost."""
-    import ray as there
-
-    return there.get(there.ObjectRef.from_random(), timeout=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -213,35 +185,6 @@ def kill_when_busy(node, folder, node_id):
     node.kill_raylet(check_alive=False)
 
 
-def test_the_worker_goes_on_after_a_fault_and_a_failure_of_ray_is_a_fault(ray):
-    executor = make_executor(Sleeper, 1, "ray")
-    try:
-        with pytest.raises(SimulationFault, match="broken down"):
-            executor.map(break_down_at_zero, None, range(40))
-        assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]
-        with pytest.raises(SimulationFault, match=r"Ray failed \(GetTimeoutError\).*read Ray's logs"):
-            executor.map(lose, None, [0])
-    finally:
-        executor.close()
-
-
-@pytest.mark.slow
-def test_ray_joins_no_cluster_that_was_not_asked_for(ray, cluster, monkeypatch, tmp_path):
-    config = Walk(tmp_path, MotorChoice("fleet"), episode_steps=30)
-    draws, physics_dt = config.motors.drawer(PUPPER_V2), config.motors.physics_dt(PUPPER_V2)
-    make = scene(config, PUPPER_V2, draws, physics_dt).simulator  # what the command line sends to Ray
-    monkeypatch.setenv("RAY_ADDRESS", cluster.address)
-    executor = make_executor(make, 3, "ray")
-    try:
-        assert ray.get_runtime_context().gcs_address != cluster.address
-        assert ray.cluster_resources()["CPU"] == 3
-        assert searched(executor) == searched(make_executor(make, 1))
-        with pytest.raises(ConfigError, match="already"):
-            make_executor(make, 1, "ray")
-    finally:
-        executor.close()
-
-
 def ports_of(pid: int) -> list[str]:
     """Local addresses, as the kernel writes them, on which a process and its children of any degree listen."""
     parents = {}
@@ -276,18 +219,3 @@ def test_ray_on_this_machine_alone_listens_to_this_machine_alone(ray):
         executor.close()
     left = {name: os.environ.get(name) for name in os.environ.keys() | environment if "CLUSTER" in name}
     assert left == {name: environment.get(name) for name in left}, "a cluster can be started or joined afterwards"
-
-
-def test_a_ray_that_others_can_reach_is_stopped(ray, monkeypatch):
-    if ipaddress.ip_address(ray.util.get_node_ip_address()).is_loopback:
-        pytest.skip("this machine has no network")
-    monkeypatch.setattr(executor_ray, "_on_loopback", lambda _: nullcontext())  # a Ray that does not heed it
-    with pytest.raises(ConfigError, match=r"listens on .*, where other machines reach it -> use the executor threads"):
-        make_executor(Sleeper, 1, "ray")
-    assert not ray.is_initialized()
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "here:there"])
-def test_a_cluster_that_does_not_answer_is_named(ray, address):
-    with pytest.raises(ConfigError, match=f"{address}: no Ray cluster answers"):
-        make_executor(make_walker, 1, "ray", address)

@@ -3,7 +3,6 @@
 import os
 import pty
 import select
-import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from motorprior.hardware.virtual.firmware import IDLE, POSITION
-from motorprior.logs.formats.robot_run import Mode
 
 
 class Terminal:
@@ -39,12 +37,6 @@ class Terminal:
 
     def hang_up(self) -> None:
         os.close(self._master)
-
-
-def modes_of(log: Path) -> set[Mode]:
-    """What the robot has done so far; the last line may be in the making."""
-    lines = log.read_text().splitlines()[1:-1] if log.is_file() else []
-    return {Mode(int(line.split(",")[1])) for line in lines}
 
 
 @pytest.fixture
@@ -89,65 +81,6 @@ def test_another_word_sends_nothing(virtual: Callable, at_terminal: Callable, tr
     assert not (tmp_path / "run").exists()
 
 
-def test_what_was_typed_before_the_question_arms_nothing(
-    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path
-):
-    pupper = virtual()
-    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run")
-    terminal.type("arm\n")
-    terminal.read_until(b"press Enter")
-    terminal.type("no\n")
-    terminal.read_until(b"arm was not typed")
-    assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
-
-
-@pytest.mark.parametrize("option", ["--standing", None])
-def test_the_words_before_a_recording_are_true(
-    virtual: Callable, at_terminal: Callable, tmp_path: Path, when: Callable, option: str | None
-):
-    """Nobody steers a recording; Ctrl-C sits a standing robot down, and takes the current from a hung one at once."""
-    pupper = virtual(hung=option is None)
-    terminal = at_terminal("record", "--port", pupper.port, "--out", tmp_path / "run", *([option] if option else []))
-    terminal.read_until(b"press Enter")
-    assert b"no key does anything" in terminal.printed and b"q:" not in terminal.printed
-    assert (b"sits down" in terminal.printed) == (option is not None)
-    assert (b"at once" in terminal.printed) == (option is None)
-    terminal.type("arm\n")
-    log = tmp_path / "run" / "run.csv"
-    deadline = time.monotonic() + 20.0
-    while Mode.EXCITE not in modes_of(log):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    terminal.process.send_signal(signal.SIGINT)
-    when(pupper, IDLE, patience=10.0)
-    terminal.process.wait(timeout=10.0)
-    assert (Mode.CROUCH in modes_of(log)) == (option is not None)
-
-
-def test_a_lost_terminal_sits_down_and_idles(
-    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path, when: Callable
-):
-    pupper = virtual()
-    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes", "--forward", 0.2)
-    terminal.read_until(b"+0.20 m/s")
-    terminal.hang_up()
-    when(pupper, IDLE, patience=10.0)
-    terminal.process.wait(timeout=10.0)
-    assert modes_of(tmp_path / "run" / "run.csv") >= {Mode.RAMP, Mode.WALK, Mode.CROUCH}
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
-def test_a_signal_while_it_waits_for_arm_sends_nothing(
-    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path, number: signal.Signals
-):
-    pupper = virtual()
-    terminal = at_terminal("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run")
-    terminal.read_until(b"press Enter")
-    terminal.process.send_signal(number)
-    terminal.read_until(b"not armed")
-    assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
-
-
 def test_a_robot_that_fell_while_somebody_hesitated_is_not_armed(
     virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path
 ):
@@ -159,19 +92,3 @@ def test_a_robot_that_fell_while_somebody_hesitated_is_not_armed(
     terminal.type("arm\n")
     terminal.read_until(b"fall")
     assert terminal.process.wait(timeout=10.0) == 2 and pupper.received == 0
-
-
-def test_a_terminal_that_is_stopped_does_not_stop_the_walk(
-    virtual: Callable, at_terminal: Callable, trot: Path, tmp_path: Path, when: Callable
-):
-    """Ctrl-S: words are lost, steps are not."""
-    pupper = virtual()
-    usual = ("deploy", trot, "--port", pupper.port, "--out", tmp_path / "run", "--yes")
-    terminal = at_terminal(*usual, "--forward", 0.2, "--seconds", 3)
-    terminal.read_until(b"+0.20 m/s")
-    terminal.type("\x13")
-    began = time.monotonic()
-    when(pupper, IDLE, began, patience=10.0)
-    assert when(pupper, IDLE, began) - began > 2.0, "nobody idled it before its time"
-    terminal.type("\x11")
-    assert terminal.process.wait(timeout=10.0) == 0

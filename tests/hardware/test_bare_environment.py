@@ -43,38 +43,12 @@ def test_every_module_of_hardware_can_be_imported():
     assert done.stdout == "all\n", done.stderr
 
 
-def test_the_help_of_every_command_shows_its_settings():
-    for command, option in (("deploy", "--without-imu"), ("record", "--excitation"), ("doctor", "--seconds")):
-        done = in_bare_environment("motorprior.hardware", command, "--help")
-        assert done.returncode == 0 and option in done.stdout and "--port" in done.stdout, done.stderr
-
-
 def test_the_command_itself_knows_what_a_robot_s_computer_can_do():
     done = in_bare_environment("motorprior.__main__", "record", "--help")
     assert done.returncode == 0 and "--excitation" in done.stdout, done.stderr
     done = in_bare_environment("motorprior.__main__", "walk", "--out", "x")
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert "`motorprior walk` needs tyro" in done.stderr and "deploy, record, doctor" in done.stderr
-
-
-def test_a_virtual_robot_needs_the_simulator_and_it_says_so():
-    for words in (("doctor", "--virtual"), ("deploy", "a", "--robot.seed", 3)):
-        done = in_bare_environment("motorprior.hardware", *words)
-        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-        assert "needs the simulator -> pip install 'motorprior[full,robot]'" in done.stderr
-
-
-@pytest.mark.parametrize("module", ["motorprior.__main__", "motorprior.hardware"])
-@pytest.mark.parametrize("words", ["deploy a.safetensors", "record", "doctor"])
-def test_without_the_extra_every_command_says_what_to_install(module: str, words: str):
-    """In the full installation, and in one without the extra."""
-    hide = "import runpy, sys; sys.modules.update(dict.fromkeys(['msgpack', 'serial'])); sys.argv = sys.argv[1:]; "
-    run = f"{hide}runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
-    command = [sys.executable, "-c", run, "motorprior", *words.split(), "--port", "/dev/null"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
-    said = "pyserial and msgpack not installed -> pip install 'motorprior[robot]'"
-    assert " ".join(done.stderr.split()) == f"error: {said}"
 
 
 def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
@@ -96,21 +70,6 @@ def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
     assert done.returncode == 0 and f"recorded {out / 'run.csv'}" in done.stderr, done.stderr
     log = read_robot_run(out / "run.csv", PUPPER_V2)
     assert 0.9 < log.duration < 1.1 and log.joint_torque is not None and (out / "run.json").is_file()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("deploy", "no.safetensors", "--port", "/dev/null"), "no such file"),
-        (("doctor", "--port", "/dev/ttyNONE"), "cannot open /dev/ttyNONE (No such file or directory)"),
-        (("record", "--port", "/dev/null", "--joint", "tail", "--yes"), "--joint 'tail' is unknown"),
-        (("record", "--port", "/dev/null"), "no terminal to confirm at -> give --yes"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], words: str):
-    done = in_bare_environment("motorprior.hardware", *arguments)
-    assert done.returncode == 2 and words in done.stderr, done.stderr
-    assert done.stderr.count("\n") == 1 and " -> " in done.stderr
 
 
 def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest.MonkeyPatch):

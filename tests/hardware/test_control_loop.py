@@ -5,17 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from motorprior.exceptions import RobotFault
 from motorprior.hardware import control_loop
 from motorprior.hardware.control_loop import ControlLoop, Timing, clock_results
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.real_time import no_garbage_collection
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 WIRE = PUPPER_V2.require_wire()
-TOO_LATE = WIRE.safety.tick_delay + 0.01
 ZEROS = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
 
 
@@ -79,57 +76,6 @@ def test_steps_that_are_left_out_are_missed(clock: Clock):
     assert timing.skipped == 2 and clock_results([timing], 0.01).to_figures()["missed_share"] == pytest.approx(2 / 12)
 
 
-def test_one_pause_counts_once_wherever_it_falls(clock: Clock, monkeypatch: pytest.MonkeyPatch):
-    """In a step, after its command, or while it waits; the robot's side is told, and telemetry that waited is read."""
-    counted = []
-    monkeypatch.setattr(control_loop.Pace, "check", lambda _, late: counted.append(round(late, 3)))
-    play(clock, [0.0, 0.035, 0.0, 0.0])
-    assert counted == [0.0, 0.035, 0.0, 0.0] and clock.pauses == 1
-    counted.clear()
-    play(clock, [0.0] * 4, after={1: 0.035})
-    assert counted == [0.0, 0.035, 0.0, 0.0] and clock.pauses == 2
-    counted.clear()
-    receive, waits = clock.receive, iter([0.0, 0.035, 0.0, 0.0, 0.0])
-    monkeypatch.setattr(clock, "receive", lambda until: receive(until + next(waits)))
-    play(clock, [0.0] * 4)
-    assert counted == [0.0, 0.035, 0.0, 0.0] and clock.pauses >= 3
-
-
-def test_the_step_of_a_slow_host_is_in_the_figures(clock: Clock):
-    """Otherwise the worst step of all would be in no figure."""
-    timing = Timing()
-    loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
-
-    def motion(_: Measurement) -> np.ndarray:
-        clock.now += TOO_LATE if len(timing.sent) == 6 else 0.0
-        return np.zeros(12)
-
-    with pytest.raises(RobotFault, match=f"{1e3 * TOO_LATE:.0f} ms late"):
-        loop.play(motion, Mode.WALK, timing=timing)
-    figures = clock_results([timing], 0.01).to_figures()
-    assert figures["period_jitter_ms/max"] == pytest.approx(1e3 * TOO_LATE, abs=0.1)
-    assert figures["missed_share"] == pytest.approx(1 / 7) and timing.ended == clock.now
-
-
-def test_a_step_that_ends_in_another_fault_is_in_the_figures(clock: Clock):
-    timing, steps = Timing(), 0
-
-    def motion(_: Measurement) -> np.ndarray:
-        nonlocal steps
-        steps += 1
-        if steps == 5:
-            clock.now += 0.09
-            raise RobotFault("watchdog", "the host was silent")
-        return np.zeros(12)
-
-    loop = ControlLoop(clock, WIRE.safety, 0.01, lambda: False)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(RobotFault, match="silent"):
-        loop.play(motion, Mode.WALK, timing=timing)
-    figures = clock_results([timing], 0.01).to_figures()
-    assert figures["period_jitter_ms/max"] == pytest.approx(90.0)
-    assert figures["missed_share"] == pytest.approx(1 / 5) and figures["control_steps"] == 4.0
-
-
 def test_figures_of_a_clock_equal_arithmetic():
     timing = Timing()
     timing.sent.extend([0.010, 0.020, 0.031, 0.041, 0.061])
@@ -142,23 +88,3 @@ def test_figures_of_a_clock_equal_arithmetic():
     assert figures["missed_share"] == pytest.approx(2 / 6)  # one 6 ms late, one left out, of six
     assert (figures["telemetry_age_ms/p50"], figures["telemetry_age_ms/max"]) == pytest.approx((2.0, 12.0))
     assert not clock_results([Timing()], 0.01)
-
-
-def test_what_lies_between_two_runs_is_no_jitter_and_no_step():
-    first, second = Timing(), Timing()
-    for run, start in ((first, 0.0), (second, 77.0)):
-        run.sent.extend(start + 0.01 * step + (0.002 if step == 2 else 0.0) for step in range(4))
-        run.late.extend([0.0] * 4)
-        run.age.extend([0.002] * 4)
-    figures = clock_results([first, second], 0.01).to_figures()
-    assert figures["period_jitter_ms/max"] == pytest.approx(2.0)
-    assert figures["period_jitter_ms/p50"] == pytest.approx(2.0), "two of three differences each, none in between"
-    assert figures["control_steps"] == 8.0
-
-
-def test_the_collector_is_back_afterwards():
-    import gc
-
-    with no_garbage_collection():
-        assert not gc.isenabled()
-    assert gc.isenabled() and gc.get_freeze_count() == 0

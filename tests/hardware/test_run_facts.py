@@ -1,6 +1,5 @@
 """What a run leaves beside its recording says how it ended and under which limits, whatever ended it."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,11 +8,10 @@ import numpy as np
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.commands import never_pushed, run_deploy, run_record
-from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.commands import run_deploy
+from motorprior.hardware.settings import DeploySettings
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
-from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
@@ -51,39 +49,6 @@ def test_a_fault_that_ended_a_run_stands_in_its_facts(
     assert isinstance(machine["memory_locked"], bool) and isinstance(machine["real_time_priority"], bool)
 
 
-def test_a_program_that_was_slow_while_the_machine_was_not_is_told_so(
-    patient: Robot, virtual: Callable, trot: Path, tmp_path: Path
-):
-    """A terminal, here, in which a line takes half a second."""
-    assert patient.wire is not None
-    strict = replace(
-        patient, wire=replace(patient.wire, safety=replace(patient.wire.safety, tick_delay=0.3, watchdog=5.0))
-    )
-
-    def say(text: str) -> None:
-        if " m/s " in text:
-            time.sleep(0.5)
-
-    with pytest.raises(RobotFault, match=r"this program was slow.* -> record into memory") as caught:
-        run_deploy(strict, trot, virtual().port, DeploySettings(out=tmp_path, seconds=6.0, yes=True), say)
-    facts = read_json(tmp_path / "run.json")
-    assert caught.value.kind == facts["outcome"] == "slow host" and facts["message"] == str(caught.value)
-    assert facts["machine"]["silent_ms/max"] > 400.0 and facts["machine"]["silent_ms"] < 2000.0
-
-
-def test_a_policy_that_nothing_pushed_in_training_is_told_of(trot: Path):
-    policy = Policy.load(trot)
-    told = [never_pushed(replace(policy, provenance={"randomization": {"push": push}})) for push in (0.0, 0.3)]
-    assert told == [True, False] and not never_pushed(policy), "nothing is known of the last"
-
-
-@pytest.mark.parametrize("pause", [0.0, 0.01, 0.101, float("nan")])
-def test_no_longer_pause_than_the_robot_survives_is_ridden_out(trot: Path, tmp_path: Path, pause: float):
-    settings = DeploySettings(out=tmp_path, longest_pause=pause, yes=True)
-    with pytest.raises(ConfigError, match=r"longest_pause .* -> give at least 0\.02 and at most 0\.1"):
-        run_deploy(PUPPER_V2, trot, "no port is opened", settings, lambda _: None)
-
-
 def test_a_run_that_ended_in_time_says_so_and_counts_its_clips(
     patient: Robot, virtual: Callable, trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -102,15 +67,3 @@ def test_a_run_that_ended_in_time_says_so_and_counts_its_clips(
     facts = read_json(tmp_path / "run.json")
     assert (facts["outcome"], facts["message"]) == ("time", None)
     assert facts["position_clips"] == 30 and facts["slew_clips"] >= 1
-
-
-def test_the_limits_in_force_are_those_of_the_recording(
-    patient: Robot, virtual: Callable, tmp_path: Path, patient_limits: SafetyLimits
-):
-    """A robot that hangs may lean, and targets are as slow as was asked."""
-    settings = RecordSettings(out=tmp_path, seconds=1.0, speed=3.0, excitation="sine", yes=True)
-    run_record(patient, virtual(hung=True).port, settings, lambda _: None)
-    facts = read_json(tmp_path / "run.json")
-    assert facts["safety"]["max_tilt"] is None and facts["safety"]["target_speed"] == 3.0
-    assert facts["safety"]["telemetry_age"] == patient_limits.telemetry_age
-    assert facts["outcome"] == "time" and read_json(tmp_path / "figures.json")["control_steps"] >= 90

@@ -13,33 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.exceptions import RobotFault
-from motorprior.hardware.guardian import Guardian
-from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.firmware import IDLE
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 ATTEMPTS, ENOUGH, WALKED = 6, 3, 30
-SECONDS_ASLEEP = 17
-"""A watchdog that sleeps is found out within a second where memory comes in pages of 4 kB, and at the latest after so
-many [s]."""
-
-
-def test_a_watchdog_that_sleeps_is_found_out_and_does_not_wake_up_beside_the_next_host(virtual: Callable):
-    link = SerialLink(PUPPER_V2, virtual().port)
-    guardian = Guardian(link.fileno(), 0.08)
-    os.kill(guardian.pid, signal.SIGSTOP)
-    try:
-        with pytest.raises(RobotFault, match="dead or asleep"):
-            for _ in range(SECONDS_ASLEEP * 100):
-                guardian.beat()
-    finally:
-        guardian.release()
-        link.close()
-    with pytest.raises(ProcessLookupError):
-        os.kill(guardian.pid, 0)
 
 
 def walked(log: Path) -> int:

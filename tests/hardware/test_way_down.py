@@ -46,24 +46,6 @@ def test_who_sits_down_does_not_walk_again(virtual: Callable, host: Callable, si
     assert sits(pupper)
 
 
-def test_coming_to_rest_goes_on_after_a_fault_in_it(virtual: Callable, host: Callable, sits: Callable):
-    """Crouching from full speed would be worse."""
-    pupper, begun = virtual(), 0
-    robot = host(pupper.port)
-
-    def wind_down() -> Motion:
-        nonlocal begun
-        begun += 1
-        rows = iter(60 * [spec.NOMINAL_POSE])
-        if begun == 1:
-            pupper.break_down("flat")
-        return lambda _: next(rows, None)
-
-    with pytest.raises(RobotFault, match="battery"):
-        run_armed(robot, Gains.of(WIRE), StopRequest(), lambda _: None, wind_down=wind_down)
-    assert begun == 2 and sits(pupper)
-
-
 def test_the_way_up_is_slow_whatever_the_motion_says(
     virtual: Callable, host: Callable, monkeypatch: pytest.MonkeyPatch
 ):

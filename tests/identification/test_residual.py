@@ -40,12 +40,6 @@ def test_the_network_that_made_the_log_saves_nearly_everything(machines):
     np.testing.assert_allclose(gain(Fleet(bare, Z), Fleet(bare, Z), runs, every), 0.0, atol=1e-12)
 
 
-def test_a_network_that_says_nothing_saves_nothing(machines):
-    bare, whole, runs = machines
-    mute = replace(whole, w3=np.zeros(8), b3=np.zeros(()))
-    np.testing.assert_allclose(gain(Fleet(bare, Z), Fleet(mute, Z), runs, np.ones(runs.windows, bool)), 0.0, atol=1e-6)
-
-
 def test_a_wrong_network_costs_and_only_the_judged_windows_are_asked(machines):
     bare, whole, runs = machines
     wrong = replace(whole, w3=-whole.w3, b3=-whole.b3)
@@ -53,15 +47,6 @@ def test_a_wrong_network_costs_and_only_the_judged_windows_are_asked(machines):
     groups = runs.groups()
     shares = [gain(Fleet(bare, Z), Fleet(whole, Z), runs, groups == group)[0] for group in range(3)]
     assert len(set(shares)) == 3
-
-
-def test_a_network_of_no_neurons_is_the_physics_alone(machines):
-    bare, whole, runs = machines
-    mute = replace(whole, w3=np.zeros(8), b3=np.zeros(()))
-    one, other = (runs.residuals(network, Z, np.arange(2)) for network in (bare, mute))
-    np.testing.assert_array_equal(one, other)
-    assert bare.num_neurons == 0 and bare.num_latents == 3
-    np.testing.assert_array_equal(bare.torque(np.ones((2, 6)), Z), 0.0)
 
 
 @pytest.mark.parametrize("window", [32, 100])

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from swinging_load import swinging_load
@@ -11,9 +10,7 @@ from swinging_load import swinging_load
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.latents.grey_box_fit import Expected, adapt
-from motorprior.identification.networks.closed_loop import closed_loop
-from motorprior.identification.networks.network import import_parameters
+from motorprior.identification.latents.grey_box_fit import adapt
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -83,63 +80,9 @@ def test_a_fit_keeps_gains_that_are_stated_and_finds_the_rest(decoder_data: Data
     assert fit.loss.max() < 0.1
 
 
-def test_a_kd_that_is_not_stated_is_fitted(decoder_data: Data, told: LatentNetwork):
-    assert told.motor is not None
-    center = told.motor.center.copy()
-    center[PARAMETERS.index("kd_over_kp")] = np.log(0.06)
-    network = replace(told, motor=replace(told.motor, center=center))
-    data = logged(decoder_data, network, np.array([[16.0], [16.0]]))
-    fit = fit_fleet(without_residual(data.scales, PRESET), WindowRuns(data, PRESET), (), True, 0, turns=TURNS[:5])
-    np.testing.assert_array_equal(fit.raw[:, INDEX[0]], 0.0)
-    np.testing.assert_allclose(np.exp(fit.raw[:, INDEX[1]]), 0.06, rtol=0.3)
-
-
-def test_training_in_jax_knows_the_gains_as_well(decoder_data: Data, told: LatentNetwork):
-    data = logged(decoder_data, told, STIFF)
-    preset = replace(PRESET, num_latents=3, num_neurons=8, own_latents=False, taps=told.taps)
-    rollout = closed_loop(preset, data.scales, bounded=False)
-    windows = np.stack([row[200 : 200 + preset.history + preset.window + 1] for row in data.series])
-    untold = windows.copy()
-    untold[..., KP], untold[..., KD] = SOFT[:, 0]
-    right, wrong = (
-        np.abs(rollout(import_parameters(told), jnp.asarray(rows), jnp.asarray(Z, jnp.float32))[0]).max()
-        for rows in (windows, untold)
-    )
-    assert right < 3e-3 < 1e-2 < wrong
-    assert np.abs(WindowRuns(data, preset).residuals(told, Z, np.arange(len(Z)))[:, :, 0]).max() < 0.03
-
-
-def test_stated_gains_count_only_where_the_recipe_knows_of_them():
-    gains = {"stated_kp": np.full((400, 1), 20.0), "stated_kd": np.full((400, 1), 1.5)}
-    assert training_data(swinging_load(**gains), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [20.0, 1.5]
-    assert training_data(swinging_load(stated_kp=gains["stated_kp"]), PRESET, "x").series[0, 5, [KP, KD]].tolist() == [
-        20.0,
-        20.0,
-    ]
-    plain = replace(PRESET, gain_unit="")
-    assert training_data(swinging_load(**gains), plain, "x").series[0, 5, [KP, KD]].tolist() == [1.0, 1.0]
-    with pytest.raises(LogError, match="no stated_kp"):
-        training_data(swinging_load(), PRESET, "x")
-    with pytest.raises(LogError, match="gains in firmware"):
-        training_data(swinging_load(**gains, gain_unit="firmware"), PRESET, "x")
-
-
 def test_a_log_of_another_firmware_is_refused_and_one_that_says_nothing_is_not():
     preset = replace(PRESET, gain_unit="", firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))
     for told in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
         training_data(swinging_load(firmware=told), preset, "x")
     with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3, the prior's"):
         training_data(swinging_load(firmware={"profile_speed": 4.0}), preset, "x")
-
-
-def test_a_joint_of_a_known_name_is_believed_to_be_like_its_namesake(decoder_data: Data, told: LatentNetwork):
-    data = decoder_data(told, Z, segments=1, rows=200, gains=np.broadcast_to(SOFT, (2, len(Z))))
-    preset, loose = replace(PRESET, num_latents=3), 50.0  # so high a temperature: the log says next to nothing
-    near = adapt(told, data, preset, loose, None, Expected(Z + 0.1, np.full(len(Z), 0.3)))
-    assert np.abs(near.mean - Z - 0.1).max() < 0.15
-    spread = np.sqrt(np.diagonal(near.covariance, axis1=1, axis2=2))
-    assert np.all((spread > 0.15) & (spread <= 0.3))
-    far = adapt(told, data, preset, loose, None)
-    nothing = adapt(told, data, preset, loose, None, Expected.nothing(*Z.shape))
-    np.testing.assert_array_equal(far.mean, nothing.mean)
-    assert np.abs(far.mean - Z).max() > np.abs(near.mean - Z).max()

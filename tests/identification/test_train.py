@@ -94,26 +94,6 @@ def test_training_lowers_the_loss_and_leaves_every_motor_its_posterior(small_dat
     assert work_of(preset) == 400
 
 
-@pytest.mark.parametrize("steps", [1, 101])
-def test_any_number_of_steps_can_be_trained(small_data, steps):
-    result = identify(small_data, replace(SMALL, objective="torque", steps=steps), 0)
-    assert np.all(np.isfinite(result.network.w1)) and len(result.losses) == -(-steps // 100)
-
-
-def test_a_heavy_kl_weight_leaves_only_the_prior(small_data):
-    # KL outweighs the data by far: every motor's posterior is N(0, I), from 0.1·N(0, I) and a log_var of -2
-    recipe = replace(SMALL, steps=300, kl_weight=100.0, learning_rate=3e-2, noisy=True, standardise=False)
-    bound = identify(small_data, recipe, 0)
-    assert np.max(np.abs(bound.mean)) < 0.05 and np.max(np.abs(bound.log_var)) < 0.2
-
-
-def test_a_loss_that_is_not_finite_stops_the_training(small_data):
-    broken = replace(small_data, series=small_data.series * np.float32(1e30))
-    with pytest.raises(MotorPriorError, match="diverged") as error:
-        identify(broken, replace(SMALL, steps=200), 0)
-    assert "logs check" in str(error.value.remedy)
-
-
 # Physics first.
 
 PHYSICS = replace(PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=40, window=32, batch=8, steps=100)
@@ -158,13 +138,6 @@ def test_motors_are_fitted_first_and_a_network_that_brings_nothing_is_left_out(t
     assert found.losses[-1] < 0.05
 
 
-def test_a_network_whose_training_diverges_is_left_out_and_the_physics_stay(two_motors):
-    found = identify(two_motors, replace(PHYSICS, learning_rate=1e6, steps=200), 0)
-    assert found.preset.num_neurons == found.network.num_neurons == 0 and "saved_residual" not in found.metrics
-    assert "residual network: left out, its training diverged" in found.notes
-    assert found.losses[-1] < 0.05
-
-
 def test_chosen_terms_that_save_next_to_nothing_of_all_motors_loss_are_left_out_again(
     two_motors, monkeypatch: pytest.MonkeyPatch
 ):
@@ -177,13 +150,6 @@ def test_chosen_terms_that_save_next_to_nothing_of_all_motors_loss_are_left_out_
     np.testing.assert_array_equal(found.mean, plain.mean)
     told = [note for note in found.notes if "left out again: current, output_damping" in note]
     assert told and told[0] in identify(two_motors, PHYSICS, 0, checkpoints=kept).notes
-
-
-def test_terms_that_a_log_states_stay_without_saving_anything(two_motors, monkeypatch: pytest.MonkeyPatch):
-    stated = replace(PHYSICS, firmware=(("profile_acceleration", 1e4),))
-    chance = term_selection.Selection(("profile", "current"), {"current": 0.04})
-    monkeypatch.setattr(physics_fit, "_terms", lambda *_: chance)
-    assert identify(two_motors, stated, 0).preset.terms == ("profile",)
 
 
 @pytest.mark.parametrize("within", ["the residual", "the fit"])
@@ -203,31 +169,6 @@ def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_no
     monkeypatch.setattr(physics_fit, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
     assert leaves(identify(two_motors, PHYSICS, 0, checkpoints=kept)) == leaves(whole)
     assert len(fits) == (within == "the fit")
-
-
-def test_an_interrupt_ends_a_fit_between_two_of_its_reports(two_motors):
-    """Beats, without work or words, come far more often than reports."""
-    beats, reports = [], []
-
-    def report(work: int, text: str) -> None:
-        (reports if work else beats).append(text)
-        if len(beats) == 300:
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        identify(two_motors, PHYSICS, 0, report)
-    assert len(reports) <= 1 and set(beats) == {""}
-
-
-def test_the_work_that_is_reported_is_that_which_was_announced(two_motors, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.undo()
-    monkeypatch.setattr(term_selection, "_TURNS", ())
-    works, kept = [], Kept()
-    identify(two_motors, PHYSICS, 0, lambda work, text: works.append(work), kept)
-    assert sum(works) == work_of(PHYSICS)
-    works.clear()
-    identify(two_motors, PHYSICS, 0, lambda work, text: works.append(work), kept)
-    assert sum(works) == work_of(PHYSICS)
 
 
 def test_a_log_that_no_motor_can_have_made_is_an_error_and_no_prior(two_motors):

@@ -21,7 +21,6 @@ from motorprior.locomotion.control_step import (
     new_gait,
 )
 from motorprior.locomotion.env import WalkEnv
-from motorprior.locomotion.gaits import GAITS
 from motorprior.locomotion.policy import action_to_command, low_pass
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, how_much, joint_targets
@@ -138,26 +137,6 @@ def test_the_loop_over_the_compiled_functions_gives_the_same_bytes():
         assert (earned, terminated) == (mine, down)
 
 
-def test_every_seed_is_told_something_else_and_the_same_seed_the_same():
-    def told(seed):
-        env = WalkEnv(PUPPER_V2, GlidingBackend())
-        env.reset(seed=seed)
-        return [tuple(env.step(np.zeros(17))[4]["command"]) for _ in range(300)]
-
-    one, again, other = told(1), told(1), told(2)
-    assert one == again != other and len(set(one)) > 3
-
-
-@pytest.mark.parametrize("gait", GAITS)
-def test_zero_actions_step_at_the_robots_own_frequency(gait):
-    env = steady_env(GlidingBackend(), gait=gait)
-    env.reset(seed=0)
-    phases = np.array([env.step(np.zeros(17))[4]["phase"] for _ in range(100)])
-    steps = np.arange(1, 101) * PUPPER_V2.control_dt * PUPPER_V2.require_legs().frequency
-    assert np.allclose(phases, steps % 1.0)
-    assert phases.max() > 0.9  # or it never came round
-
-
 def test_reset_forgets_the_episode_before():
     def episode(env):
         first, _ = env.reset(seed=7)
@@ -194,26 +173,3 @@ def test_time_runs_out_as_truncation():
     env = WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=3)
     env.reset(seed=0)
     assert [env.step(np.zeros(17))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
-
-
-def test_unseeded_resets_differ_and_follow_from_the_first_seed():
-    backends = GlidingBackend(), GlidingBackend()
-    for backend in backends:
-        env = WalkEnv(PUPPER_V2, backend)
-        env.reset(seed=5)
-        env.reset()
-        env.reset()
-        env.close()
-    assert backends[0].seeds == backends[1].seeds and len(set(backends[0].seeds)) == 3
-    assert backends[0].seeds[0] == 5 and backends[0].closed
-
-
-def test_a_wrong_action_is_refused():
-    env = WalkEnv(PUPPER_V2, GlidingBackend())
-    with pytest.raises(ConfigError, match="reset"):
-        env.step(np.zeros(17))
-    env.reset(seed=0)
-    with pytest.raises(ConfigError, match=r"\(12,\), wanted \(17,\)"):
-        env.step(np.zeros(12))
-    with pytest.raises(ConfigError, match="not finite"):
-        env.step(np.full(17, np.nan))

@@ -1,12 +1,9 @@
 """Which foot touches down after which, and that every gait is its own mirror image."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import body_of
 from motorprior.locomotion.gaits import GAITS, GaitName, phases_of
 from motorprior.locomotion.trajectory_generator import advance_phase, foot_path
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -49,21 +46,6 @@ def test_a_gait_is_its_own_mirror_image_at_once_or_half_a_cycle_later(gait: Gait
     phases = dict(zip([leg.name for leg in PUPPER_V2.legs], phases_of(PUPPER_V2, gait)[0], strict=True))
     apart = {(phases[end + "L"] - phases[end + "R"]) % 1.0 for end in "FR"}
     assert apart == ({0.0} if gait in ("bound", "pronk") else {0.5})
-
-
-def test_a_robots_own_phases_are_those_of_its_trot_alone():
-    odd = replace(PUPPER_V2, legs=tuple(replace(leg, phase=0.1 * i) for i, leg in enumerate(PUPPER_V2.legs)))
-    np.testing.assert_allclose(body_of(odd).phases, [0.0, 0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(body_of(odd, "pace").phases, body_of(PUPPER_V2, "pace").phases)
-
-
-def test_an_unknown_gait_and_four_legs_on_another_robot_are_refused():
-    with pytest.raises(ConfigError, match="gait 'amble' is unknown -> use one of trot, walk, pace, bound, pronk"):
-        phases_of(PUPPER_V2, "amble")
-    biped = replace(PUPPER_V2, legs=PUPPER_V2.legs[:2])
-    with pytest.raises(ConfigError, match="gait 'walk' is for four legs, one at each corner"):
-        phases_of(biped, "walk")
-    np.testing.assert_array_equal(phases_of(biped, "trot")[0], [0.0, 0.5])
 
 
 def test_phase_advances_and_wraps():

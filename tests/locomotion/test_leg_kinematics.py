@@ -46,9 +46,3 @@ def test_a_place_too_near_folds_the_leg_and_the_hip_itself_is_no_division_by_zer
         hip, knee = leg_angles(0.1, 0.12, forward, below, side)
         assert math.isfinite(hip) and knee == pytest.approx(side * math.acos(-0.999))
     assert foot(0.1, 0.12, *leg_angles(0.1, 0.12, 0.0, 0.005, side))[0] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_knee_that_bends_backward_by_hand():
-    # thigh and shank 0.1 m at right angles, symmetric about the vertical: the knee is forward of the foot, hip 45°
-    hip, knee = leg_angles(0.1, 0.1, 0.0, 0.1 * math.sqrt(2.0), -1.0)
-    assert (hip, knee) == (pytest.approx(math.pi / 4.0), pytest.approx(-math.pi / 2.0))

@@ -1,12 +1,10 @@
 """A mirror swaps left and right, twice is nothing, and a symmetric policy cannot limp."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
 from motorprior.locomotion.gaits import GAITS, GaitName
@@ -91,14 +89,6 @@ def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_a
     assert clipped == 0, "a policy at its limits answers nothing"
 
 
-def test_a_policy_without_symmetry_is_what_its_parameters_say(rng):
-    shape = PolicyShape.of(PUPPER_V2, "trot", 3, symmetric=False)
-    parameters = rng.standard_normal(shape.size)
-    policy = shape.policy(parameters, Moments.empty(OBSERVATIONS))
-    everything = [*policy.weights.ravel(), *policy.hidden.ravel(), *policy.readout.ravel()]
-    np.testing.assert_array_equal(everything, parameters)
-
-
 def test_symmetric_weights_are_the_nearest_and_stay_what_they_are(rng):
     mirror, weights = mirror_of(PUPPER_V2), rng.standard_normal((ACTIONS, OBSERVATIONS + 1))
     nearest = mirror.symmetric(weights)
@@ -106,13 +96,3 @@ def test_symmetric_weights_are_the_nearest_and_stay_what_they_are(rng):
     for _ in range(5):
         other = mirror.symmetric(rng.standard_normal(weights.shape))
         assert abs(np.sum((weights - nearest) * other)) < 1e-10, "what was cut is at right angles to what is symmetric"
-
-
-def test_a_robot_that_is_not_its_own_mirror_image_is_refused():
-    legs = PUPPER_V2.legs
-    with pytest.raises(ConfigError, match="leg 'FR' has no mirror image among the legs of robot 'pupper_v2'"):
-        mirror_of(replace(PUPPER_V2, legs=(legs[0], *legs[2:])))
-    limping = replace(PUPPER_V2, legs=(replace(legs[0], phase=0.2), *legs[1:]))
-    with pytest.raises(ConfigError, match="step neither together with their mirror images nor half a cycle later"):
-        mirror_of(limping)
-    assert mirror_of(limping, "pace").action.sign[-1] == -1.0

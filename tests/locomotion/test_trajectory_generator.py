@@ -9,7 +9,7 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.gaits import GAITS
-from motorprior.locomotion.trajectory_generator import add_support, foot_path, how_much, joint_targets, open_loop_gait
+from motorprior.locomotion.trajectory_generator import add_support, foot_path, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.playback import replay
@@ -109,20 +109,6 @@ def test_height_raises_the_body_and_nothing_else(feet):
     np.testing.assert_allclose(high - low, np.tile([0.0, 0.0, -0.01], (LEGS, 1)), atol=1e-9)
 
 
-def test_a_rise_makes_legs_longer_in_its_direction(feet):
-    low, high = (feet(targets(0.1, rise=rise)[None])[0] for rise in ((0.0, 0.0), (0.04, -0.02)))
-    longer = 0.04 * BODY.rest[:, 0] - 0.02 * BODY.rest[:, 1]
-    np.testing.assert_allclose(high[:, 2] - low[:, 2], -longer, atol=1e-9)
-    np.testing.assert_allclose(high[:, :2], low[:, :2], atol=1e-9)
-
-
-@pytest.mark.parametrize("gait", GAITS)
-def test_standing_is_the_nominal_pose_in_every_gait_and_phase(gait):
-    body = body_of(PUPPER_V2, gait)
-    for phase in np.linspace(0.0, 0.999, 23):
-        np.testing.assert_allclose(targets(phase, 0.0, 0.0, lift=0.0, body=body), PUPPER_V2.nominal_pose, atol=1e-12)
-
-
 def support(phase, share, ratio=1.0, body=BODY):
     """(legs, 3) torques of the support [N·m], by the gains of the robot's own motors."""
     out = np.zeros(PUPPER_V2.num_joints)
@@ -144,24 +130,6 @@ def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
         assert not torques[:, 0].any()
 
 
-def test_a_standing_robot_is_carried_by_all_legs_whatever_the_phase():
-    for phase in np.linspace(0.0, 0.9, 7):
-        out = np.zeros((2, PUPPER_V2.num_joints))
-        for row, at in zip(out, (0.0, phase), strict=True):
-            add_support(BODY, at, 1.0, 0.0, PUPPER_V2.nominal_pose, row)
-        np.testing.assert_array_equal(out[0], out[1])
-    walk = body_of(PUPPER_V2, "walk")
-    three = support(0.1, 1.0, walk.swing_stance_ratio, walk)
-    assert np.count_nonzero(three[:, 2]) == 3
-    pronk = body_of(PUPPER_V2, "pronk")
-    assert not support(0.7, 1.0, body=pronk).any(), "in the air there is nothing to carry"
-
-
-def test_the_robot_weighs_what_its_model_weighs():
-    model = build_model(PUPPER_V2)
-    assert BODY.weight == pytest.approx(9.81 * model.body_mass.sum(), rel=1e-6)
-
-
 def test_with_support_a_pd_stands_in_the_pose_it_is_told_and_without_it_sags():
     motors = IdealPd.uniform(12, PUPPER_V2.joints[0].kp, PUPPER_V2.joints[0].kd, 5.0, 0.003)
     sag, pose = [], PUPPER_V2.nominal_pose
@@ -174,24 +142,11 @@ def test_with_support_a_pd_stands_in_the_pose_it_is_told_and_without_it_sags():
     assert abs(sag[0]) < 0.3 * sag[1] and sag[1] > 0.003
 
 
-def test_how_much_of_a_gait_a_command_asks_for():
-    assert how_much(BODY, 0.0, 0.0) == 0.0
-    assert how_much(BODY, -0.05 * BODY.fastest, 0.0) == pytest.approx(0.5)
-    assert how_much(BODY, 0.03 * BODY.fastest, -0.03 * BODY.yaw_rate) == pytest.approx(0.6)
-    assert how_much(BODY, BODY.fastest, 0.0) == how_much(BODY, 0.0, BODY.yaw_rate) == 1.0
-
-
 def test_diagonal_legs_agree_and_half_a_cycle_swaps_the_pairs():
     for phase in (0.0, 0.125, 0.375, 0.8125):
         now, later = targets(phase).reshape(4, 3), targets((phase + 0.5) % 1.0).reshape(4, 3)
         np.testing.assert_allclose(now[[0, 1]], later[[1, 0]], atol=1e-12)
         np.testing.assert_allclose(now[[2, 3]], later[[3, 2]], atol=1e-12)
-
-
-def test_a_turn_to_the_left_is_the_mirror_image_of_one_to_the_right():
-    for phase in np.linspace(0.0, 0.9, 7):
-        left, right = targets(phase, 0.2, 0.5).reshape(4, 3), targets((phase + 0.5) % 1.0, 0.2, -0.5).reshape(4, 3)
-        np.testing.assert_allclose(left[[0, 2]], right[[1, 3]] * [-1.0, 1.0, 1.0], atol=1e-12)
 
 
 def test_fastest_walks_and_turns_stay_inside_the_joint_limits():
@@ -201,11 +156,3 @@ def test_fastest_walks_and_turns_stay_inside_the_joint_limits():
                 for height in (-0.5 * LIFT, 0.5 * LIFT):
                     out = targets(phase, speed, turn, height, 1.0, body=body)
                     assert np.all(out >= PUPPER_V2.lower) and np.all(out <= PUPPER_V2.upper)
-
-
-def test_an_open_loop_gait_is_the_same_path_at_even_phases():
-    rows = open_loop_gait(BODY, 7, 0.3, 2.0, 0.005, 1.2, 0.01)
-    for step, row in enumerate(rows):
-        out = np.zeros(PUPPER_V2.num_joints)
-        joint_targets(BODY, 0.02 * step, 0.3, 0.0, 2.0, 0.005, (0.0, 0.0), 1.2, LIFT, out)
-        np.testing.assert_allclose(row, out, atol=1e-12)

@@ -38,12 +38,6 @@ def test_segments_do_not_mix(full_log):
         assert new.segment[0] == old.segment[0]
 
 
-@pytest.mark.parametrize("period", [0.0, -1.0, np.nan, np.inf, 1e-12, 100.0])
-def test_an_impossible_period_is_refused(make_log, period):
-    with pytest.raises(LogError, match="period"):
-        resample(make_log(), period)
-
-
 def test_dropping_repeats_restores_the_log_that_was_polled(make_log):
     log = make_log()
     polled = np.sort(np.concatenate([np.arange(200), np.arange(0, 200, 3)]))
@@ -56,17 +50,6 @@ def test_dropping_repeats_restores_the_log_that_was_polled(make_log):
     assert repeated_rows(faster).sum() == 67
     np.testing.assert_array_equal(drop_repeats(faster).joint_pos, log.joint_pos)
     np.testing.assert_array_equal(drop_repeats(faster).time, log.time)
-
-
-def test_a_segment_boundary_is_no_repeat(make_log):
-    angle = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    log = make_log(rows=4, time=np.arange(4.0), joint_pos=angle, segment=np.array([0, 0, 1, 1]))
-    assert not repeated_rows(log).any()
-
-
-def test_a_log_that_never_moves_cannot_lose_its_repeats(make_log):
-    with pytest.raises(LogError, match="all measured angles"):
-        drop_repeats(make_log(joint_pos=np.ones((200, 2))))
 
 
 def test_a_gap_too_long_to_fill_is_named_with_its_row_and_its_file(make_log):

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +84,6 @@ WRONG = {
 }
 
 
-def test_every_entry_is_tried():
-    assert WRONG.keys() == {field.name for field in fields(Preset)}
-
-
 @pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in WRONG.items() for value in values])
 def test_a_recipe_with_a_wrong_entry_is_refused(prior_with: Callable[[Any], MotorPrior], name: str, value: object):
     with pytest.raises(ArtifactError) as error:
@@ -98,38 +94,3 @@ def test_a_recipe_with_a_wrong_entry_is_refused(prior_with: Callable[[Any], Moto
     shown = f"{value:.6g}" if isinstance(value, float) else repr(value)[:30]  # of more, the beginning
     as_declared = error.value.problem.startswith(f"recipe: {name} = {shown}") and " is not " in error.value.problem
     assert as_declared or of_the_network or of_the_window
-
-
-@pytest.mark.parametrize(("name", "value"), [("window", 99_880), ("warm_up", 99_936), ("kl_weight", 0), ("batch", 1)])
-def test_a_recipe_at_its_bounds_is_read(prior_with: Callable[[Any], MotorPrior], name: str, value: int):
-    assert getattr(recipe_of(prior_with(as_json(RECIPE) | {name: value}), PATH), name) == value
-
-
-def test_a_prior_of_before_conditions_were_known_has_none(prior_with: Callable[[Any], MotorPrior]):
-    older = {name: value for name, value in as_json(RECIPE).items() if name != "conditions"}
-    assert recipe_of(prior_with(older), PATH).conditions == ()
-
-
-@pytest.mark.parametrize(
-    ("recipe", "words"),
-    [
-        (None, "no recipe"),
-        ([], "no recipe"),
-        ("rollout", "no recipe"),
-        ({}, "recipe: missing keys .'batch', 'firmware', 'gain_unit', 'grey_box', 'has_armature'"),
-        (as_json(RECIPE) | {"colour": "red"}, "colour"),
-        (as_json(RECIPE) | {"objective": "torque"}, "not its network's"),  # the preset rollout trains in closed loop
-    ],
-)
-def test_what_is_no_recipe_is_refused(prior_with: Callable[[Any], MotorPrior], recipe: object, words: str):
-    with pytest.raises(ArtifactError, match=words) as error:
-        recipe_of(prior_with(recipe), PATH)
-    assert error.value.where == PATH and error.value.remedy
-
-
-@pytest.mark.parametrize("name", [field.name for field in fields(Preset) if field.name != "conditions"])
-def test_a_recipe_that_lacks_an_entry_is_refused_by_its_name(prior_with: Callable[[Any], MotorPrior], name: str):
-    damaged = {key: value for key, value in as_json(RECIPE).items() if key != name}
-    with pytest.raises(ArtifactError, match=rf"recipe: missing keys \['{name}'\]") as error:
-        recipe_of(prior_with(damaged), PATH)
-    assert error.value.where == PATH and error.value.remedy == "identify it again"

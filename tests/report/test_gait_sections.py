@@ -1,11 +1,9 @@
 """Gait diagrams: a bar is where a foot is on the ground."""
 
-from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import Collection
 
-from gait_diagrams import Diagrams, draw
 from motorprior.report.gait_sections import gaits, measured_stance
 from motorprior.report.plots_gait import footfalls
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -45,8 +43,3 @@ def test_a_walk_that_ends_at_once_has_no_pictures_and_another_has_three():
     section = gaits(PUPPER_V2, {"ideal_pd": standing(30), "paper": standing(5)}, 0.01)
     assert [picture.kind for picture in section.pictures] == ["gif", "png", "png"]
     assert "which foot is on the ground" in section.pictures[-1].caption
-
-
-def test_the_diagrams_of_the_documentation_are_drawn_from_the_generator(tmp_path: Path):
-    draw(Diagrams(tmp_path / "docs" / "gaits.png"))
-    assert (tmp_path / "docs" / "gaits.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"

@@ -5,24 +5,17 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from motorprior.exceptions import ConfigError
 from motorprior.report.page import (
     Picture,
     Report,
     Section,
     Table,
-    aligned,
-    flow_svg,
-    number,
     picture,
     render,
     write_report,
 )
-from motorprior.report.plots_flow import STAGES
 from motorprior.report.plots_motor import closed_loop
-from motorprior.report.plots_style import MODEL_COLORS
 
 VOID = {"meta", "img", "br", "hr", "link", "input", "rect", "path"}
 
@@ -90,12 +83,6 @@ def test_nothing_is_loaded_from_elsewhere():
     assert {address[1:] for address in reader.addresses if address[0] == "#"} <= set(reader.ids)
 
 
-def test_images_are_inline_and_described():
-    images = Reader(render(report())).images
-    assert len(images) == 2
-    assert all(image["alt"] and str(image["src"]).startswith("data:image/") for image in images)
-
-
 def test_text_is_escaped():
     page = render(report(pending=("<robot>",)))
     assert "<title>A &lt;title&gt;</title>" in page
@@ -109,64 +96,9 @@ def test_the_same_report_gives_the_same_bytes():
     assert drawing().data == drawing().data
 
 
-def test_a_model_is_named_and_coloured_in_tables():
-    page = render(report())
-    assert f"background:{MODEL_COLORS['tuned_pd']}" in page
-    assert "tuned PD" in Reader(page).words
-
-
 def test_a_partial_report_says_what_is_missing():
     assert "Still to come: transfer, robot." in Reader(render(report(pending=("transfer", "robot")))).words
     assert "Still to come" not in render(report())
-
-
-def test_settings_are_flat_and_complete():
-    words = Reader(render(report())).words
-    for text in ("search.step_size", "0.05", "taps", "0, 1"):
-        assert text in words
-
-
-@pytest.mark.parametrize("narrow", [False, True])
-def test_the_flow_names_every_stage_and_the_way_back(narrow: bool):
-    reader = Reader(flow_svg(narrow=narrow))
-    assert reader.open == []
-    for name, line in STAGES:
-        assert name in reader.words and line in reader.words
-    assert "logs recorded on the robot" in reader.words
-
-
-def test_decimal_points_meet():
-    texts = aligned([0.0125, 0.5, -0.03, None, float("inf")])
-    assert texts == ["0.013", "0.500", "−0.030", "–", "diverged"]
-    assert aligned([0.48, 0.05, 1.0]) == ["0.48", "0.05", "1.00"]
-    assert aligned([86.11, 2.7, 0.0]) == ["86.1", "2.7", "0.0"]
-    assert aligned([0.00012, 2500.0]) == ["0.000120", "2\u202f500"], "worlds apart: three digits each"
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.123456, "0.123"),
-        (12, "12"),
-        (12345, "12\u202f345"),
-        (0.0, "0"),
-        (1e-7, "1.00e−07"),
-        (float("nan"), "n/a"),
-    ],
-)
-def test_numbers_are_short(value: float, text: str):
-    assert number(value) == text
-
-
-def test_a_table_with_a_short_row_is_refused():
-    table = Table(("a", "b"), (("x", 1.0), ("y",)), "Broken")
-    with pytest.raises(ConfigError, match=r'"Broken", row 1 has 1 cells for 2 columns'):
-        render(report(sections=(Section("s", "l", (), (), (table,)),)))
-
-
-def test_an_empty_report_is_a_page():
-    page = render(report(sections=(Section("s", "l", tables=(Table(("a",), (), "Empty"),)),), settings={}))
-    assert Reader(page).open == []
 
 
 def test_the_page_is_written(tmp_path: Path):

@@ -1,27 +1,21 @@
 """Plots say their units, stay finite, and one model has one colour everywhere."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from io import BytesIO
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from PIL import Image
 
-from motorprior.report.gait_picture import gait_animation, gait_strip
+from motorprior.report.gait_picture import gait_strip
 from motorprior.report.latent_directions import (
     Directions,
-    behaviour_directions,
-    best_explained,
     principal_directions,
 )
 from motorprior.report.plots_latent import latent_map
 from motorprior.report.plots_motor import closed_loop, excitation_and_response, torque_fit
 from motorprior.report.plots_robot import real_replay, robot_traces
 from motorprior.report.plots_study import fidelity_bars, learning_curves, transfer_bars
-from motorprior.report.plots_style import MODEL_COLORS, model_color, model_label, png_bytes
+from motorprior.report.plots_style import png_bytes
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.skeleton import Skeleton, skeleton
@@ -100,29 +94,6 @@ def test_the_same_arrays_give_the_same_bytes(name: str):
     assert b"matplotlib" not in first.lower()
 
 
-def test_a_model_has_the_same_colour_in_every_trace():
-    for name in ("torque_fit", "closed_loop", "robot", "curves"):
-        lines = [line for axes in MAKERS[name]().axes for line in axes.lines if str(line.get_label())[:5] == "paper"]
-        assert lines
-        assert {to_rgb(line.get_color()) for line in lines} == {to_rgb(MODEL_COLORS["paper"])}
-
-
-def test_a_file_keeps_white_and_a_models_colour():
-    image = Image.open(BytesIO(png_bytes(MAKERS["transfer"](), dpi=60))).convert("RGB")
-    pixels = np.asarray(image).reshape(-1, 3)
-    for color in ("white", MODEL_COLORS["rollout"]):
-        wanted = np.round(np.array(to_rgb(color)) * 255)
-        assert np.count_nonzero(np.all(pixels == wanted, axis=1)) > 100
-
-
-def test_variants_and_unknown_models_have_a_colour_and_a_name():
-    assert model_color("rollout_adapted") == MODEL_COLORS["rollout"]
-    assert model_label("rollout_adapted") == "rollout adapted"
-    assert model_label("ideal_pd") == "ideal PD"
-    assert model_color("something_else") not in MODEL_COLORS.values()
-    assert model_label("something_else") == "something else"
-
-
 def test_a_model_that_diverges_does_not_flatten_the_truth():
     wild = {"paper": ANGLE * np.exp(20 * TIME), "rollout": np.where(TIME > 0.5, np.nan, ANGLE)}
     figure = closed_loop(TIME, ANGLE, ANGLE, wild, "motor 1")
@@ -150,28 +121,3 @@ def test_the_directions_are_those_that_change_the_features_most():
     np.testing.assert_allclose(np.abs(turn[:2] @ found.axes), np.eye(2), atol=1e-9)
     np.testing.assert_allclose(found.share, [5 / 8, 3 / 8])
     assert np.all(np.isfinite(principal_directions(np.zeros((3, 2))).axes))
-
-
-def test_the_latent_that_makes_motors_differ_is_the_first_direction(grey_network):
-    network = grey_network(latents=3)
-    motor = replace(network.motor, slope=network.motor.slope * np.array([[0.05], [1.0], [0.05]]))
-    found = behaviour_directions(replace(network, motor=motor))
-    assert abs(found.axes[1, 0]) > 0.95 and found.share[0] > 0.8
-
-
-def test_constants_are_shown_in_the_order_in_which_the_map_tells_them():
-    random = np.random.default_rng(5)
-    points, noise = random.normal(size=(40, 2)), random.normal(size=(3, 40))
-    values = {"same": np.ones(40), "noise": noise[0], "plain": points @ [1.0, -2.0], "vague": points[:, 0] + noise[1]}
-    assert list(best_explained(points, values, 6)) == ["plain", "vague", "noise"]
-    assert list(best_explained(points, values, 1)) == ["plain"]
-
-
-def test_the_animation_is_small_repeats_exactly_and_runs_in_real_time():
-    first = gait_animation(trot(), 0.01, "trot")
-    assert first == gait_animation(trot(), 0.01, "trot")
-    assert len(first) < 400_000
-    image = Image.open(BytesIO(first))
-    assert image.n_frames == 12  # pyright: ignore[reportAttributeAccessIssue]
-    assert image.info["duration"] == 50
-    assert image.info["loop"] == 0

@@ -12,13 +12,11 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.load import load_robot
-from motorprior.robots.model_files import model_files
-from motorprior.robots.robot import Gait, Robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.build_model import FLOOR, build_model
+from motorprior.simulation.build_model import build_model
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.skeleton import skeleton
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -38,8 +36,6 @@ kp = 20.0
 kd = 1.0
 torque_limit = [4.0, 2.0]
 """
-FOOT = "FR"
-"""A geom of the quadruped's."""
 
 
 def quadruped(feet: bool = True) -> str:
@@ -102,21 +98,6 @@ def test_an_arm_is_what_its_two_files_say(tmp_path: Path):
         body_of(arm)
 
 
-def test_an_arm_is_simulated_on_its_motors_alone(tmp_path: Path):
-    arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
-    world = World(WorldConfig.of(arm))
-    assert not world.model.dof_armature.any() and not world.model.dof_frictionloss.any()  # the file's own are gone
-    motors = IdealPd.uniform(2, 40.0, 2.0, 20.0, 0.01)
-    target = np.array([0.3, 0.4])
-    played = replay(world, motors, np.tile(target, (400, 1)))
-    # at rest the PD carries the arm: kp·error = gravity about the joint, with the centres of mass at half length
-    shoulder, both = played.joint_pos[-1, 0], played.joint_pos[-1].sum()
-    lower = 0.2 * 9.81 * 0.1 * np.cos(both)
-    upper = lower + 9.81 * (0.4 * 0.15 + 0.2 * 0.3) * np.cos(shoulder)
-    np.testing.assert_allclose(40.0 * (played.joint_pos[-1] - target), [upper, lower], rtol=1e-3)
-    np.testing.assert_allclose(played.joint_torque[-1], [-upper, -lower], rtol=1e-3)
-
-
 def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: Robot):
     assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in dog.legs] == [pytest.approx((0.2, 0.2, 0.02))] * 4
     height = 0.4 * np.cos(0.8) + 0.02
@@ -171,48 +152,6 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     np.testing.assert_allclose(body.rest[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)
 
 
-def test_robots_of_equal_froude_number_move_alike():
-    small, large = Gait.of_size(0.025), Gait.of_size(0.1)
-    assert large.swing_height == pytest.approx(4.0 * small.swing_height)
-    assert large.frequency == pytest.approx(0.5 * small.frequency, rel=0.01)
-    assert large.forward[1] == pytest.approx(2.0 * small.forward[1], rel=0.02)
-
-
-def test_large_robots_step_three_times_a_second():
-    assert Gait.of_size(0.1).frequency > 3.0
-    assert [Gait.of_size(height).frequency for height in (0.15, 0.3, 0.8)] == [3.0, 3.0, 3.0]
-
-
-def test_the_table_gait_replaces_what_it_names(tmp_path: Path, dog: Robot):
-    table = "\n[gait]\nfrequency = 2.5\nforward = [0, 1.5]\nresidual = 0.2\n"
-    gait = load_robot(written(tmp_path, LEGS_TOML + table, "dog", quadruped())).require_legs()
-    usual = dog.require_legs()
-    assert gait == Gait(2.5, usual.swing_height, (0.0, 1.5), usual.yaw_rate, 0.2)
-    assert all(isinstance(value, float) for value in (gait.frequency, *gait.forward))
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("forward = [0.1, 0.5]", r"\[gait\]: forward \[0.1, 0.5\] m/s is not two speeds with standing still between"),
-        ("forward = [-0.5, 0.0]", r"forward \[-0.5, 0.0\] m/s is not two speeds.*0 or negative, then the fastest"),
-        ("forward = [-0.2, 0.1, 0.5]", r"forward \[-0.2, 0.1, 0.5\] m/s is not two speeds"),
-        ("forward = [0.5]", r"forward"),
-        ("forward = 0.5", r"forward = 0.5 is not"),
-        ("forward = [-0.2, 11.0]", r"forward = \[-0.2, 11.0\] is not"),
-        ("frequency = 0.0", r"frequency = 0 is not a finite number from 0.2 to 10"),
-        ("swing_height = -0.1", r"swing_height = -0.1 is not"),
-        ("yaw_rate = -1.0", r"yaw_rate = -1 is not"),
-        ('residual = "some"', r"residual = 'some' is not"),
-        ("amplitude = 0.5", r"unknown keys \['amplitude'\].*the keys are"),
-    ],
-)
-def test_a_gait_that_no_robot_can_walk_is_refused_with_key_and_remedy(tmp_path: Path, line: str, words: str):
-    with pytest.raises(ArtifactError, match=words) as refused:
-        load_robot(written(tmp_path, f"{LEGS_TOML}\n[gait]\n{line}\n", "dog", quadruped()))
-    assert refused.value.remedy and "dog.toml" in str(refused.value)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -262,62 +201,10 @@ def test_a_model_that_does_not_fit_is_refused_with_joint_file_and_remedy(tmp_pat
     assert refused.value.remedy
 
 
-def test_nothing_of_the_current_folder_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A robot's folder may come from anywhere."""
-    (tmp_path / "resource.py").write_text("open('ran', 'w')")
-    path = written(tmp_path, ARM_TOML, "arm", ARM)
-    monkeypatch.chdir(tmp_path)
-    assert load_robot(path).name == "arm" and not (tmp_path / "ran").exists()
-
-
-def test_a_part_of_the_model_that_changed_meanwhile_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path = written(tmp_path, ARM_TOML, "arm", '<mujoco><include file="part.xml"/></mujoco>')
-    (tmp_path / "part.xml").write_text(ARM)
-    assert load_robot(path).num_joints == 2
-    (tmp_path / "part.xml").write_text("<mujoco><nonsense/></mujoco>")
-    with pytest.raises(ArtifactError, match=r"arm\.xml: MuJoCo cannot read it"):
-        load_robot(path)
-
-
 def test_the_models_own_actuators_are_removed_where_the_user_says_so(tmp_path: Path):
     toml = ARM_TOML.replace('base = "fixed"', 'base = "fixed"\nactuators = "remove"')
     arm = load_robot(written(tmp_path, toml, "arm", ARM.replace("</mujoco>", ACTUATOR)))
     assert World(WorldConfig.of(arm)).model.nu == 0
-
-
-@pytest.mark.parametrize(
-    ("toml", "xml", "words"),
-    [
-        (LEGS_TOML, quadruped(feet=False), "no foot 'FR' among its geoms.*none has a name"),
-        (LEGS_TOML.replace('foot = "FR"', 'foot = "toe"'), quadruped(), "no foot 'toe'.*its geoms are FR"),
-        (
-            LEGS_TOML.replace("phase = 0.5", "phase = 1.5"),
-            quadruped(),
-            "phase = 1.5 is not a finite number from 0 to 1",
-        ),
-        (LEGS_TOML.replace('"FR_k"', '"FR_x"'), quadruped(), "are not three joints of the robot"),
-        (LEGS_TOML.replace('"FR_k"', '"FR_h"'), quadruped(), "are not three joints of the robot"),
-        (LEGS_TOML.replace('"FL_k"', '"FR_k"'), quadruped(), "joint 'FR_k' is in two legs"),
-        (LEGS_TOML.replace('foot = "FL"', 'foot = "FR"'), quadruped(), "foot 'FR' is in two legs"),
-        (
-            LEGS_TOML[: LEGS_TOML.index("[legs")] + "[legs]\nFL = 3",
-            quadruped(),
-            r"legs.FL\]: its content is not a table",
-        ),
-        (LEGS_TOML.replace('"free"', '"fixed"'), quadruped(), "its base is fixed, but the model has a free joint"),
-    ],
-)
-def test_legs_that_do_not_fit_are_refused(tmp_path: Path, toml: str, xml: str, words: str):
-    with pytest.raises(ArtifactError, match=words) as refused:
-        load_robot(written(tmp_path, toml, "dog", xml))
-    assert refused.value.remedy
-
-
-def test_a_model_that_changed_since_it_was_loaded_is_refused(tmp_path: Path):
-    arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
-    (tmp_path / "arm.xml").write_text(ARM.replace("0.4", "0.5"), encoding="utf-8")
-    with pytest.raises(ArtifactError, match="the model is gone or has changed"):
-        World(WorldConfig.of(arm))
 
 
 def test_what_a_model_includes_is_part_of_it(tmp_path: Path):
@@ -334,43 +221,6 @@ def test_what_a_model_includes_is_part_of_it(tmp_path: Path):
     with pytest.raises(ArtifactError, match=r"arm\.xml: the model is gone or has changed -> load the robot again"):
         build_model(arm)
     assert load_robot(path).weight > 2.0 * arm.weight
-
-
-def test_meshes_are_found_where_the_compiler_looks_for_them(tmp_path: Path):
-    (tmp_path / "meshes").mkdir()
-    for name in ("a.stl", "meshes/b.stl"):
-        (tmp_path / name).write_text("solid")
-    urdf = '<robot name="r"><mesh filename="package://somewhere/b.stl"/><mesh filename="gone.stl"/></robot>'
-    (tmp_path / "arm.urdf").write_text(urdf.replace("<mesh", '<mujoco><compiler meshdir="meshes"/></mujoco><mesh', 1))
-    (tmp_path / "arm.xml").write_text('<mujoco><model file="arm.urdf"/><asset><mesh file="a.stl"/></asset></mujoco>')
-    assert {file.name for file in model_files(tmp_path / "arm.xml")} == {"arm.xml", "arm.urdf", "a.stl", "b.stl"}
-
-
-def test_a_floor_sensors_and_contacts_of_the_models_own_are_no_trouble(tmp_path: Path):
-    own = """<contact><pair geom1="floor" geom2="FR"/></contact>
-  <actuator><motor name="m" joint="FR_k"/></actuator><sensor><actuatorfrc actuator="m"/></sensor></mujoco>"""
-    xml = quadruped().replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>', 1)
-    toml = LEGS_TOML.replace('base = "free"', 'base = "free"\nactuators = "remove"')
-    model = build_model(load_robot(written(tmp_path, toml, "dog", xml.replace("</mujoco>", own))))
-    assert (model.npair, model.nsensor, model.nu) == (4, 0, 0)
-
-
-def test_a_model_that_cannot_be_changed_is_an_error_of_its_file(tmp_path: Path):
-    xml = quadruped().replace("<worldbody>", f'<worldbody><geom name="{FLOOR}" size="1"/>', 1)
-    dog = load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
-    with pytest.raises(ArtifactError, match=r"dog\.xml: MuJoCo cannot read it .*repeated name"):
-        build_model(dog)
-
-
-def test_a_base_without_a_shape_is_drawn_around_its_legs(tmp_path: Path):
-    bare = quadruped().replace(
-        '<geom type="box" size="0.2 0.1 0.05" mass="3"/>', '<inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/>'
-    )
-    dog = load_robot(written(tmp_path, LEGS_TOML, "dog", bare))
-    pose = np.concatenate([[0.0, 0.0, dog.standing_height, 1.0, 0.0, 0.0, 0.0], dog.nominal_pose])
-    (chassis,) = skeleton(dog, pose[None]).chassis
-    np.testing.assert_allclose(np.ptp(chassis, axis=0), [0.4, 0.2, 0.04], atol=1e-9)
-    np.testing.assert_allclose(chassis.mean(axis=0), pose[:3], atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "joints"), [("go2", 12), ("so101", 6)])

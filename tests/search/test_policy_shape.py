@@ -1,15 +1,12 @@
 """Parameters stand for a policy and back, with and without normalisation of what it observes."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from policies import ACTIONS, OBSERVATIONS, as_file_content, random_policy
+from policies import ACTIONS, OBSERVATIONS, as_file_content
 
-from motorprior.exceptions import ConfigError
-from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.moments import Moments
@@ -30,12 +27,6 @@ def seen() -> Moments:
     return Moments.of(rng.normal(0.4, rng.uniform(0.2, 2.0, OBSERVATIONS), (200, OBSERVATIONS)))
 
 
-def acted(policy, observation: np.ndarray) -> np.ndarray:
-    out = np.zeros(ACTIONS)
-    act(policy, observation, out)
-    return out
-
-
 @pytest.mark.parametrize(("units", "size"), [(0, SIZE), (3, SIZE + 3 * (OBSERVATIONS + 1 + ACTIONS))])
 def test_number_of_parameters(units: int, size: int):
     assert shape_of(units).size == shape_of(units, symmetric=False).size == size
@@ -52,22 +43,6 @@ def test_a_search_that_starts_from_a_policy_begins_with_that_very_policy(units, 
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
-def test_a_start_of_another_number_of_hidden_units_is_refused():
-    with pytest.raises(ConfigError, match="the policy to start from has 3 hidden units, wanted 4"):
-        new_search(ArsConfig(), shape_of(2), as_file_content(random_policy(0.1, 0, units=3)))
-
-
-@pytest.mark.parametrize(("units", "changed"), [(0, "weights"), (2, "hidden"), (2, "readout")])
-def test_a_start_that_may_limp_is_refused_by_a_search_that_may_not(units, changed, seen):
-    shape = shape_of(units)
-    arrays = shape.policy(np.random.default_rng(1).standard_normal(shape.size), seen)
-    getattr(arrays, changed)[0, 3] += 0.1
-    with pytest.raises(ConfigError, match=f"the {changed} of the policy to start from are not symmetric -> train with"):
-        new_search(ArsConfig(), shape, as_file_content(arrays))
-    free = shape_of(2 * units, symmetric=False)
-    assert new_search(ArsConfig(), free, as_file_content(arrays)).parameters.size == free.size
-
-
 def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
     shape = shape_of()
     both, swap = shape.seen(seen), shape_of().mirror.observation  # pyright: ignore[reportOptionalMemberAccess]
@@ -78,39 +53,6 @@ def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
     np.testing.assert_allclose(merged.std(), together.std(), rtol=1e-12)
     np.testing.assert_allclose(swap.of(both.mean), both.mean, atol=1e-15)
     assert both.count == 2 * seen.count and shape_of(symmetric=False).seen(seen) is seen
-
-
-def test_version_1_observes_as_it_is_and_version_2_by_mean_and_spread(seen):
-    shape, parameters = shape_of(symmetric=False), np.random.default_rng(2).normal(0.0, 0.02, SIZE)
-    weights = parameters.reshape(ACTIONS, OBSERVATIONS + 1)
-    for normalise in (False, True):
-        search = new_search(ArsConfig(normalise=normalise), shape)
-        search.parameters, search.observations = parameters, seen
-        policy = Round.of(search, shape).policy(Candidate(0, 0))
-        observation = np.random.default_rng(4).normal(0.4, 1.0, OBSERVATIONS)
-        inputs = (observation - seen.mean) / seen.std() if normalise else observation
-        expected = np.clip(weights @ np.append(np.clip(inputs, -10.0, 10.0), 1.0), -1.0, 1.0)
-        np.testing.assert_allclose(acted(policy, observation), expected, atol=1e-12)
-
-
-def test_a_search_of_version_1_starts_from_a_policy_of_version_2_as_it_is(seen):
-    shape = shape_of(2)
-    arrays = shape.policy(0.1 * np.random.default_rng(1).standard_normal(shape.size), seen)
-    search = new_search(ArsConfig(normalise=False), shape, as_file_content(arrays))
-    again = Round.of(search, shape).policy(Candidate(0, 0))
-    for observation in np.random.default_rng(5).normal(0.4, 1.0, (20, OBSERVATIONS)):
-        np.testing.assert_allclose(acted(again, observation), acted(arrays, observation), atol=1e-12)
-
-
-@pytest.mark.parametrize("units", [0, 5])
-def test_a_new_search_leaves_the_gait_as_it_is_and_its_hidden_units_differ(units):
-    shape = shape_of(units)
-    policy = Round.of(new_search(ArsConfig(seed=1), shape), shape).policy(Candidate(0, 0))
-    for observation in np.random.default_rng(6).standard_normal((5, OBSERVATIONS)):
-        assert not acted(policy, observation).any()
-    assert len(policy.hidden) == 2 * units == len({row.tobytes() for row in policy.hidden})
-    other = new_search(ArsConfig(seed=2), shape)
-    assert np.array_equal(other.parameters, new_search(ArsConfig(seed=1), shape).parameters) == (units == 0)
 
 
 class Judge:
@@ -166,25 +108,3 @@ def test_a_training_ends_when_the_champion_has_won_often_enough(patience, ends):
     kept = train(search, shape, candidates, 45, champion, judge=judge, patience=patience)
     assert kept is champion and search.iteration == ends
     assert len(judge.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
-
-
-def test_a_better_policy_starts_the_patience_anew():
-    shape = shape_of()
-    search, judge = new_search(ArsConfig(), shape), Judge(1.0)
-    champion = contest(search, shape, judge, Champion.none_yet(shape))
-    train(search, shape, Judge(0.0), 10, champion, judge=judge, patience=2)
-    judge.total = 2.0
-    better = train(search, shape, Judge(0.0), 20, champion, judge=judge, patience=2)
-    assert better.iteration == 20 and train(search, shape, Judge(0.0), 90, better, judge=judge, patience=2) is better
-    assert search.iteration == 40
-
-
-def test_a_champion_survives_its_file(seen):
-    shape = shape_of(2)
-    policy = shape.policy(np.random.default_rng(7).standard_normal(shape.size), seen)
-    champion = replace(Champion.none_yet(shape), policy=policy, score=1.5, iteration=20)
-    again = Champion.restore(champion.state())
-    assert (again.score, again.iteration) == (1.5, 20)
-    for one, other in zip(champion.policy, again.policy, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert Champion.none_yet(shape).score < -1e300

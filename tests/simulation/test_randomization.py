@@ -3,9 +3,7 @@
 Of friction only the number is compared, as contacts are what the engines differ in; sensors know no engine.
 """
 
-import json
 from dataclasses import fields, replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,20 +13,17 @@ from scipy.spatial.transform import Rotation
 from motorprior.actuator.actuator import Factors
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.exceptions import ConfigError
-from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.simulation.world_step import control_steps_late, hold_target, physics_step, read_joints
+from motorprior.simulation.world_step import hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
@@ -80,18 +75,6 @@ def test_the_compiled_episode_is_the_python_episode_with_everything_on():
         np.testing.assert_array_equal(one.mean, other.mean)
 
 
-def test_an_episode_does_not_depend_on_those_before_it():
-    used = WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS, randomization=EVERYTHING))
-    for seed in (8, 9):
-        used.run(POLICY, seed)
-    after, fresh = used.run(POLICY, 3, trace=True), episode(EVERYTHING)
-    np.testing.assert_array_equal(after.trace, fresh.trace)
-    assert (
-        episode(Randomization()).total
-        == WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS)).run(POLICY, 3).total
-    )
-
-
 @pytest.mark.parametrize("name", [field.name for field in fields(Randomization) if field.name != "push_interval"])
 def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
     only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.2)
@@ -114,17 +97,6 @@ def test_draws_fill_their_ranges():
     assert np.abs([draw.com for draw in draws]).max() <= 0.01
 
 
-def test_what_the_motors_get_depends_on_nothing_else():
-    """Walks of several settings are compared on the same motors."""
-    motors = Randomization(kp=(0.8, 1.2), strength=(0.7, 1.0))
-    pushed = replace(motors, push=0.3, command_jitter=0.004)
-    wanted = motors.conditions(PUPPER_V2, 7, 500)
-    for other, steps in ((motors, 1000), (pushed, 500), (pushed, 1000)):
-        found = other.conditions(PUPPER_V2, 7, steps)
-        np.testing.assert_array_equal(found.factors, wanted.factors)
-        np.testing.assert_array_equal(found.strength, wanted.strength)
-
-
 def test_mass_friction_and_gravity_reach_mujoco():
     conditions, world = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(WorldConfig.of(PUPPER_V2))
     plain = World(WorldConfig.of(PUPPER_V2)).model
@@ -140,15 +112,6 @@ def test_mass_friction_and_gravity_reach_mujoco():
         np.testing.assert_array_equal(getattr(world.model, name), getattr(plain, name))
 
 
-def test_the_reported_torque_is_the_motors_without_the_added_damping():
-    world = World(WorldConfig.of(PUPPER_V2, hung=True))
-    motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), damping=np.full(12, 0.1)))
-    world.data.qvel[:] = 1.0
-    hold_target(world.arrays._replace(substeps=1), motors, spec.NOMINAL_POSE.copy())
-    np.testing.assert_allclose(world.arrays.torque, -0.84 * world.data.qvel)  # at the speed after the step
-    np.testing.assert_allclose(world.model.dof_damping, 0.94)
-
-
 def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     offset = np.linspace(-0.05, 0.05, 12)
     world = World(WorldConfig.of(PUPPER_V2, hung=True))
@@ -160,19 +123,6 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     read_joints(world.arrays, motors, measured)
     np.testing.assert_allclose(measured, target, atol=1e-4)
     np.testing.assert_allclose(world.data.qpos, target - offset, atol=1e-4)
-
-
-@pytest.mark.parametrize("delay", [0.002, 0.006, 0.010, 0.024])
-def test_a_command_delay_is_the_delay_of_the_motors_own_line(delay):
-    # an ideal PD has a delay line of its own, at the same physics steps: the two must give the same motion
-    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
-    ours, theirs = World(WorldConfig.of(PUPPER_V2, hung=True)), World(WorldConfig.of(PUPPER_V2, hung=True))
-    one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_delay=delay))
-    other = theirs.reset(replace(PD, delay=np.full(12, delay)))
-    for target in targets:
-        hold_target(ours.arrays, one, target)
-        hold_target(theirs.arrays, other, target)
-        np.testing.assert_allclose(ours.data.qpos, theirs.data.qpos, atol=1e-12)
 
 
 def test_a_late_target_is_the_one_before_until_it_comes():
@@ -189,19 +139,6 @@ def test_a_late_target_is_the_one_before_until_it_comes():
             physics_step(theirs.arrays, other, np.ascontiguousarray(in_force))
         before = target
         np.testing.assert_array_equal(ours.data.qpos, theirs.data.qpos)
-
-
-def test_no_target_gives_way_to_an_older_one():
-    """Late by 8, 13, 8 and 25 of 10 substeps: what is in force is the newest that has come."""
-    delays, substeps, in_force = np.array([8, 13, 8, 25, 0, 0]), 10, []
-    for step in range(len(delays)):
-        in_force += [step - control_steps_late(delays, step, k, substeps) for k in range(substeps)]
-    come = np.arange(len(delays)) * substeps + delays
-    wanted = [max([target for target in range(len(delays)) if come[target] <= now], default=-1) for now in range(60)]
-    assert in_force == wanted == sorted(in_force)
-    for delay in range(35):
-        late = [control_steps_late(np.array([delay]), 9, k, substeps) for k in range(substeps)]
-        assert late == [max(0, -(-(delay - k) // substeps)) for k in range(substeps)]
 
 
 def backends(randomization):
@@ -246,30 +183,6 @@ def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
     assert np.abs(bullet - falling(PybulletBackend, Randomization())).max() > 3e-4
 
 
-def test_dry_friction_that_varies_reaches_both_engines():
-    """What sticks and slips is not alike for long, so that the motors are compared and not their motion."""
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    conditions, config = (
-        Randomization(coulomb=(0.5, 2.0)).conditions(PUPPER_V2, 1, STEPS),
-        WorldConfig.of(PUPPER_V2, physics_dt=0.001),
-    )
-    wanted = FrictionPd(PD, 0.05 * conditions.factors.coulomb).arrays(0.001).parameters
-    for world in (World(config), BulletWorld(config)):
-        np.testing.assert_allclose(world.reset(WITH_FRICTION, conditions=conditions).parameters, wanted)
-        assert np.abs(world.reset(WITH_FRICTION).parameters - wanted).max() > 0.01
-
-
-def test_a_pd_of_seven_tenths_of_the_strength_is_a_pd_of_seven_tenths_of_its_gains_and_limit():
-    def walked(motors, randomization):
-        walk = WalkConfig(STEPS, randomization=randomization)
-        return WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2), walk).run(POLICY, 3, trace=True)
-
-    weak = walked(PD, Randomization(strength=(0.7, 0.7)))
-    same = IdealPd.uniform(12, kp=0.7 * 8.8, kd=0.7 * 0.84, torque_limit=0.7 * 1.26, armature=0.003)
-    np.testing.assert_allclose(weak.trace[:30], walked(same, Randomization()).trace[:30], atol=1e-9)
-    assert np.abs(weak.trace[:30] - walked(PD, Randomization()).trace[:30]).max() > 1e-2
-
-
 def test_a_pd_whose_constants_vary_is_a_pd_of_other_constants():
     def walked(motors, randomization):
         walk = WalkConfig(STEPS, randomization=randomization)
@@ -299,42 +212,6 @@ def test_a_push_is_an_impulse_in_both_engines():
     np.testing.assert_allclose(speeds[0], speeds[1], atol=0.2 * np.hypot(*speeds[0][:2]))
 
 
-def test_masses_and_gravity_reach_pybullet():
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    conditions, world = (
-        EVERYTHING.conditions(PUPPER_V2, 1, STEPS),
-        BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
-    )
-    mujoco = World(WorldConfig.of(PUPPER_V2))
-    mujoco.reset(WITH_FRICTION, conditions=conditions)
-    world.reset(WITH_FRICTION, conditions=conditions)
-    for body, index in enumerate([-1, *world._indices]):
-        info = world.call("getDynamicsInfo", world.robot, index)
-        assert info[0] == pytest.approx(mujoco.model.body_mass[1 + body])
-        np.testing.assert_allclose(info[2], mujoco.model.body_inertia[1 + body], rtol=1e-6)
-        np.testing.assert_allclose(info[3], mujoco.model.body_ipos[1 + body], atol=1e-9)
-        assert info[1] == pytest.approx(0.45 * conditions.friction)
-    world.close()
-
-
-def test_both_engines_fall_along_the_tilted_gravity():
-    tilted = replace(nominal_conditions(PUPPER_V2), gravity=np.array([1.0, -2.0, -9.0]))
-    world = World(WorldConfig.of(PUPPER_V2))
-    motors = world.reset(LIMP, conditions=tilted)
-    world.data.qpos[2] = 10.0
-    for _ in range(10):
-        hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
-    np.testing.assert_allclose(world.data.qvel[:3], 0.1 * tilted.gravity, atol=1e-9)
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    bullet = BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
-    motors = bullet.reset(LIMP, conditions=tilted)
-    bullet.call("resetBasePositionAndOrientation", bullet.robot, [0, 0, 10], [0, 0, 0, 1])
-    for _ in range(100):
-        bullet.physics_step(motors, spec.NOMINAL_POSE)
-    np.testing.assert_allclose(bullet.base().lin_vel, 0.1 * tilted.gravity, atol=1e-9)
-    bullet.close()
-
-
 def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
     """A rigid body that is turned by the rotation that takes gravity down has the angles of the slope's own frame."""
     slope, rng = Randomization(gravity_tilt=0.4), np.random.default_rng(5)
@@ -349,24 +226,6 @@ def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
         np.testing.assert_allclose(observation, [roll, pitch, *np.arange(2.0, 23.0)], atol=1e-9)
 
 
-def test_on_a_slope_both_engines_begin_with_the_same_tilt():
-    slope = Randomization(gravity_tilt=0.3)
-    seen = []
-    for backend in backends(slope):
-        env = WalkEnv(PUPPER_V2, backend, draw_sensors=partial(slope.sensors, PUPPER_V2))
-        seen.append(env.reset(seed=3)[0][:2])
-        env.close()
-    up = slope.sensors(PUPPER_V2, 3, STEPS).up
-    for tilt in seen:
-        np.testing.assert_allclose(tilt, [np.arctan2(up[1], up[2]), -np.arcsin(up[0])], atol=1e-6)
-
-
-def test_perfect_sensors_tell_the_truth():
-    observation = np.arange(23.0)
-    sense(perfect_sensors(), 0, UPRIGHT, observation)
-    np.testing.assert_array_equal(observation, np.arange(23.0))
-
-
 @pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
 def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_delayed(delay):
     truth = np.random.default_rng(0).standard_normal((10, 23))
@@ -378,49 +237,6 @@ def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_dela
         np.testing.assert_allclose(observation, [*late, *row[17:]], atol=1e-12)
 
 
-def test_lost_frames_are_the_last_ones_again_and_jitter_is_within_its_range():
-    lossy = Randomization(dropped=0.3).sensors(PUPPER_V2, 1, 2000)
-    lost = lossy.ages > 0.0
-    assert 0.27 < lost.mean() < 0.33 and not lost[0], "the first frame comes"
-    truth, seen = np.arange(2001.0), []
-    for count in range(2001):
-        observation = np.full(23, truth[count])
-        sense(lossy, count, UPRIGHT, observation)
-        seen.append(observation[0])
-    came = np.maximum.accumulate(np.where(lost, -1.0, truth))
-    np.testing.assert_array_equal(seen, came)
-    late = Randomization(sensor_delay=(0.01, 0.01), sensor_jitter=0.005).sensors(PUPPER_V2, 1, 2000).ages
-    late = late * PUPPER_V2.control_dt
-    assert 0.01 <= late.min() < 0.0101 and 0.0149 < late.max() <= 0.015 and len(np.unique(late)) == len(late)
-
-
 def test_noise_has_the_stated_deviations():
     noise = Randomization(joint_noise=0.01, tilt_noise=0.02, rate_noise=0.03).sensors(PUPPER_V2, 0, 20_000).noise
     np.testing.assert_allclose(noise.std(axis=0), [0.02] * 2 + [0.03] * 3 + [0.01] * 12, rtol=0.03)
-
-
-def test_a_gyroscope_is_off_by_another_constant_in_every_episode():
-    draws = [Randomization(gyro_bias=0.02).sensors(PUPPER_V2, seed, 5).noise for seed in range(400)]
-    for noise in draws:
-        np.testing.assert_array_equal(noise, np.tile(noise[0], (6, 1)))
-        assert not noise[0, :2].any() and not noise[0, 5:].any()
-    np.testing.assert_allclose(np.std([noise[0, 2:5] for noise in draws], axis=0), 0.02, rtol=0.15)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("friction", (1.2, 0.8)), ("mass", (0.0, 1.0)), ("push", -1.0), ("sensor_delay", (0.0, 0.5)), ("com", np.nan),
-        ("friction", 1.2), ("friction", (0.6, 1.0, 1.4)), ("friction", ("0.6", "1.4")), ("friction", (0.6, np.nan)),
-        ("push", (0.0, 0.1)), ("push", "0.1"), ("push", True), ("push", None),
-    ],
-)  # fmt: skip
-def test_an_impossible_range_is_refused_by_the_name_it_has_on_the_command_line(name, value):
-    with pytest.raises(ConfigError, match=rf"randomization.{name} .* is not a (range|number) within"):
-        Randomization(**{name: value})
-
-
-def test_what_is_recorded_can_be_given_back():
-    recorded = json.loads(json.dumps(EVERYTHING.as_json()))
-    assert isinstance(recorded["friction"], list)
-    assert Randomization(**recorded) == EVERYTHING

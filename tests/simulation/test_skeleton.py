@@ -1,9 +1,7 @@
 """The skeleton is the robot's forward kinematics, nothing else."""
 
 import numpy as np
-import pytest
 
-from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.skeleton import skeleton
@@ -65,19 +63,3 @@ def test_the_chassis_is_the_box_of_the_specification():
     corners = skeleton(PUPPER_V2, standing()).chassis[0]
     np.testing.assert_allclose(np.ptp(corners, axis=0), spec.CHASSIS_BOX_SIZE, atol=1e-12)
     np.testing.assert_allclose(corners[7] - corners[0], spec.CHASSIS_BOX_SIZE, atol=1e-12)
-
-
-def test_frames_are_selected_together():
-    frames = skeleton(PUPPER_V2, standing(5)).frames(slice(1, 3))
-    assert len(frames) == 2
-    assert frames.legs.shape == (2, 4, 4, 3)
-    assert frames.chassis.shape == (2, 8, 3)
-
-
-def test_bad_input_is_named():
-    with pytest.raises(ConfigError, match=r"\(4, 18\)"):
-        skeleton(PUPPER_V2, np.zeros((4, 18)))
-    qpos = standing(3)
-    qpos[2, 9] = np.nan
-    with pytest.raises(ConfigError, match=r"frame 2, qpos\[9\]"):
-        skeleton(PUPPER_V2, qpos)

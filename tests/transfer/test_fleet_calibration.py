@@ -8,10 +8,9 @@ import pytest
 from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Fleet
-from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.transfer.fleet_calibration import calibrate, calibrated_fleet, is_identified, searches
-from motorprior.transfer.fleet_problem import FleetProblem, unknowns_of
+from motorprior.transfer.fleet_problem import FleetProblem
 from motorprior.transfer.posture import with_posture
 from motorprior.transfer.real_replay import Replayer
 from motorprior.transfer.single_motors import single_motors
@@ -83,12 +82,3 @@ def test_motors_that_differ_are_told_apart_from_the_centre(record_log, fleet):
     assert max(map(abs, offsets.values())) < 0.07
     assert found.spread["kp"] >= fleet.parameters["kp"].values["spread"]
     assert problem.rmse("log_0", center, found.left_out["log_0"]) < problem.rmse("log_0", center)
-
-
-def test_a_uniform_fleet_is_a_belief_too_and_a_certain_one_is_refused(fleet):
-    uniform = Distribution("uniform", {"low": 4.0, "high": 16.0})
-    (unknown,) = unknowns_of(replace(sure_of(fleet), parameters=sure_of(fleet).parameters | {"kp": uniform}))
-    assert unknown.is_log and unknown.value(unknown.mean) == pytest.approx(10.0)
-    assert unknown.deviation == pytest.approx(np.log(4.0) / np.sqrt(12.0))
-    with pytest.raises(ConfigError, match="leaves none of kp"):
-        unknowns_of(sure_of(fleet))

@@ -85,36 +85,6 @@ def told_heading(rate: float) -> np.ndarray:
     return np.array(headings)
 
 
-PER_METRE = {"heading_deg_per_m", "lateral_share", "slip", "transport"}
-
-
-def test_a_robot_that_got_nowhere_is_told_nothing_per_metre():
-    stuck = measured(gliding(0.01))
-    assert stuck.speed == pytest.approx(0.01) and stuck.upright == 1.0 and stuck.roll_deg == pytest.approx(0.0)
-    rows = set(quality_results(stuck, ROBOT, "walk", "own").distinct("quantity"))
-    assert not PER_METRE & rows and {"speed", "speed_error", "torque", "foot_lift_mm"} <= rows
-    assert measured(gliding(0.02)).slip == pytest.approx(1.0, rel=0.01), "8 cm are enough"
-
-
-@pytest.mark.parametrize("forward", [0.0, 1e-9, 0.049, -0.049])
-def test_of_a_robot_that_is_told_no_speed_to_speak_of_nothing_is_told_per_metre_or_by_the_command(forward: float):
-    """It creeps some centimetres, for example while it turns on the spot."""
-    creeps = measured(gliding(0.04), forward, yaw_rate=0.6)
-    rows = set(quality_results(creeps, ROBOT, "walk", "own").distinct("quantity"))
-    assert not (PER_METRE | {"speed_error"}) & rows and {"upright", "speed", "foot_lift_mm", "torque"} <= rows
-    fell = quality_results(measured(gliding(steps=150), forward), ROBOT, "walk", "own")
-    assert set(fell.distinct("quantity")) == {"upright", "speed"}
-
-
-def test_lean_is_the_root_of_the_mean_square():
-    episode = gliding()
-    roll = 0.1 * np.sin(2.0 * np.pi * TIME)
-    episode.trace[:, 3], episode.trace[:, 4] = np.cos(roll / 2), np.sin(roll / 2)
-    found = measured(episode)
-    assert found.roll_deg == pytest.approx(np.degrees(0.1 / np.sqrt(2.0)), rel=1e-3)
-    assert found.pitch_deg == pytest.approx(0.0, abs=1e-6)
-
-
 def test_feet_that_stay_on_the_ground_slide_all_the_way_and_feet_in_the_air_do_not():
     assert measured(gliding()).slip == pytest.approx(1.0, rel=0.01)
     assert measured(gliding(height=0.02)).slip == 0.0
@@ -163,10 +133,6 @@ def test_a_foot_that_drags_in_six_of_ten_steps_is_told_so_though_the_others_are_
     assert rows.value(quantity="dragged_steps") == found.dragged_steps
 
 
-def test_feet_that_make_no_steps_drag_none():
-    assert np.isnan(measured(gliding()).dragged_steps)
-
-
 def _bent(leg, height: float) -> np.ndarray:
     """(joints,) what to add to the nominal pose to lift the foot by ``height`` [m], at most as far as it goes."""
     _, hip, knee = leg.joints
@@ -207,16 +173,3 @@ def test_a_walk_that_fell_is_measured_up_to_the_fall_and_one_that_fell_at_once_g
         at_once.foot_lift_mm
     ).all()
     assert len(at_once.foot_lift_mm) == 4
-
-
-def test_a_walk_that_was_meant_to_be_short_is_upright_and_told_nothing_else():
-    rows = quality_results(gait_quality(ROBOT, gliding(steps=150), 0.3, 0.0, 150), ROBOT, "walk", "own")
-    assert rows.value(quantity="upright") == 1.0 and rows.distinct("quantity") == ["upright"]
-
-
-def test_a_table_has_the_lift_of_every_leg_by_its_name():
-    rows = quality_results(measured(gliding()), ROBOT, "walk", "own")
-    assert rows.where(quantity="foot_lift_mm").distinct("part") == [leg.name for leg in ROBOT.legs]
-    assert rows.value(quantity="upright") == 1.0 and set(rows.distinct("motors")) == {"own"}
-    fallen = quality_results(measured(gliding(steps=150)), ROBOT, "walk", "own")
-    assert set(fallen.distinct("quantity")) == {"upright", "speed", "speed_error"}, "what is not known has no row"

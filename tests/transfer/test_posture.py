@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import POSTURES
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.transfer.posture import FALLEN_TILT, find_posture, with_posture
@@ -46,19 +45,3 @@ def test_rows_from_a_fall_on_are_not_compared(record_log, fleet):
     replayer = Replayer(fallen, ROBOT, fallen)
     assert replayer.compared[:400].all() and not replayer.compared[400:].any()
     assert np.nanmax(replayer.run(motors).rmse) < 0.02 < 1.0, "spoiled rows would dominate"
-
-
-def test_a_segment_in_two_postures_is_refused_and_two_segments_are_not(record_log, fleet):
-    log = record_log(fleet.center(ROBOT.num_joints).actuator())
-    codes = np.repeat([CODE["hung"], CODE["standing"]], log.num_rows // 2)
-    with pytest.raises(LogError, match=r"a segment in the postures \['standing', 'hung'\]"):
-        Replayer(replace(log, posture=codes), ROBOT, replace(log, posture=codes))
-    apart = replace(log, posture=codes, segment=codes)
-    assert Replayer(apart, ROBOT, apart).compared.all()
-
-
-def test_a_log_that_begins_on_its_side_is_refused(record_log, fleet):
-    log = record_log(fleet.center(ROBOT.num_joints).actuator())
-    fallen = replace(log, posture=np.full(log.num_rows, CODE["fallen"]))
-    with pytest.raises(LogError, match="begins with a fallen robot"):
-        Replayer(fallen, ROBOT, fallen)

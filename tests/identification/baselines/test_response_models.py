@@ -105,25 +105,3 @@ def test_known_constants_are_found_again(known: dict[str, float], request: pytes
     assert errors[name][0] < 1e-3
     simpler = list(models)[: list(models).index(name)]
     assert all(errors[model][0] > 3 * errors[name][0] for model in simpler)
-
-
-def test_what_the_firmware_was_told_is_not_searched():
-    told = {"profile_speed": 1.5, "profile_acceleration": 40.0, "dead_zone": 0.02}
-    models = fit_responses(made_by(constants(**SERVO), 1), "torque", firmware=told)
-    found = dict(zip(CONSTANTS, models["servo_limits"].constants[0], strict=True))
-    assert [found[name] for name in ("speed", "acceleration", "band")] == [1.5, 40.0, 0.02]
-    assert free_run_errors(made_by(constants(**SERVO), 4), models)["servo_limits"][0] < 1e-3
-    assert dict(zip(CONSTANTS, models["second_order"].constants[0], strict=True))["speed"] == CONSTANTS["speed"]
-
-
-def test_what_is_off_limits_nothing():
-    models = fit_responses(made_by(constants(**LINEAR), 1), "torque", firmware={"profile_speed": 0.0, "dead_zone": 0.0})
-    found = dict(zip(CONSTANTS, models["servo_limits"].constants[0], strict=True))
-    assert [found[name] for name in ("speed", "band")] == [CONSTANTS["speed"], 0.0]
-
-
-def test_where_no_load_is_known_the_angle_stands_for_gravity():
-    truth = constants(**LINEAR, sine=0.1, cosine=-0.05)
-    models = fit_responses(made_by(truth, 1), "angle")
-    assert free_run_errors(made_by(truth, 4), models)["servo_limits"][0] < 1e-3
-    assert np.all(models["servo_limits"].constants[:, list(CONSTANTS).index("sag")] == 0.0)

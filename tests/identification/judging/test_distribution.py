@@ -15,7 +15,6 @@ from motorprior.identification.judging.distribution import (
     energy_distance,
     feature_auc,
     permutation_p_value,
-    standardise,
     two_sample_auc,
 )
 
@@ -51,16 +50,6 @@ def test_energy_distance_of_two_points_in_closed_form():
     assert energy_distance(a, b) == pytest.approx(2 * 1.349)
     assert energy_distance(a, a) == 0.0
     assert energy_distance(b, a) == energy_distance(a, b)
-
-
-def test_energy_distance_is_its_definition():
-    a, b = normal(0, 7), normal(1, 5) + 0.5
-    x, y = standardise(a, b)
-
-    def mean(p, q):
-        return np.mean([np.linalg.norm(u - v) for u in p for v in q])
-
-    assert energy_distance(a, b) == pytest.approx(2 * mean(x, y) - mean(x, x) - mean(y, y))
 
 
 def test_area_under_the_curve_counts_pairs_and_halves_ties():
@@ -107,34 +96,6 @@ def test_a_difference_of_correlation_alone_is_detected():
     covariance[0, 1] = covariance[1, 0] = 0.9
     a, b = normal(5), normal(6, covariance=covariance)
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))
-
-
-def test_units_do_not_matter():
-    a, b = normal(7), normal(8) + 0.2
-    scale, shift = np.array([1e-3, 1.0, 57.3, 1e4]), np.array([0.0, -3.0, 8.0, 1e3])
-    for statistic in (energy_distance, lambda x, y: two_sample_auc(x, y, 1), lambda x, y: permutation_p_value(x, y, 1)):
-        assert statistic(a * scale + shift, b * scale + shift) == pytest.approx(statistic(a, b), rel=1e-6)
-
-
-def test_a_constant_feature_and_a_diverged_motor_do_no_harm():
-    a, b = normal(9), normal(10)
-    a[:, 0] = b[:, 0] = 3.0
-    a[0, 1] = 1e9
-    assert np.isfinite(energy_distance(a, b))
-    assert abs(two_sample_auc(a, b, 0) - 0.5) < 4 * auc_spread(len(a), len(b))
-
-
-def test_samples_of_unequal_size_are_at_chance():
-    areas = [two_sample_auc(normal(20 + seed, 160), normal(40 + seed, 32), seed) for seed in range(8)]
-    assert abs(np.mean(areas) - 0.5) < 3 * 1.4 * auc_spread(160, 32) / np.sqrt(8)
-    with pytest.raises(ValueError, match="folds"):
-        two_sample_auc(normal(0, 4), normal(1, 40), 0)
-
-
-def test_same_seed_same_answer():
-    a, b = normal(11), normal(12)
-    assert two_sample_auc(a, b, 3) == two_sample_auc(a, b, 3)
-    assert permutation_p_value(a, b, 3) == permutation_p_value(a, b, 3)
 
 
 def test_aggregate_posterior_in_closed_form():

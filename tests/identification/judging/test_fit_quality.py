@@ -13,8 +13,7 @@ from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.replay_error import trials
-from motorprior.identification.judging.fit_quality import MEASURED, MISSING, FitQuality, fit_quality
-from motorprior.identification.judging.reference import replayed_segments
+from motorprior.identification.judging.fit_quality import MISSING, FitQuality, fit_quality
 from motorprior.identification.latents.standardise import standardised, widened
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
@@ -57,28 +56,6 @@ def test_the_worst_motor_and_segment_are_named():
     assert "were replayed" not in "\n".join(replace(found, num_segments=3).lines())
 
 
-def test_single_motors_that_lack_physics_are_named():
-    found = FitQuality(
-        np.array([0.003, 0.004, 0.015]), np.full(3, 0.02), {"slow": 0.001}, {0: 0.001}, 1, ("hip", "thigh", "knee")
-    )
-    assert not found.misses_physics
-    assert found.lines()[-1].startswith("warning: more than 35 % of the PD's error is left of knee 74 %. Do not read")
-    assert not any("warning" in line for line in replace(found, motors=np.full(3, 0.003)).lines())
-
-
-@pytest.mark.parametrize(
-    ("of_the_log", "error", "cause"),
-    [
-        (True, 0.03, "the fit ended beside their constants"),
-        (False, 0.01, "these motors are unlike the prior's, or have physics"),
-        (False, 0.03, "the log is of other motors than the prior's"),
-    ],
-)
-def test_what_is_left_has_a_cause_and_a_prior_that_a_pd_beats_is_of_others(of_the_log: bool, error: float, cause: str):
-    found = FitQuality(np.full(2, error), np.full(2, 0.02), {"slow": 0.001}, {0: 0.001}, 1, ("hip", "knee"), of_the_log)
-    assert cause in found.lines()[-1] and found.lines()[-1].endswith("Do not read the constants as physics")
-
-
 def test_motors_that_warm_are_replayed_as_warm_as_they_were(log: MotorLog, grey_network: Callable[..., LatentNetwork]):
     """A log that motors of a prior with heat made, cold at its beginning, is replayed by them without an error."""
     network = grey_network(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
@@ -93,26 +70,6 @@ def test_motors_that_warm_are_replayed_as_warm_as_they_were(log: MotorLog, grey_
     )
     assert np.all(network.warmth(motors.z, log.duration) > 0.6)
     assert np.max(fit_quality(motors, made).motors) < 1e-6
-
-
-def test_an_error_that_no_encoder_tells_is_no_missing_physics():
-    """A PD is as near in an easy motion; above that the share that is left begins at 0."""
-    easy = FitQuality(np.array([0.0017]), np.array([0.0017]), {"slow": 0.0017}, {0: 0.0017}, 1, ("knee",))
-    assert easy.unexplained == 0.0 and not easy.misses_physics and easy.widening == 1.0
-    above = replace(easy, motors=np.array([np.hypot(MEASURED, 0.001)]), baseline=np.array([0.004]))
-    assert above.unexplained == pytest.approx(0.25)
-    assert replace(easy, motors=np.array([0.0085]), baseline=np.array([0.009])).misses_physics
-
-
-def test_replayed_segments_are_spread_over_the_whole_log(log: MotorLog):
-    many = replace(log, segment=np.arange(log.num_rows) // 50)
-    places = replayed_segments(many)
-    assert len(places) == 20 and places[0] == 0 and places[-1] == 99 and set(np.diff(places)) <= {5, 6}
-    assert replayed_segments(log).tolist() == list(range(len(log.segment_slices())))
-    end = many.joint_pos.copy()
-    end[-50:] += 0.2  # where the first twenty segments are long over
-    found = fit_quality(nominal(MOTORS), replace(many, joint_pos=end, joint_vel=None))
-    assert max(found.segments, key=found.segments.__getitem__) == 99 and found.num_segments == 100
 
 
 def test_the_pd_follows_the_gains_that_segments_state(log: MotorLog):
@@ -141,9 +98,3 @@ def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_networ
     np.testing.assert_allclose(spread, 1.5, rtol=0.02)
     middle, wide_middle = (np.median(each.decoder_latents(draws), axis=0) for each in (network, wide))
     np.testing.assert_allclose(wide_middle, middle, atol=0.1)
-
-
-def test_a_motor_that_breaks_down_explains_nothing():
-    errors = np.array([float("nan"), float("inf"), 0.001])
-    found = FitQuality(errors, np.full(3, 0.02), {}, {0: 0.001}, 1, ("hip", "knee", "toe"))
-    assert found.misses_physics and found.widening == 2.0

@@ -14,14 +14,12 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
-from motorprior.exceptions import LogError
 from motorprior.identification.judging.log_fidelity import (
     FREE_RUN,
     free_run_errors,
     free_runs,
     known_half,
     log_coverage,
-    log_traces,
     untold,
     whole_runs,
     within_a_turn,
@@ -31,7 +29,7 @@ from motorprior.identification.judging.reference import SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TARGET, VEL, Measured, TrainingData
+from motorprior.identification.training_data.windows import Measured, TrainingData
 from motorprior.logs.motor_log import MotorLog
 
 Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
@@ -78,16 +76,6 @@ def test_the_armature_of_a_pd_joins_the_load(
     assert np.all(np.abs(light - heavy) > 1e-3)
 
 
-def test_what_was_recorded_is_at_the_end_of_every_step(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
-):
-    data = decoder_data(grey_network(), Z)
-    found = WindowRuns(data, PRESET).recorded(VEL)
-    assert found.shape == (3, 6 * 3, 100)
-    np.testing.assert_array_equal(found[1, 0], data.series[1, PRESET.history + 1 : PRESET.history + 101, VEL])
-    np.testing.assert_array_equal(found[2, -1], data.series[2, 5 * 400 + 261 : 5 * 400 + 361, VEL])
-
-
 def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):
     known, judged = known_half(log)
     assert (known.num_rows, judged.num_rows) in ((1000, 2000), (2000, 1000))
@@ -128,32 +116,6 @@ def test_a_whole_segment_is_one_free_run_and_its_errors_are_pooled(log: MotorLog
     assert np.all(one > 1e-3)
 
 
-def test_traces_are_those_of_the_longest_segment_and_the_bands_hold_them(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
-):
-    network = grey_network(spread=0.3)
-    data = decoder_data(network, Z, segments=2)
-    runs = [
-        WindowRuns(replace(data, parts=(part,)), replace(PRESET, window=part.stop - part.start - 61))
-        for part in (slice(0, 300), slice(400, 800))
-    ]
-    speeds = {f"residual_p{level:02d}_{speed}": 1e-5 * (level - 50) for level in PERCENTILES for speed in SPEEDS}
-    prior: Any = SimpleNamespace(network=network, metrics=speeds)
-    sure = Posterior(Z, np.broadcast_to(1e-8 * np.eye(3), (3, 3, 3)), np.zeros(3), 1)
-    found = log_traces(prior, sure, runs)
-    assert found.joint_pos.shape == (400 - 61, 3) == found.model.shape
-    np.testing.assert_array_equal(found.position_target[:, 1], data.series[1, 461:800, TARGET])
-    np.testing.assert_allclose(found.model, found.joint_pos, atol=2e-3)
-    (low, high), (lower, higher) = found.bands[50], found.bands[90]
-    assert np.all(lower <= low) and np.all(low <= high) and np.all(high <= higher)
-    assert 0.8 < np.mean((lower <= found.joint_pos) & (found.joint_pos <= higher)) <= 1.0
-
-
 def test_a_simulation_that_broke_down_is_a_turn_off():
     errors = np.array([0.0, 0.3, 2.0 * np.pi, 7.0, 1e30, np.inf, np.nan])
     np.testing.assert_array_equal(within_a_turn(errors), [0.0, 0.3, *[2.0 * np.pi] * 5])
-
-
-def test_a_log_without_a_free_run_in_it_is_refused(log: MotorLog):
-    with pytest.raises(LogError, match=r"(?s)longest segment has 300 rows.*561"):
-        free_runs(log.rows(slice(0, 300)), PRESET, "log")

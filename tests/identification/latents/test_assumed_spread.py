@@ -3,22 +3,8 @@
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
-from motorprior.actuator.servo_terms import TERMS
-from motorprior.identification.latents.assumed_spread import SPREADS, WORTH, assumed_spread, spread_of_few
+from motorprior.identification.latents.assumed_spread import WORTH, spread_of_few
 from motorprior.identification.latents.standardise import standardised
-
-
-def test_every_constant_that_is_named_is_one_of_a_motor():
-    assert set(SPREADS) <= set(parameters_of(tuple(TERMS)))
-
-
-def test_what_is_not_fitted_does_not_differ():
-    held = np.arange(len(PARAMETERS)) == PARAMETERS.index("kp")
-    spread = assumed_spread((), held)
-    assert spread[held] == 0.0 and np.all(spread[~held] > 0.0)
-    registers = assumed_spread(("profile", "dead_zone"), np.zeros(len(PARAMETERS) + 3, bool))[len(PARAMETERS) :]
-    np.testing.assert_array_equal(registers, 0.0)  # of the firmware: every motor was told the same
 
 
 def test_one_motor_says_where_the_others_are_and_not_how_far():

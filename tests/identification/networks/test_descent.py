@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-import optax
 import pytest
 from series import complete
 
-from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks import descent
-from motorprior.identification.networks.descent import CHUNK, RESTARTS, SLOWER, descend
+from motorprior.identification.networks.descent import CHUNK, SLOWER, descend
 from motorprior.identification.networks.network import Parameters, initial_parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import _initial
@@ -95,31 +93,6 @@ def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(
     assert len(said) == 2 and f"step {where * CHUNK} " in said[0]
 
 
-def test_one_that_diverges_at_every_rate_is_an_error(monkeypatch: pytest.MonkeyPatch):
-    rates = diverging(monkeypatch, 99)
-    with pytest.raises(MotorPriorError, match="diverged") as error:
-        descend(start(), data(), PRESET, 0)
-    assert len(rates) == 1 + RESTARTS and "logs check" in str(error.value.remedy)
-
-
-@pytest.mark.parametrize("broken", [np.nan, np.inf])
-def test_a_loss_that_is_no_number_from_the_first_chunk_on_is_an_error(monkeypatch: pytest.MonkeyPatch, broken: float):
-    monkeypatch.setattr(descent, "_compiled_chunk", lambda *_: lambda state, inputs: (state, broken, broken))
-    with pytest.raises(MotorPriorError, match="diverged"):
-        descend(start(), data(), PRESET, 0)
-
-
-def test_an_absurd_rate_ends_in_a_training_or_an_error_never_in_numbers_that_are_none():
-    absurd = replace(PRESET, learning_rate=1e4)
-    try:
-        trained, losses = descend(start(), data(), absurd, 0)
-    except MotorPriorError as error:
-        assert "diverged" in error.problem
-    else:
-        assert np.all(np.isfinite(losses))
-        assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(trained))
-
-
 @pytest.mark.parametrize("stop", [1, 6], ids=["before a checkpoint", "after one"])
 def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
     kept, calls = Kept(), 0
@@ -139,17 +112,6 @@ def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
     np.testing.assert_array_equal(same, losses)
 
 
-def test_a_descent_that_was_interrupted_after_a_restart_goes_on_at_its_rate(monkeypatch: pytest.MonkeyPatch):
-    rates, kept = diverging(monkeypatch, 1), Kept()
-    descend(start(), data(), PRESET, 0, checkpoints=kept)
-    assert kept.state is not None and int(kept.state["restart"]) == 1
-    rates.clear()
-    rates.append(0.0)  # no attempt is the first
-    _, losses = descend(start(), data(), PRESET, 0, checkpoints=kept)
-    assert rates[1:] == pytest.approx([PRESET.learning_rate / SLOWER])
-    assert len(losses) == 6
-
-
 def test_physics_that_come_first_stay_as_they_are():
     preset = replace(
         PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=5, window=8, batch=8, steps=20, physics_first="alone"
@@ -167,24 +129,3 @@ def test_physics_that_come_first_stay_as_they_are():
         np.testing.assert_array_equal(trained["network"][name], trainable["network"][name])
     np.testing.assert_array_equal(trained["mean"], trainable["mean"])
     assert np.any(np.asarray(trained["network"]["w3"]) != np.asarray(trainable["network"]["w3"]))
-
-
-def test_the_loss_before_the_first_step_is_what_a_first_chunk_is_compared_with(monkeypatch: pytest.MonkeyPatch):
-    told, compiled = [], descent._compiled_chunk
-
-    def kept(*arguments):
-        advance = compiled(*arguments)
-
-        def chunk(state, inputs):
-            first, (found, loss, before) = state, advance(state, inputs)
-            told.append((first, inputs, float(loss), float(before)))
-            return found, loss, before
-
-        return chunk
-
-    monkeypatch.setattr(descent, "_compiled_chunk", kept)
-    descend(start(), data(), replace(PRESET, steps=CHUNK), 0)
-    ((state, inputs, mean, before),) = told
-    alone = compiled(data(), replace(PRESET, steps=1), optax.adam(0.0))
-    _, loss, same = alone((state[0], optax.adam(0.0).init(state[0])), jax.tree.map(lambda each: each[:1], inputs))
-    assert before == pytest.approx(float(loss), rel=1e-5) and float(same) == float(loss) != pytest.approx(mean)

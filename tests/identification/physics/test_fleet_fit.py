@@ -2,32 +2,26 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics import fleet_fit
 from motorprior.identification.physics.fleet_fit import (
     _LEAST_SPREAD,
-    STAGES,
     FleetFit,
     fit_fleet,
     fleet_belief,
-    least_latents,
     left_open,
-    weak_belief,
 )
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit, _sums
-from motorprior.identification.physics.speed_limits import MARGIN, SPEED_LIMITS
-from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
+from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import Measured, TrainingData
+from motorprior.identification.training_data.windows import TrainingData
 
 Data = Callable[..., TrainingData]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
@@ -95,45 +89,6 @@ def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: 
         assert np.all(found > 3.0 * asked)
 
 
-@pytest.mark.parametrize(("few", "opened"), [(1, True), (3, False)])
-def test_motors_that_show_their_limit_tell_of_the_others_if_they_are_many(decoder_data: Data, few: int, opened: bool):
-    column, motors = PARAMETERS.index("torque_limit"), truth()
-    shows = np.arange(MOTORS) < few
-    motors[:, column] = np.log(np.where(shows, 1.5, 60.0) / 1.5)
-    runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
-    begun = initial_center(()) + motors
-    begun[~shows, column] = np.log(16.0)  # of a search; nothing tells
-    found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=begun, turns=()).raw[:, column])
-    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
-    np.testing.assert_allclose(found[shows], 1.5, rtol=0.1)
-    assert np.all((found[~shows] > 3.0 * asked.max()) == opened), (found, asked)
-
-
-def test_searches_keep_the_speeds_that_motors_held_and_steps_do_not(decoder_data: Data):
-    """A push held the joints above the limit of their servos, or so the log looks."""
-    terms, speed = ("profile",), parameters_of(("profile",)).index("profile_speed")
-    center = initial_center(terms)
-    center[speed:] = np.log([1.0, 100.0])
-    motors = np.zeros((MOTORS, len(center)))
-    motors[:, speed] = np.log([0.9, 1.0, 1.1, 1.0])
-    runs = WindowRuns(decoder_data(with_motor(bare(terms), center, terms), motors, segments=6, rows=400), PRESET)
-    runs.held_speeds = {name: np.full(MOTORS, 1.3) for name in SPEED_LIMITS}
-    bounded = MotorFit(with_motor(bare(terms), center, terms), runs, least=least_latents(center, terms, runs))
-    sought = bounded.best_of(motors[:, None], weak_belief(len(center)))[:, speed]
-    np.testing.assert_allclose(np.exp(sought), 1.3 * MARGIN)
-    found = np.exp(fit_fleet(bare(terms), runs, terms, True, 0, start=center + motors, turns=((NARROW, 3),)).raw)
-    np.testing.assert_allclose(found[:, speed], np.exp(motors[:, speed]), rtol=0.02)
-
-
-def test_a_limit_of_speed_is_sought_from_what_most_motors_held(runs: WindowRuns):
-    row, other = parameters_of(("profile",)).index("profile_speed"), copy(runs)
-    begun = []
-    for held in ([1.0, 2.0, 9.0], [0.0, 0.0, 9.0]):
-        other.held_speeds = {"profile_speed": np.array(held)}
-        begun.append(np.exp(initial_center(("profile",), other)[row]))
-    assert 2.0 < begun[0] < 2.5 and begun[1] == pytest.approx(runs.fastest)
-
-
 def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: WindowRuns, found: FleetFit):
     fit = MotorFit(found.network(bare()), runs)
     at = Fit(found.offsets, found.loss, found.loss)
@@ -151,55 +106,9 @@ def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: Wind
     np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
 
 
-def test_a_fit_counts_what_logs_leave_open_from_its_second_turn_on(
-    runs: WindowRuns, found: FleetFit, monkeypatch: pytest.MonkeyPatch
-):
-    told: list[np.ndarray | float] = []
-
-    def noted(at: Fit, windows: int, left_open: np.ndarray | float) -> Belief:
-        told.append(left_open)
-        return fleet_belief(at, windows, left_open)
-
-    monkeypatch.setattr(fleet_fit, "fleet_belief", noted)
-    fit_fleet(bare(), runs, (), True, 0, start=found.raw, turns=((NARROW, 1),) * 2)
-    first, second = told
-    assert isinstance(first, float) and first == 0.0 and isinstance(second, np.ndarray)
-    assert second[PARAMETERS.index("stribeck_torque")] > second[PARAMETERS.index("kp")] > 0.0
-
-
 def spread_of(z: np.ndarray) -> np.ndarray:
     """(Z,) variance of one more motor around the median of M, from their distances to it."""
     return (len(z) + 1) / (len(z) - 1) * np.mean((z - np.median(z, axis=0)) ** 2, axis=0)
-
-
-def test_losses_are_those_of_the_network_that_is_stored(runs: WindowRuns, found: FleetFit):
-    np.testing.assert_array_equal(MotorFit(found.network(bare()), runs).losses(found.offsets), found.loss)
-
-
-def test_motors_beyond_the_decoders_reach_are_stored_as_they_were_fitted(
-    runs: WindowRuns, monkeypatch: pytest.MonkeyPatch
-):
-    def far(self: MotorFit, start: np.ndarray, *others: object) -> Fit:
-        z = np.array([-4.0, -1.0, 2.0, 6.0])[:, None] * np.ones(start.shape[1])
-        return Fit(z, np.zeros(len(z)), self.losses(z))
-
-    monkeypatch.setattr(MotorFit, "polish", far)
-    monkeypatch.setattr(fleet_fit, "UNSEEN", 0.0)  # no limit counts as unseen
-    stored = fit_fleet(bare(), runs, (), False, 0, turns=())
-    assert np.abs(stored.offsets).max() <= LOG_REACH
-    np.testing.assert_allclose(
-        stored.raw - initial_center((), runs),
-        np.clip(np.array([-4.0, -1.0, 2.0, 6.0]), -LOG_REACH, LOG_REACH)[:, None] * np.ones(stored.offsets.shape[1]),
-    )
-    np.testing.assert_array_equal(MotorFit(stored.network(bare()), runs).losses(stored.offsets), stored.loss)
-
-
-def test_a_recipe_may_lack_a_friction(decoder_data: Data):
-    preset = replace(PRESET, lacks=("load_friction",))
-    runs = WindowRuns(decoder_data(bare(), truth(), segments=5, rows=300), preset)
-    raw = fit_fleet(bare(), runs, (), True, 0, turns=((WIDE, 2),)).raw
-    np.testing.assert_allclose(np.exp(raw[:, PARAMETERS.index("load_friction")]), 1e-9)
-    assert np.ptp(raw[:, PARAMETERS.index("coulomb")]) > 1e-3
 
 
 def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
@@ -213,40 +122,6 @@ def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
         np.testing.assert_allclose(np.exp(found.raw[:, row]), stated, rtol=1e-12)
         losses.append(found.loss)
     assert np.all(losses[0] < 0.5 * losses[1]), losses
-
-
-def test_a_stated_limit_that_no_log_shows_is_not_opened(decoder_data: Data):
-    terms, stated = ("profile",), 20.0
-    runs = WindowRuns(decoder_data(bare(terms), truth(terms), segments=5, rows=400), PRESET)
-    assert stated < fleet_fit.ROOM * runs.fastest
-    runs.preset = replace(PRESET, firmware=(("profile_speed", stated),))
-    found = fit_fleet(bare(), runs, terms, True, 0, turns=((WIDE, 3),))
-    np.testing.assert_allclose(np.exp(found.raw[:, parameters_of(terms).index("profile_speed")]), stated, rtol=1e-12)
-
-
-def test_one_motor_is_fitted_alone(decoder_data: Data):
-    runs = WindowRuns(decoder_data(bare(), truth()[:1], segments=5, rows=300), PRESET)
-    together, alone = (fit_fleet(bare(), runs, (), way, 0, turns=((WIDE, 2),) * 2) for way in (True, False))
-    np.testing.assert_array_equal(together.raw, alone.raw)
-
-
-def test_what_encoders_on_the_rotors_do_not_show_is_left_alone(decoder_data: Data):
-    data = decoder_data(bare(), truth(), segments=5, rows=300)
-    seen = WindowRuns(replace(data, measured=Measured(False, at_rotor=True)), PRESET)
-    stored = fit_fleet(bare(), seen, (), False, 0, turns=((WIDE, 2),))
-    hidden = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
-    np.testing.assert_array_equal(stored.offsets[:, hidden], 0.0)
-    assert np.ptp(stored.offsets[:, PARAMETERS.index("kp")]) > 0.01
-
-
-def test_sums_are_those_of_a_matrix_product():
-    rng = np.random.default_rng(0)
-    slopes, pulls, weights = (rng.standard_normal(shape).astype(np.float32) for shape in ((5, 4000), 4000, 4000))
-    gradient, matrix = _sums(slopes, pulls, weights)
-    exact = slopes.astype(np.float64)
-    np.testing.assert_allclose(gradient, exact @ pulls, rtol=1e-3, atol=1e-2)
-    np.testing.assert_allclose(matrix, (exact * weights) @ exact.T, rtol=1e-3, atol=1e-2)
-    np.testing.assert_array_equal(matrix, matrix.T)
 
 
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
@@ -267,36 +142,7 @@ def test_alone_most_motors_are_found_as_well(runs: WindowRuns):
     assert np.median(fit.loss) < 5e-3 and np.median(error) < 0.05
 
 
-def test_a_fit_begins_where_it_is_told_to_and_ends_no_worse(runs: WindowRuns, found: FleetFit):
-    again = fit_fleet(bare(), runs, (), True, 1, start=found.raw, turns=())
-    assert np.all(again.loss <= found.loss * (1 + 1e-6) + 1e-6)
-    reports = []
-    fit_fleet(bare(), runs, (), True, 1, start=found.raw, turns=((WIDE, 1),), report=lambda: reports.append(0))
-    assert len(reports) == 1 + fleet_fit.RESTARTS + 1
-    assert 1 + fleet_fit.RESTARTS + len(fleet_fit.TURNS) == STAGES
-
-
-def test_only_the_chosen_windows_count(decoder_data: Data):
-    data = decoder_data(bare(), truth(), segments=2, rows=300)
-    series = data.series.copy()
-    series[:, 300:, 1] += np.linspace(0.0, 3.0, 300, dtype=np.float32)  # the second segment is no motor's
-    runs = WindowRuns(replace(data, series=series), PRESET)
-    seen, z = runs.groups() == 0, truth()
-    fit = MotorFit(bare(), runs, seen)
-    assert fit.losses(z).max() < 1e-4 < 0.1 < MotorFit(bare(), runs).losses(z).min()
-    nowhere = Belief(np.zeros(14), np.full(14, 1e-6))
-    assert np.abs(fit.polish(z, nowhere, 3).z - z).max() < 0.1
-
-
 # Steps of a fit.
-
-
-def test_losses_are_those_of_the_windows(runs: WindowRuns):
-    fit, z = MotorFit(bare(), runs), 0.5 * truth()
-    np.testing.assert_allclose(fit.losses(z), fit.window_losses(z).mean(axis=1), rtol=1e-4)
-    several = np.stack([z, truth()], axis=1)
-    np.testing.assert_allclose(fit.losses(several)[:, 0], fit.losses(z), rtol=1e-6)
-    assert fit.losses(several).shape == (MOTORS, 2) and np.all(fit.losses(several)[:, 1] < 1e-4)
 
 
 def test_a_polish_never_ends_higher_than_it_began_and_follows_a_strong_belief(runs: WindowRuns):

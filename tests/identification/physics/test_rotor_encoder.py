@@ -13,13 +13,10 @@ from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.torque_law import reset_actuator, step_actuator
-from motorprior.bench.dynamometer import Trial, run
-from motorprior.identification.judging.reference import measured_pos
 from motorprior.identification.networks.network import export, initial_parameters
 from motorprior.identification.networks.objectives import rollout_objective
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import Measured
-from motorprior.logs.motor_log import MotorLog
 
 PRESET = replace(PRESETS["rollout"], window=100)
 SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}
@@ -91,17 +88,6 @@ def test_a_rotor_says_nothing_of_zero_and_play_and_something_of_the_rest(paramet
     assert (after == before) if name in HIDDEN else (after > before)
 
 
-def test_what_is_hidden_has_no_gradient_either(parameters, windows, z):
-    objective = rollout_objective(PRESET, SCALES, AT_ROTOR, bounded=True)
-    latents = jnp.asarray(z + 0.1, jnp.float32)
-    of_both = jax.grad(lambda given, latents: objective.loss(given, windows, latents), argnums=(0, 1))
-    of_all, slope = of_both(parameters, latents)
-    assert np.all(np.asarray(slope)[:, [PLAY, ZERO]] == 0.0)
-    assert np.all(np.asarray(slope)[:, KP] != 0.0)
-    center = np.asarray(of_all["motor_center"])
-    assert np.all(center[[PLAY, ZERO]] == 0.0) and center[KP] != 0.0, "what all motors have in common"
-
-
 def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):
     preset = replace(PRESETS["one_network"], window=100, warm_up=PRESET.warm_up)
     given = initial_parameters(np.random.default_rng(0), preset)
@@ -111,18 +97,3 @@ def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):
         for seen in (AT_ROTOR, AT_JOINT)
     )
     assert one == other
-
-
-@pytest.mark.parametrize(("encoder", "place"), [("rotor", "encoder_pos"), ("joint", "joint_pos")])
-def test_a_prior_is_compared_with_a_log_where_the_log_measures(parameters, z, encoder: str, place: str):
-    rng, rows = np.random.default_rng(1), 300
-    trial = Trial(
-        np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0), np.zeros((rows, MOTORS)), INERTIA, DT
-    )  # fmt: skip
-    simulated = run(LatentActuator(export(parameters, PRESET, SCALES), z), trial)
-    assert np.abs(simulated.encoder_pos - simulated.joint_pos).max() > 0.005, "zero and play lie between"
-    log = MotorLog(
-        time=DT * np.arange(rows), position_target=trial.position_target, joint_pos=simulated.joint_pos,
-        joint_names=("a", "b", "c"), robot="bench", motor="m", source="test", encoder=encoder,
-    )  # fmt: skip
-    np.testing.assert_array_equal(measured_pos(simulated, log), getattr(simulated, place))

@@ -10,12 +10,10 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.settling import FEWEST, LONGER, longer_runs, settled
+from motorprior.identification.physics.settling import longer_runs, settled
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
-from motorprior.identification.physics_fit import fit_physics
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
-from motorprior.identification.train import identify
 from motorprior.identification.training_data.windows import Measured, TrainingData
 
 Data = Callable[..., TrainingData]
@@ -61,16 +59,6 @@ def test_constants_that_were_off_are_found(
     assert np.abs(found - truth)[:, KP].max() < 0.02 and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
 
 
-def test_a_motor_alone_is_led_by_its_own_log_only(
-    network: LatentNetwork, truth: np.ndarray, data: TrainingData, longer: WindowRuns
-):
-    began = truth + 0.05
-    second = WindowRuns(data, longer.preset, np.array([1]))
-    alone = settled(network, began[1:], second, True)
-    np.testing.assert_array_equal(settled(network, began, longer, False)[1:], alone)
-    assert not np.array_equal(settled(network, began, longer, True)[1:], alone)
-
-
 def test_what_a_log_does_not_show_stays_where_it_was(network: LatentNetwork, truth: np.ndarray, data: TrainingData):
     at_rotor = replace(data, measured=Measured(torque=True, at_rotor=True))
     columns = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
@@ -85,36 +73,3 @@ def test_longer_runs_fill_segments(
     data = decoder_data(network, truth, segments=10, rows=rows)
     found = longer_runs(data, PRESET, WindowRuns(data, PRESET))
     assert found.preset == replace(PRESET, window=window) and found.windows * window >= 10 * (rows - PRESET.history - 3)
-
-
-def test_runs_are_the_recipes_own_where_they_are_long_or_segments_are_short(
-    network: LatentNetwork, truth: np.ndarray, decoder_data: Data
-):
-    data = decoder_data(network, truth, segments=6, rows=700)
-    long = WindowRuns(data, replace(PRESET, window=LONGER + 50))
-    assert longer_runs(data, long.preset, long) is long
-    brief = decoder_data(network, truth, segments=2, rows=PRESET.history + 1 + PRESET.window)
-    runs = WindowRuns(brief, PRESET)
-    assert longer_runs(brief, PRESET, runs) is runs
-    rooms = (128,) * 8 + (200,) * 12  # longer windows would leave the first eight out
-    uneven = replace(data, parts=tuple(slice(0, PRESET.history + 1 + room) for room in rooms))
-    runs = WindowRuns(uneven, PRESET)
-    assert longer_runs(uneven, PRESET, runs) is runs
-    few = replace(uneven, parts=uneven.parts[-FEWEST + 1 :])
-    runs = WindowRuns(few, PRESET)
-    assert longer_runs(few, PRESET, runs) is runs
-    less = replace(uneven, parts=uneven.parts[4:])
-    assert longer_runs(less, PRESET, WindowRuns(less, PRESET)).windows == 12
-
-
-def test_motors_of_a_prior_have_settled(network: LatentNetwork, truth: np.ndarray, decoder_data: Data):
-    data, recipe = decoder_data(network, truth, segments=10, rows=420), replace(PRESET, tries_terms=False)
-    runs = WindowRuns(data, recipe)
-    longer = longer_runs(data, recipe, runs)
-    assert longer is not runs
-    fit = fit_physics(data, recipe, runs, 0, lambda work, text: None, None).fit
-    before = MotorFit(fit.network(network), longer).losses(fit.offsets)
-    found = identify(data, recipe, 0)
-    after = MotorFit(found.network, longer).losses(found.mean)
-    assert (after < before).all()
-    np.testing.assert_allclose(found.losses, MotorFit(found.network, runs).losses(found.mean).mean(), rtol=1e-3)

@@ -10,10 +10,10 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, TERMS, UNLIMITED, in_order
+from motorprior.actuator.servo_terms import INITIAL, UNLIMITED, in_order
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
-from motorprior.identification.physics.term_selection import ORDER, PRICE, held_out_windows, select_terms, stretches
+from motorprior.identification.physics.term_selection import ORDER, PRICE, select_terms, stretches
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -77,28 +77,6 @@ def test_few_motors_with_few_segments_show_a_term(
     assert select_terms(bare(initial_center(()), ()), runs, 0).terms == ("profile",)
 
 
-def test_a_term_whose_constants_are_stated_is_there_and_not_asked_about(
-    decoder_data: Data, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(term_selection, "ORDER", ("dead_zone", "profile"))
-    monkeypatch.setattr(term_selection, "SERVO", ("dead_zone",))
-    runs, said = logs(decoder_data, ()), []
-    runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 4000.0), ("profile_speed", 100.0)))
-    found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
-    assert found.terms == ("profile",) and "profile" not in found.saved and "profile: stated" in said
-
-
-def test_a_term_that_is_off_is_not_tried(decoder_data: Data, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(term_selection, "ORDER", ("dead_zone", "profile"))
-    monkeypatch.setattr(term_selection, "SERVO", ("dead_zone", "profile"))
-    runs, said = logs(decoder_data, ("profile",)), []
-    runs.preset = replace(runs.preset, firmware=(("dead_zone", 0.0), ("profile_acceleration", 0.0)))
-    found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
-    assert runs.preset.terms_that_are_off == ("dead_zone",) and runs.preset.stated_terms == ()
-    assert "dead_zone" not in found.terms and "dead_zone" not in found.saved and "dead_zone: not tried" in said
-    assert "profile" in found.saved, "its speed may be limited, though its acceleration is not"
-
-
 def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data):
     runs = logs(decoder_data, ("profile",))
     runs.preset = replace(runs.preset, firmware=(("profile_acceleration", 0.0),))
@@ -107,16 +85,6 @@ def test_a_limit_that_is_off_is_held_where_it_limits_nothing(decoder_data: Data)
     for each in (state, trial.polished(without, ("profile",))):
         row = parameters_of(each.terms).index("profile_acceleration")
         np.testing.assert_allclose(np.exp(each.raw[:, row]), UNLIMITED["profile_acceleration"], rtol=1e-12)
-
-
-def test_a_stated_constant_stays_wherever_a_trial_begins(decoder_data: Data):
-    runs, stated = logs(decoder_data, ("profile",)), 60.0  # the motors' own is 25
-    runs.preset = replace(runs.preset, firmware=(("profile_acceleration", stated),))
-    trial = term_selection._Trial(bare(initial_center(()), ()), runs, stretches(runs), 0)
-    both = trial.fitted(("profile", "dead_zone"))
-    for state in (both, trial.polished(both, ("profile",))):
-        row = parameters_of(state.terms).index("profile_acceleration")
-        np.testing.assert_allclose(np.exp(state.raw[:, row]), stated, rtol=1e-12)
 
 
 class MadeUp(term_selection._Trial):
@@ -142,17 +110,6 @@ def chosen_by(trial: type[MadeUp], monkeypatch: pytest.MonkeyPatch) -> tuple[str
     same = [SimpleNamespace(conditions=np.zeros((2, 1)))]
     runs = SimpleNamespace(preset=replace(PRESET, firmware=()), segments=same, num_motors=8)
     return select_terms(bare(initial_center(()), ()), cast(WindowRuns, runs), 0).terms
-
-
-def test_a_term_that_made_up_for_one_that_is_gone_leaves_in_the_next_turn(monkeypatch: pytest.MonkeyPatch):
-    """Without the dead zone the loss is larger as long as the integral is there, which leaves after it."""
-
-    class Trial(MadeUp):
-        def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> term_selection._State:
-            misled = "integral" in terms and "dead_zone" not in terms
-            return self.of_loss(terms, (1.0 if "profile" in terms else 3.0) * (1.3 if misled else 1.0))
-
-    assert chosen_by(Trial, monkeypatch) == ("profile",)
 
 
 UNSURE = np.exp([-0.1, -0.11, -0.12, -0.13, -0.14, -0.15, -0.16, 0.3])
@@ -188,34 +145,3 @@ def test_terms_that_need_each_other_are_found(decoder_data: Data):
 @CASES
 def test_the_terms_that_motors_have_are_found_and_no_others(decoder_data: Data, terms: tuple[str, ...]):
     assert_found(decoder_data, terms, len(ORDER))
-
-
-def test_a_log_of_a_window_or_two_asks_for_no_term(decoder_data: Data):
-    found = select_terms(bare(initial_center(()), ()), logs(decoder_data, (), segments=1, rows=130), 0)
-    assert found.terms == () and found.saved == {}
-
-
-def test_every_term_is_tried():
-    assert sorted(ORDER) == sorted(TERMS)
-
-
-@pytest.mark.parametrize("windows", range(2, 12))
-def test_of_two_windows_or_more_some_are_held_out_and_some_are_not(decoder_data: Data, windows: int):
-    runs = logs(decoder_data, (), segments=1, rows=61 + 64 * windows)
-    held_out = held_out_windows(runs)
-    assert len(held_out) == windows and 0.3 < held_out.mean() <= 0.5
-
-
-@pytest.mark.parametrize("segments", [1, 2, 3, 5, 10, 13, 40])
-def test_half_of_the_windows_are_held_out(decoder_data: Data, segments: int):
-    runs = logs(decoder_data, (), segments=segments, rows=400 if segments < 4 else 150)
-    held_out = held_out_windows(runs)
-    assert held_out.shape == (runs.windows,)
-    assert 0.35 < held_out.mean() < 0.65
-    if segments >= 4:  # whole segments, and every excitation on both sides
-        groups = runs.groups()
-        each = [held_out[groups == group] for group in range(segments)]
-        assert all(len(set(one)) == 1 for one in each)
-        if segments >= 10:
-            for kind in range(5):
-                assert {bool(each[group][0]) for group in range(kind, 10, 5)} == {True, False}

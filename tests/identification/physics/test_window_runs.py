@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from threading import Event
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.servo_terms import TERMS
-from motorprior.identification.latents.latent_fit import tiled_windows
 from motorprior.identification.networks.network import import_parameters
 from motorprior.identification.networks.objectives import rollout_objective
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -22,7 +20,6 @@ from motorprior.identification.training_data.windows import (
     SECONDS,
     STIFFNESS,
     TARGET,
-    Measured,
     TrainingData,
 )
 
@@ -98,23 +95,6 @@ def test_lanes_are_each_others_neighbours_and_nothing_else(grey_network: Network
         np.testing.assert_array_equal(runs.residuals(network, z, motor), many)
 
 
-def test_a_log_of_a_few_motors_is_that_of_these(grey_network: Networks, decoder_data: Data):
-    network = grey_network()
-    data = decoder_data(network, Z, segments=2, rows=200)
-    some = WindowRuns(data, PRESET, np.array([2, 0]))
-    assert some.num_motors == 2
-    every = WindowRuns(data, PRESET).residuals(network, Z[[2, 0]], np.array([2, 0]))
-    np.testing.assert_array_equal(some.residuals(network, Z[[2, 0]], np.array([0, 1])), every)
-
-
-def test_without_torques_there_are_two_channels(grey_network: Networks, decoder_data: Data):
-    network = grey_network()
-    data = decoder_data(network, Z, segments=2, rows=200)
-    every = WindowRuns(data, PRESET).residuals(network, Z, MOTORS)
-    blind = WindowRuns(replace(data, measured=Measured(False)), PRESET).residuals(network, Z, MOTORS)
-    np.testing.assert_array_equal(blind, every[:, :, :2])
-
-
 def test_the_target_of_a_window_is_heard_with_the_motors_delay(grey_network: Networks, decoder_data: Data):
     """The delayed commands that a free run begins with are the observer's: a later change is not seen before."""
     network = grey_network(spread=0.0, delay=0.02)
@@ -126,20 +106,6 @@ def test_the_target_of_a_window_is_heard_with_the_motors_delay(grey_network: Net
     np.testing.assert_array_equal(before[:, :2], after[:, :2])
     np.testing.assert_array_equal(before[:, 2, :, :9], after[:, 2, :, :9])  # 0.02 s are ten steps
     assert np.all(np.abs(before - after)[:, 2, 1, 12] > 0.01)
-
-
-def test_tiled_windows_and_free_runs_cover_the_same_rows(grey_network: Networks, decoder_data: Data):
-    network = grey_network()
-    data = decoder_data(network, Z, segments=3, rows=200)
-    length = PRESET.history + PRESET.window
-    starts = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in data.parts])
-    windows = tiled_windows(replace(data, starts=starts), PRESET)
-    found = WindowRuns(data, PRESET).recorded(POS)
-    assert found.shape[1] in (windows.shape[1], windows.shape[1] - len(data.parts))
-    per_part = found.shape[1] // len(data.parts)
-    for part in range(len(data.parts)):
-        theirs = windows[:, part * windows.shape[1] // len(data.parts)][:, PRESET.history + 1 :, POS]
-        np.testing.assert_array_equal(found[:, part * per_part, :-1], theirs)
 
 
 def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_network: Networks, decoder_data: Data):
@@ -156,28 +122,3 @@ def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_n
     plain = WindowRuns(data, PRESET).residuals(network, z + 1.0, np.array([0]))[:, :, 0]
     assert np.abs(same).max() < 0.03, "on the recording the spring does nothing"
     assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2)), "and off it, it pulls back"
-
-
-def test_what_a_beat_raises_ends_the_runs_and_begins_no_others(
-    grey_network: Networks, decoder_data: Data, monkeypatch: pytest.MonkeyPatch
-):
-    ended, begun = Event(), []
-
-    def beat() -> None:
-        if begun:
-            ended.set()
-            raise KeyboardInterrupt
-
-    def run(*task: object) -> None:
-        begun.append(task)
-        if len(begun) > 1:
-            ended.wait(60.0)
-
-    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET, beat=beat)
-    threads = ThreadPoolExecutor(1)
-    monkeypatch.setattr(runs, "_threads", threads)
-    monkeypatch.setattr(runs, "_run", run)
-    with pytest.raises(KeyboardInterrupt):
-        runs.residuals(grey_network(), Z, MOTORS)
-    threads.shutdown(wait=True)
-    assert len(begun) <= 2 < len(runs.segments), "the one that was under way, and no other"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motorprior.identification.training_data.smoothing import LEAST_NOISE, noise_of, quantum, smoothed
+from motorprior.identification.training_data.smoothing import LEAST_NOISE, noise_of, smoothed
 
 DT, ROWS = 0.002, 1500
 PARTS = (slice(0, 700), slice(700, ROWS))
@@ -49,45 +49,6 @@ def test_the_steps_of_an_encoder_are_noise():
     found = smoothed(readings, PARTS, DT)
     assert found is not None and np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
     assert 0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
-
-
-def test_a_joint_that_creeps_over_the_steps_of_its_encoder_is_not_free_of_noise():
-    step, slow = 2 * np.pi / 4096, 0.004 * TIME * RATES  # a reading repeats for a tenth of a second and more
-    readings = np.concatenate([step * np.round(slow / step), np.zeros((ROWS, 5))], axis=1)
-    assert quantum(readings[:, 0]) == pytest.approx(step)
-    assert noise_of(readings[:, 0], PARTS, DT)[0] == pytest.approx(step / np.sqrt(12), rel=0.8)
-    found = smoothed(readings, PARTS, DT)
-    assert found is not None, "joints that stand do not outvote those that move"
-    jumps = np.abs(np.diff(found[0][:700, 2])).max()
-    assert jumps < 0.3 * step, "a step of the reading is spread over its neighbours"
-
-
-def test_segments_do_not_see_each_other():
-    readings = noisy(3e-4)
-    moved = readings.copy()
-    moved[PARTS[1]] = 2.0 * readings[PARTS[1]][::-1] + 1.0
-    one, other = smoothed(readings, PARTS, DT), smoothed(moved, PARTS, DT)
-    alone = smoothed(readings[PARTS[0]], (slice(0, 700),), DT)
-    assert one is not None and other is not None and alone is not None
-    for index in range(2):
-        # the deviations, medians over the log, are those of the grid: alike in all three
-        np.testing.assert_array_equal(one[index][PARTS[0]], alone[index])
-        apart = np.abs(one[index][PARTS[0]] - other[index][PARTS[0]]).max()
-        assert apart < (0.003, 0.5)[index], "another density at most"
-
-
-def test_an_offset_and_a_sign_of_the_readings_do_not_matter():
-    readings = noisy(3e-4)
-    plain, other = smoothed(readings, PARTS, DT), smoothed(5.0 - readings, PARTS, DT)
-    assert plain is not None and other is not None
-    np.testing.assert_allclose(5.0 - other[0], plain[0], atol=1e-9)
-    np.testing.assert_allclose(-other[1], plain[1], atol=1e-6)
-
-
-def test_segments_of_a_few_rows_are_smoothed_or_left_but_finite():
-    parts = (slice(0, 1), slice(1, 3), slice(3, 400))
-    found = smoothed(noisy(1e-3)[:400], parts, DT)
-    assert found is not None and all(np.all(np.isfinite(each)) for each in found)
 
 
 def test_rest_slow_motion_and_wide_steady_motion_tell_nothing_of_the_fast_one():

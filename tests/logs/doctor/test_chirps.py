@@ -80,40 +80,6 @@ def test_a_turn_a_dead_band_a_spring_and_a_weight_are_no_end_stop():
         assert not check_log(of(command, angle)).of("saturation")
 
 
-def test_two_flat_tops_may_be_chance():
-    angle = np.where(TIME < 4.5, np.minimum(chirp(0.1), 0.15), 0.45 * chirp(0.1))
-    assert not check_log(of(chirp(), angle)).of("saturation")
-
-
-@pytest.mark.parametrize(("factor", "bound"), [(0.4, 0.6), (0.5, 0.6), (1.7, 1.5), (2.0, 1.5)])
-def test_wrong_ticks_show_though_a_chirp_is_late(factor: float, bound: float):
-    (finding,) = check_log(of(chirp(), factor * chirp(0.1))).of("proportion")
-    assert finding.bound == bound and finding.value == pytest.approx(factor, rel=0.02)
-
-
-def lifting(command: np.ndarray) -> np.ndarray:
-    """Where a weak servo is that lifts a pendulum: command = angle + 1.2·sin(angle), and friction, a tenth of that."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 1000)
-    return np.interp(held_back(command, 0.12), angle + 1.2 * np.sin(angle), angle)
-
-
-def test_a_chirp_of_the_right_ticks_and_a_weak_servo_are_no_wrong_ticks():
-    for angle in (0.7 * chirp(0.1), chirp(0.1), 1.4 * chirp(0.1)):
-        assert not check_log(of(chirp(), angle)).of("proportion")
-    command, angle = 4.0 * chirp(), lifting(4.0 * chirp(0.1))
-    assert np.std(angle) < 0.5 * np.std(command)
-    assert not check_log(of(command, angle)).of("proportion")
-
-
-def test_an_angle_that_only_rests_at_its_command_is_not_its_copy():
-    steps = 0.3 * np.sign(np.sin(2 * np.pi * 0.4 * TIME + 0.1))
-    for command, late in ((chirp(), 1), (steps, 3)):
-        log = replace(of(command, command), joint_pos=np.roll(command, late)[:, None])
-        assert not check_log(log).of("copied")
-        (finding,) = check_log(replace(log, joint_pos=log.position_target.copy())).of("copied")
-        assert finding.severity == "error" and finding.row == np.argmax(command != command[0])
-
-
 REAL = [
     ("go2", "traj_0", "go2_identification"),
     ("so101", "chirp_sweep", "so101_sage"),

@@ -56,44 +56,6 @@ def test_reads_that_fail_are_named_and_counted(rows: slice, value: float):
     assert "delete these rows" in found.remedy
 
 
-def test_every_failed_read_counts_also_one_that_follows_another():
-    angle = swing()
-    angle[[100, 102, 900, 901]] = [-np.pi, -np.pi, -3.0, 2.9]
-    (found,) = jumps(of_angle(angle))
-    assert found.row == 100 and "4 such rows" in found.message
-
-
-@pytest.mark.parametrize("rows", [1, 3])
-def test_reads_fail_amid_fast_motion(rows: int):
-    angle = swing()
-    row = 300 + int(np.argmax(np.diff(angle[300:700])))
-    angle[row : row + rows] += 1.0
-    (found,) = jumps(of_angle(angle))
-    assert found.row == row and f"{rows} such rows" in found.message
-
-
-def test_a_failed_read_nearly_a_turn_away_is_no_wrap():
-    angle = swing()
-    angle[700:702] -= 5.4
-    (found,) = jumps(of_angle(angle))
-    assert "2 such rows" in found.message and "unwrap" not in found.remedy
-
-
-def test_a_joint_at_rest_has_failed_reads_too():
-    angle = np.zeros(500)
-    angle[[50, 250]] = 0.7
-    (found,) = jumps(of_angle(angle))
-    assert found.row == 50 and "2 such rows" in found.message
-
-
-def test_a_host_that_polls_faster_counts_its_rows():
-    angle = np.repeat(swing(500, size=2.0), 5)
-    assert not jumps(of_angle(angle, period=0.002))
-    angle[600:605] = -3.0
-    (found,) = jumps(of_angle(angle, period=0.002))
-    assert found.row == 600 and "5 such rows" in found.message
-
-
 @pytest.mark.parametrize("turn", [2 * np.pi, 2 * np.pi * 4095 / 4096])
 def test_an_encoder_that_wraps_is_to_be_unwrapped(turn: float):
     angle = 0.3 + swing()
@@ -105,12 +67,6 @@ def test_an_encoder_that_wraps_is_to_be_unwrapped(turn: float):
     assert not jumps(of_angle(np.unwrap(wrapped, period=turn)))
 
 
-def test_an_encoder_that_rests_where_it_wraps_is_to_be_unwrapped():
-    angle = (0.01 * np.random.default_rng(0).normal(size=600)) % (2 * np.pi)
-    (found,) = jumps(of_angle(angle))
-    assert "by a turn" in found.message and f"{(np.abs(np.diff(angle)) > 4.0).sum()} such steps" in found.message
-
-
 def test_an_angle_that_leaps_and_stays_is_an_error():
     angle = swing()
     angle[800:] += 1.5
@@ -120,12 +76,6 @@ def test_an_angle_that_leaps_and_stays_is_an_error():
     first[0] = -2.0
     (found,) = jumps(of_angle(first))
     assert found.row == 1
-
-
-def test_what_leaps_between_segments_is_none():
-    angle = np.concatenate([swing(400), 2.0 + swing(400)])
-    log = replace(of_angle(angle), segment=np.repeat([0, 1], 400))
-    assert not jumps(log) and jumps(replace(log, segment=None))
 
 
 def shoved(period: float) -> MotorLog:
@@ -181,12 +131,6 @@ def test_true_motion_is_no_jump(name: str, rate: float):
     log = MOTIONS[name](1.0 / rate)
     report = check_log(log)
     assert report.of("angles") and not {"jumps", "units"} & {found.check for found in report.errors}
-
-
-def test_noise_is_no_jump_in_a_short_log_either():
-    for seed in range(60):
-        angle = np.random.default_rng(seed).normal(size=80)
-        assert not jumps(of_angle(0.05 * angle, period=0.002)), seed
 
 
 @pytest.mark.parametrize(

@@ -41,10 +41,6 @@ def test_a_torque_in_another_unit_is(log: MotorLog, factor: float):
     assert finding.value == pytest.approx(1.0 / factor, rel=0.05)
 
 
-def test_a_log_without_loads_says_nothing(log: MotorLog):
-    assert check_log(replace(log, load_inertia=None, external_torque=None)).of("load") == ()
-
-
 def test_loads_without_velocities_are_judged_by_clean_angles(log: MotorLog):
     bare = replace(log, joint_vel=None)
     assert check_log(bare).of("load") == () and check_log(bare).of("torque_sign") == ()
@@ -56,19 +52,6 @@ def test_loads_without_velocities_are_judged_by_clean_angles(log: MotorLog):
     short = np.repeat([0, 1], [STEPS - 10, 10])  # a last segment that is too short to tell its noise
     (finding,) = check_log(replace(bare, joint_torque=2.0 * torque, segment=short)).of("load")
     assert finding.value == pytest.approx(0.5, rel=0.02)
-
-
-@pytest.mark.parametrize("lost", ["external_torque", "clean angles"])
-def test_where_the_load_tells_nothing_the_torque_s_sign_is_judged_by_the_error(log: MotorLog, lost: str):
-    """A spring to a command that the joint follows late, its torque turned."""
-    pos = log.joint_pos if lost == "external_torque" else np.round(log.joint_pos / 0.1) * 0.1
-    late = replace(log, joint_vel=None, position_target=np.roll(log.joint_pos, -25, axis=0), joint_pos=pos)
-    turned = replace(late, joint_torque=-5.0 * (late.position_target - log.joint_pos))
-    turned = replace(turned, external_torque=None) if lost == "external_torque" else turned
-    assert check_log(turned).of("load") == ()
-    (finding,) = check_log(turned).of("torque_sign")
-    assert finding.value < -0.9 and finding.joint == "knee"
-    assert check_log(replace(turned, joint_torque=-np.asarray(turned.joint_torque))).of("torque_sign") == ()
 
 
 @pytest.mark.parametrize("velocity", [True, False])
@@ -86,9 +69,3 @@ def test_friction_of_a_gear_in_a_torque_from_a_current_is_no_fault(
     for factor in (3.0, -1.0):
         (finding,) = check_log(replace(log, joint_torque=factor * np.asarray(log.joint_torque))).of("load")
         assert "friction" in finding.message and "gear" in (finding.remedy or "")
-
-
-def test_friction_that_drives_is_none(log: MotorLog):
-    """A torque that lacks what the joint's friction took, and more, is another torque."""
-    driving = np.asarray(log.joint_torque) - 2.0 * np.tanh(np.asarray(log.joint_vel) / 0.05)
-    assert len(check_log(replace(log, joint_torque=driving)).of("load")) == 1

@@ -5,15 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from damaged_files import damage
 from foreign_files import ANGLE, TARGET, TIME
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.registry import read_log
-from motorprior.logs.motor_log import log_digest
-from motorprior.pipeline.log_import.log_folder import read_log_folder
 
 pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")
 LINE = "=" * 80
@@ -77,22 +72,6 @@ def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_pa
     np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1] * [1.0, -1.0])
 
 
-def test_a_joint_by_the_name_that_the_message_gives_it(tmp_path: Path):
-    text = LEGGED.replace("/commands:data[", "/state:motor_state[").replace(
-        'motor_state[{joint}]"', 'motor_state[{joint}].dq"'
-    )
-    text = text.replace("\n0 =", '\n"a.left" =').replace("\n1 =", "\nb =")
-    log = read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path, text))
-    np.testing.assert_array_equal(log.joint_pos, ANGLE * [1.0, -1.0])
-
-
-def test_a_number_that_is_also_the_name_of_another_joint_is_refused(tmp_path: Path):
-    path = write_bag(tmp_path / "a.mcap", names=("1", "0"))
-    with pytest.raises(LogError, match=r"no number '/state:motor_state\[0\]\.q' \(it names the joints \['1', '0'\]"):
-        read_log(path, columns=written(tmp_path))
-    read_log(write_bag(tmp_path / "b.mcap", names=("0", "1")), columns=written(tmp_path))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -113,24 +92,3 @@ def test_a_number_that_is_also_the_name_of_another_joint_is_refused(tmp_path: Pa
 def test_what_a_map_gets_wrong_is_named(tmp_path: Path, old: str, new: str, said: str):
     with pytest.raises(LogError, match=said):
         read_log(write_bag(tmp_path / "a.mcap"), columns=written(tmp_path, LEGGED.replace(old, new)))
-
-
-def test_a_folder_of_bags_is_read_by_a_map(tmp_path: Path):
-    (tmp_path / "bags").mkdir()
-    for name in ("run_0", "run_1"):
-        write_bag(tmp_path / "bags" / f"{name}.mcap")
-    assert list(read_log_folder(tmp_path / "bags", None, written(tmp_path)).logs) == ["run_0", "run_1"]
-
-
-@given(share=st.floats(0.0, 1.0, exclude_max=True), byte=st.none() | st.integers(0, 255))
-@settings(max_examples=50, deadline=None)
-def test_a_damaged_bag_is_refused_or_read_as_it_was(
-    tmp_path_factory: pytest.TempPathFactory, share: float, byte: int | None
-):
-    folder = tmp_path_factory.mktemp("bag")
-    path, columns = write_bag(folder / "a.mcap"), written(folder)
-    whole, is_cut = read_log(path, columns=columns), damage(path, share, byte)
-    try:
-        assert log_digest(read_log(path, columns=columns)) == log_digest(whole) and not is_cut
-    except LogError as error:
-        assert "a.mcap" in str(error) and len(str(error)) < 1000

@@ -10,10 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.formats.column_map import load_column_map, shipped_maps
 from motorprior.logs.formats.column_units import TURN
-from motorprior.logs.formats.mapped_table import read_mapped_log
 from motorprior.logs.formats.registry import read_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -109,22 +108,6 @@ def test_gains_of_the_map_are_stated_for_every_row(tmp_path: Path, columns: dict
     assert read_log(path, columns=a_map(tmp_path, TICKS)).stated_kp is None
 
 
-def test_registers_of_the_firmware_are_those_of_the_map(tmp_path: Path, columns: dict[str, np.ndarray]):
-    path = write(tmp_path / "log.csv", columns)
-    told = TICKS.replace("[units]", "[firmware]\nprofile_acceleration = 39\ndead_zone = 0.0015\n[units]")
-    log = read_log(path, columns=a_map(tmp_path, told))
-    assert log.firmware == {"profile_acceleration": 39, "dead_zone": 0.0015}
-    assert read_log(path, columns=a_map(tmp_path, TICKS)).firmware == {}
-    off = read_log(path, columns=a_map(tmp_path, told.replace("= 39", "= 0"))).firmware
-    assert off == {"profile_acceleration": 0.0, "dead_zone": 0.0015}
-    for wrong, said in (
-        (("= 39", "= -39"), r"-39 is not 0 \(off\) or a number"),
-        (("profile_acceleration", "speed"), "speed"),
-    ):
-        with pytest.raises(ArtifactError, match=said):
-            read_log(path, columns=a_map(tmp_path, told.replace(*wrong)))
-
-
 def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path, columns: dict[str, np.ndarray]):
     volts, degrees = 74.0 + np.arange(ROWS) % 3, 30.0 + np.arange(ROWS) / ROWS
     path = write(tmp_path / "log.csv", columns | {"bus": volts, "temp_1": degrees, "temp_2": degrees + 5.0})
@@ -140,15 +123,6 @@ def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path, 
     same = read_log(path, columns=a_map(tmp_path, TICKS.replace("[units]", "supply_voltage = 12\n[units]")))
     assert same.supply_voltage is not None and same.motor_temperature is None
     assert same.supply_voltage.tolist() == [[12.0, 12.0]] * ROWS
-
-
-def test_conditions_that_no_motor_bears_are_refused(tmp_path: Path, columns: dict[str, np.ndarray]):
-    for wrong in ("0", "true", "[12]"):
-        with pytest.raises(ArtifactError, match=r"supply_voltage = .* the name of a column, or a number within 0\.1"):
-            load_column_map(a_map(tmp_path, TICKS.replace("[units]", f"supply_voltage = {wrong}\n[units]")))
-    path = write(tmp_path / "log.csv", columns | {"volts": np.where(np.arange(ROWS) == 7, 0.0, 12.0)})
-    with pytest.raises(LogError, match=r"log\.csv: row 7, supply_voltage/pan is 0 V, not within 0\.1\.\.2000"):
-        read_log(path, columns=a_map(tmp_path, TICKS.replace("[units]", 'supply_voltage = "volts"\n[units]')))
 
 
 def test_a_number_of_a_column_of_lists_is_a_joint(tmp_path: Path):
@@ -180,17 +154,6 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
     strange = a_map(tmp_path, text.replace(f"{names[0]} = {{}}", f'{names[0]} = {{ name = "tail" }}'))
     with pytest.raises(LogError, match=r"'tail'.*remove its table, or give its key name"):
         read_log(path, PUPPER_V2, strange)
-
-
-def test_a_map_of_another_robot_is_refused(tmp_path: Path, columns: dict[str, np.ndarray]):
-    path, known = write(tmp_path / "log.csv", columns), a_map(tmp_path, TICKS)
-    with pytest.raises(
-        ConfigError, match=r"robot 'pupper_v2', and the column map .*columns\.toml is of 'arm'"
-    ) as error:
-        read_log(path, PUPPER_V2, known)
-    assert error.value.argument == "robot" and error.value.where == path
-    arm: Any = SimpleNamespace(name="arm", joint_names=("lift", "pan"), encoder="joint")
-    assert read_log(path, arm, known).joint_names == ("lift", "pan")
 
 
 @pytest.mark.parametrize(("said", "of_robot", "expected"), [("rotor", "joint", "rotor"), ("", "rotor", "rotor")])
@@ -237,25 +200,6 @@ def test_a_map_that_is_not_understood_is_refused(tmp_path: Path, old: str, new: 
     assert said in str(error.value)
 
 
-def test_a_map_that_is_not_there_is_refused(tmp_path: Path):
-    with pytest.raises(ArtifactError, match="no such file"):
-        load_column_map(tmp_path / "none.toml")
-    with pytest.raises(ArtifactError, match="no column map 'robot9'"):
-        load_column_map("robot9")
-
-
-@pytest.mark.parametrize("name", ["log.csv", "log.csv.gz", "log.parquet"])
-@pytest.mark.parametrize("cut", [1, 20, 0.5, 0.9])
-def test_a_truncated_table_is_refused_or_shorter(tmp_path: Path, columns: dict[str, np.ndarray], name: str, cut: float):
-    path, known = write(tmp_path / name, columns), load_column_map(a_map(tmp_path, TICKS))
-    data = path.read_bytes()
-    path.write_bytes(data[: int(cut if cut >= 1 else cut * len(data))])
-    try:
-        assert read_mapped_log(path, known).num_rows < ROWS
-    except LogError as error:
-        assert len(str(error)) < 1000 and name in str(error)
-
-
 @pytest.mark.parametrize(
     ("column", "row", "value"), [("pos_1", 7, "abc"), ("goal_2", 0, ""), ("vel_1", 9, "nan"), ("episode", 3, "3.5")]
 )
@@ -268,21 +212,6 @@ def test_a_bad_cell_is_refused(tmp_path: Path, columns: dict[str, np.ndarray], c
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(LogError, match=r"log\.csv"):
         read_log(path, columns=a_map(tmp_path, TICKS))
-
-
-@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
-@pytest.mark.parametrize(
-    ("column", "said"),
-    [("pos_2", "row 30, joint_pos/lift (column pos_2) is"), ("stamp", "row 30, time (column stamp) is")],
-)
-def test_a_number_that_is_none_is_named_by_its_column(
-    tmp_path: Path, columns: dict[str, np.ndarray], name: str, column: str, said: str
-):
-    columns[column] = columns[column].astype(float)
-    columns[column][30] = np.nan
-    with pytest.raises(LogError) as refusal:
-        read_log(write(tmp_path / name, columns), columns=a_map(tmp_path, TICKS))
-    assert said in refusal.value.problem and refusal.value.where == tmp_path / name
 
 
 def test_a_column_that_is_missing_or_twice_is_refused(tmp_path: Path, columns: dict[str, np.ndarray]):

@@ -3,9 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from motorprior.exceptions import ArtifactError
 from motorprior.logs.formats.column_map import load_column_map
 from motorprior.logs.formats.column_units import TURN, Conversion
 from motorprior.logs.formats.registry import read_log
@@ -72,51 +70,8 @@ def test_what_a_channel_says_counts_before_what_its_joint_says(tmp_path: Path):
     np.testing.assert_allclose(log.joint_torque[:, 1], -1e-3 * RAW[3, 1])
 
 
-def test_a_stiffness_has_no_sign(tmp_path: Path):
-    """Angle and torque turn together, and their quotient stays."""
-    stiffness = read(tmp_path, "sign = -1").load_stiffness
-    assert stiffness is not None
-    np.testing.assert_allclose(stiffness, RAW[4].T)
-
-
 def test_servos_of_two_kinds_have_ticks_of_their_own(tmp_path: Path):
     path = a_map(tmp_path, "ticks_per_turn = 1024", old='angle = "deg"', new='angle = "tick"\nticks_per_turn = 4096.0')
     first, second = load_column_map(path).joints
     assert first.conversions["joint_pos"] == Conversion(TURN / 1024.0)
     assert second.conversions["position_target"] == Conversion(TURN / 4096.0)
-
-
-@pytest.mark.parametrize(
-    ("of_a", "said"),
-    [
-        ("ticks_per_turn = 4096", "joints.a: ticks_per_turn = 4096, and no angle is in ticks"),
-        ("[joints.a.joint_pos]\nticks_per_turn = 4096.5", "joints.a.joint_pos: ticks_per_turn = 4096.5, and no angle"),
-        ('[joints.a.joint_pos]\nangle = "tick"', "without ticks_per_turn"),
-        ('scale = 0.1\nangle = "deg"', "scale = 0.1 and angle = 'deg'"),
-        ("[joints.a.joint_pos]\nscale = 0.1\nticks_per_turn = 10", "scale = 0.1 and ticks_per_turn = 10"),
-        ("scale = 0", "scale = 0 is not a finite number above 0"),
-        ("[joints.a.joint_vel]\nzero = 1.0", "zero"),
-        ('[joints.a.joint_torque]\nangle = "deg"', "angle"),
-        ("[joints.a.joint_pos]\nsign = 0.5", "sign = 0.5 is not 1 or -1"),
-        ("joint_pos = 3", "joint_pos = 3 is not a table"),
-        ("[joints.a.external_torque]\nsign = -1", "the map names no columns external_torque"),
-    ],
-)
-def test_what_has_no_effect_or_two_meanings_is_refused_with_its_place(tmp_path: Path, of_a: str, said: str):
-    with pytest.raises(ArtifactError) as refusal:
-        load_column_map(a_map(tmp_path, of_a))
-    assert said in str(refusal.value) and "joints.a" in str(refusal.value)
-
-
-@pytest.mark.parametrize("ticks", ["1", "nan", "inf", "-4096", "true"])
-def test_a_turn_has_more_than_one_tick(tmp_path: Path, ticks: str):
-    path = a_map(tmp_path, "", old='angle = "deg"', new=f'angle = "tick"\nticks_per_turn = {ticks}')
-    with pytest.raises(ArtifactError, match="is not a finite number above 1"):
-        load_column_map(path)
-
-
-def test_ticks_of_the_units_that_no_angle_has_are_refused(tmp_path: Path):
-    path = a_map(tmp_path, "", old='angle = "deg"', new="ticks_per_turn = 4096")
-    with pytest.raises(ArtifactError, match="units: ticks_per_turn = 4096, and no angle is in ticks") as refusal:
-        load_column_map(path)
-    assert refusal.value.remedy is not None and 'angle = "tick"' in refusal.value.remedy

@@ -66,13 +66,6 @@ def test_a_pendulum_states_the_voltage_and_temperature_of_its_rows_or_else_its_s
     assert read_log(write_bam(tmp_path, vin="7.4V")).supply_voltage is None
 
 
-def test_an_arm_is_a_rod(tmp_path: Path):
-    log = read_log(write_bam(tmp_path, arm_mass=0.3))
-    assert log.load_inertia is not None and log.external_torque is not None
-    np.testing.assert_allclose(log.load_inertia, 0.6 * 0.1**2)
-    np.testing.assert_allclose(log.external_torque[:, 0], -0.65 * GRAVITY * 0.1 * np.sin(ANGLE[:, 0]))
-
-
 def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
     whole = [{"timestamp": t, "goal_position": 0.0, "position": 0.1 * t, "speed": 0.1} for t in TIME.tolist()]
     off = set(range(10, 15)) | {16}
@@ -83,23 +76,6 @@ def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
     assert log.source.endswith("(7 rows without torque left out)")
     with pytest.raises(LogError, match="off in every row"):
         read_log(write_bam(tmp_path, entries=[entry | {"torque_enable": False} for entry in whole]))
-
-
-def test_a_pendulum_without_speeds_or_with_goals_of_null_is_read(tmp_path: Path):
-    whole = [{"timestamp": t, "goal_position": 0.5, "position": 0.1 * t} for t in TIME.tolist()]
-    log = read_log(write_bam(tmp_path, entries=whole))
-    assert log.joint_vel is None and log.num_rows == ROWS
-    off = {"goal_position": None, "torque_enable": False}
-    limp = [entry | off if row < 12 else entry for row, entry in enumerate(whole)]
-    log = read_log(write_bam(tmp_path, entries=limp))
-    np.testing.assert_array_equal(log.time, TIME[12:])
-    assert set(log.position_target[:, 0]) == {0.5}
-    limp[20] = limp[20] | {"goal_position": None}
-    with pytest.raises(LogError, match="row 20, goal_position is None, not a finite number"):
-        read_log(write_bam(tmp_path, entries=limp))
-    whole[7] = whole[7] | {"speed": 0.1}
-    with pytest.raises(LogError, match="row 0, speed is None, not a finite number"):
-        read_log(write_bam(tmp_path, entries=whole))
 
 
 def test_a_folder_of_sage_is_merged(tmp_path: Path):
@@ -152,55 +128,6 @@ def test_lerobots_description_must_fit(tmp_path: Path):
     (path / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v2.1"}))
     with pytest.raises(LogError, match=r"'v2\.1', not v3 -> convert it .*convert_dataset_v21_to_v30"):
         read_log(path)
-
-
-LEROBOT_MAP = """
-motor = "servo"
-time = "timestamp"
-segment = "episode_index"
-position_target = "action[{joint}]"
-joint_pos = "observation.state[{joint}]"
-[units]
-angle = "deg"
-[joints]
-0 = { name = "pan" }
-1 = { name = "lift" }
-"""
-
-
-def described(path: Path, **changes: Any) -> Path:
-    """A dataset whose info.json says more."""
-    info = path / "meta" / "info.json"
-    info.write_text(json.dumps(json.loads(info.read_text()) | changes))
-    return path
-
-
-@pytest.mark.parametrize("mapped", [False, True])
-def test_a_dataset_that_lacks_a_file_is_refused_with_both_numbers(tmp_path: Path, mapped: bool):
-    (tmp_path / "map.toml").write_text(LEROBOT_MAP)
-    columns = tmp_path / "map.toml" if mapped else None
-    path = described(write_lerobot(tmp_path), total_frames=ROWS, total_episodes=2)
-    np.testing.assert_allclose(read_log(path, columns=columns).joint_pos, ANGLE, atol=1e-6)
-    (path / "data" / "chunk-000" / "file-001.parquet").unlink()
-    with pytest.raises(LogError, match=rf"info\.json: total_frames is {ROWS}, its .* have {ROWS // 2} -> copy"):
-        read_log(path, columns=columns)
-    described(path, total_frames=ROWS // 2)
-    with pytest.raises(LogError, match=r"total_episodes is 2, its .* have 1 -> copy"):
-        read_log(path, columns=columns)
-    assert read_log(described(path, total_frames=None, total_episodes=None), columns=columns).num_rows == ROWS // 2
-
-
-def test_what_lerobot_does_not_call_a_position_is_no_angle(tmp_path: Path):
-    """Names without an ending, of older datasets, pass."""
-    for names, odd in ((["pan.pos", "x.vel"], "x.vel"), (["pan", "lift"], None)):
-        path = described(
-            write_lerobot(tmp_path), features={key: {"names": names} for key in ("action", "observation.state")}
-        )
-        if odd is None:
-            assert read_log(path).joint_names == JOINTS
-            continue
-        with pytest.raises(LogError, match=r"action has 'x\.vel', which is no position \(\.pos\) -> .* column map"):
-            read_log(path)
 
 
 def test_tensors_of_any_layout_come_through(tmp_path: Path):

@@ -36,21 +36,6 @@ def test_round_trip_is_exact(written, full_log):
         assert getattr(log, name) == getattr(full_log, name)
 
 
-def test_registers_of_the_firmware_come_back_and_a_file_without_has_none(tmp_path, make_log):
-    firmware = {"dead_zone": 0.0015, "profile_acceleration": 38.963}
-    write_log(tmp_path / "told.parquet", make_log(firmware=firmware))
-    write_log(tmp_path / "log.parquet", make_log())
-    assert read_parquet(tmp_path / "told.parquet").firmware == firmware
-    assert read_parquet(tmp_path / "log.parquet").firmware == {}
-    assert b"firmware" not in pq.read_schema(tmp_path / "log.parquet").metadata[METADATA_KEY]
-
-
-def test_absent_channels_stay_absent(tmp_path, make_log):
-    write_log(tmp_path / "log.parquet", make_log(joint_vel=None))
-    log = read_parquet(tmp_path / "log.parquet")
-    assert channels(log).keys() == {"time", "position_target", "joint_pos"}
-
-
 def test_columns_say_channel_unit_and_joint(written):
     names = pq.read_schema(written).names
     assert names[:5] == [
@@ -74,11 +59,6 @@ def test_a_truncated_file_is_refused(written, share):
     written.write_bytes(content[: int(share * len(content))])
     with pytest.raises(LogError, match=r"log\.parquet: not a complete Parquet file .* -> "):
         read_parquet(written)
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(LogError, match=r"absent\.parquet: no such file"):
-        read_parquet(tmp_path / "absent.parquet")
 
 
 @pytest.mark.parametrize(

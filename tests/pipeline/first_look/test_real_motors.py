@@ -10,26 +10,16 @@ import pytest
 from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.judging import fit_quality
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.pipeline.demo import Demo, require_settings, that_walks
-from motorprior.pipeline.first_look.fleet_comparison import (
-    beside_each_other,
-    fleet_results,
-    not_shown_results,
-    shown_by_logs,
-)
-from motorprior.pipeline.first_look.look import Errors, constant_results
-from motorprior.pipeline.first_look.look_by_replay import beginning
-from motorprior.pipeline.first_look.look_with_loads import SHOWN
+from motorprior.pipeline.demo import Demo, that_walks
+from motorprior.pipeline.first_look.look import Errors
 from motorprior.pipeline.first_look.real_motors import (
     TRACES,
     RealMotors,
     _loads,
-    fleet_of,
     read_logs_of,
     run_real_motors,
 )
@@ -103,21 +93,6 @@ def test_logs_without_loads_get_responses_and_a_line(logs: Path, tmp_path: Path,
     assert total["second_order"] < total["pure_delay"]
 
 
-def test_logs_of_different_joints_are_refused(logs: Path, tmp_path: Path):
-    path = logs / "second.parquet"
-    write_log(path, replace(read_parquet(path), joint_names=("hip", "knee", "toe")))
-    with pytest.raises(LogError, match="log second has joints hip, knee, toe; others hip, knee, ankle"):
-        read_logs_of(RealMotors(logs, tmp_path / "out"))
-
-
-def test_logs_in_which_nothing_moves_are_refused(logs: Path, tmp_path: Path):
-    for path in sorted(logs.iterdir()):
-        log = read_parquet(path)
-        write_log(path, replace(log, position_target=np.zeros(log.joint_pos.shape)))
-    with pytest.raises(LogError, match="first, second: no joint is excited"):
-        read_logs_of(RealMotors(logs, tmp_path / "out"))
-
-
 ARM = """
 name = "arm"
 motor = "servo"
@@ -142,11 +117,6 @@ def arm(tmp_path: Path) -> str:
     return str(tmp_path / "arm.toml")
 
 
-def test_an_arm_does_not_hang(logs: Path, tmp_path: Path, arm: str):
-    with pytest.raises(ConfigError, match="the base of 'arm' is fixed"):
-        read_logs_of(RealMotors(logs, tmp_path / "out", hung=True, robot=arm))
-
-
 def stating(folder: Path, names: tuple[str, ...], *postures: str | None) -> Path:
     """A folder with a log of these joints for each posture, stated in all rows but the first, which was hung."""
     log = a_log("a", [True] * len(names))
@@ -154,28 +124,6 @@ def stating(folder: Path, names: tuple[str, ...], *postures: str | None) -> Path
         codes = None if stated is None else np.array([1] + 49 * [POSTURES.index(stated)])
         write_log(folder / f"log_{number}.parquet", replace(log, joint_names=names, posture=codes))
     return folder
-
-
-@pytest.mark.parametrize("stated", ["standing", "fixed", "fallen"])
-def test_a_log_that_states_another_posture_did_not_hang(tmp_path: Path, stated: str):
-    out = tmp_path / "out"
-    logs = stating(tmp_path / "logs", JOINTS, "hung", stated)
-    config = RealMotors(logs, out, hung=True)
-    with pytest.raises(ConfigError, match=f"hung: row 1 states the posture {stated}, .* has to be hung") as refusal:
-        run_real_motors(config)
-    assert refusal.value.argument == "hung" and refusal.value.where == logs / "log_1.parquet" and not out.exists()
-
-
-@pytest.mark.parametrize("stated", POSTURES)
-def test_the_base_of_an_arm_is_fixed(tmp_path: Path, arm: str, stated: str):
-    path = stating(tmp_path / "logs", JOINTS[:2], stated) / "log_0.parquet"
-    write_log(path, read_parquet(path).rows(slice(1, None)))
-    config = RealMotors(path, tmp_path / "out", robot=arm)
-    if stated == "fixed":
-        assert list(read_logs_of(config).logs) == ["log_0"]
-        return
-    with pytest.raises(LogError, match=f"row 0 states the posture {stated}, .* has to be fixed in every row"):
-        read_logs_of(config)
 
 
 @pytest.mark.parametrize(
@@ -203,69 +151,12 @@ def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: st
     assert that_walks(Demo(logs=logs)) == Demo(logs=logs)
 
 
-@pytest.mark.parametrize("given", [Demo(hung=True), Demo(columns="so101_sage")])
-def test_what_is_said_of_logs_is_refused_without_logs(given: Demo):
-    with pytest.raises(ConfigError, match="but no logs"):
-        require_settings(given, False)
-
-
 def a_log(name: str, moving: list[bool]) -> MotorLog:
     target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
     return MotorLog(
         time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=JOINTS[:2], robot="r",
         motor="m", source=name,
     )  # fmt: skip
-
-
-def test_a_constant_in_which_motors_are_alike_is_not_shown_by_the_logs():
-    constants, units = (
-        {"delay": np.array([0.0100, 0.0104]), "armature": np.array([1.0, 2.0])},
-        dict.fromkeys(SHOWN, "u"),
-    )
-    shown = shown_by_logs(constants, ())
-    table = constant_table(not_shown_results(constants, shown, units) + constant_results(shown, units, "ab"))
-    assert table.columns == ("constant", "least", "median", "most"), "no fleet, no columns of a fleet"
-    assert table.rows == (("delay [u]", "–", "not shown by the logs", "–"), ("armature [u]", "1", "1.5", "2"))
-    said = beside_each_other(constants, shown, units)
-    assert "differ most in armature (1 to 2 u)" in said and said.endswith("not shown by the logs: delay")
-    assert shown_by_logs(constants, {"delay"}).keys() == constants.keys(), "alike, but felt"
-
-
-def test_of_one_motor_a_log_shows_the_constants_that_it_feels():
-    constants, units = {"delay": np.array([0.01]), "armature": np.array([1.0])}, dict.fromkeys(SHOWN, "u")
-    shown = shown_by_logs(constants, {"armature"})
-    table = constant_table(not_shown_results(constants, shown, units) + constant_results(shown, units, "a"))
-    assert table.columns == ("constant", "your motor")
-    assert table.rows == (("delay [u]", "not shown by the logs"), ("armature [u]", "1"))
-    said = beside_each_other(constants, shown, units)
-    assert said == "your motor has armature 1 u; not shown by the logs: delay"
-
-
-def test_draws_of_a_constant_are_the_same_whatever_else_is_drawn():
-    fleet, units = load_fleet("mixed"), dict.fromkeys(SHOWN, "u")
-    both, alone = (
-        fleet_results(fleet, {name: np.ones(2) for name in names}, units)
-        for names in (("coulomb", "delay"), ("delay",))
-    )
-    assert len(alone) == 3 and both.where(quantity=f"{CONSTANT}delay") == alone
-
-
-def test_only_a_robots_own_fleet_stands_beside_it(arm: str, tmp_path: Path):
-    config = RealMotors(tmp_path, tmp_path)
-    own = fleet_of(config, load_robot(config.robot), True)
-    assert own is not None and own.robot == config.robot
-    assert fleet_of(config, load_robot(config.robot), False) is None
-    assert fleet_of(config, load_robot(arm), True) is None
-    asked = fleet_of(replace(config, fleet="mixed"), load_robot(arm), True)
-    assert asked is not None and asked.name == "mixed"
-
-
-def test_a_replay_begins_before_something_moves():
-    log = a_log("a", [True, False])
-    target = np.concatenate([np.zeros((30, 2)), log.position_target[:20]])
-    still_first = replace(log, position_target=target)
-    assert beginning(still_first, 0.1).time[0] == pytest.approx(0.3)
-    assert beginning(still_first, 0.4).time[0] == 0.0 and beginning(log, 0.1).num_rows == 10
 
 
 def test_joints_that_did_not_move_are_not_counted():

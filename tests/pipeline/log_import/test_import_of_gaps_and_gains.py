@@ -1,23 +1,20 @@
 """What `logs import` refuses before it writes, what it tells, and what it makes of gaps and gains."""
 
 import io
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_files import JOINTS, write_bam, write_csv, write_lerobot, write_parquet
+from foreign_files import JOINTS, write_csv, write_lerobot, write_parquet
 
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.first_look import real_motors
-from motorprior.pipeline.first_look.real_motors import RealMotors
 from motorprior.pipeline.log_import import raw_logs
-from motorprior.pipeline.log_import.import_files import summary, targets_of
+from motorprior.pipeline.log_import.import_files import summary
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs, smooth_on_grid
 from motorprior.pipeline.progress import Lines
 from motorprior.robots.load import load_robot
@@ -69,35 +66,6 @@ def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path, monkey
     assert path.read_bytes() == before and not (tmp_path / "first.parquet").exists()
 
 
-def test_another_logs_recording_and_a_link_to_one_are_not_overwritten(tmp_path: Path):
-    """`log.csv` would become the second recording."""
-    table, raw = write_csv(tmp_path), write_parquet(tmp_path)
-    raw = raw.rename(tmp_path / "raw.parquet")
-    (tmp_path / "log.parquet").symlink_to(raw)
-    with pytest.raises(ConfigError, match="would overwrite"):
-        targets_of((table, raw), tmp_path)
-
-
-def test_no_file_of_a_folder_is_overwritten(tmp_path: Path):
-    path = write_lerobot(tmp_path)
-    inside = path / "data" / "chunk-000"
-    renamed = shutil.copytree(path, tmp_path / "file-000")
-    with pytest.raises(ConfigError, match=r"file-000\.parquet: out: the import would overwrite"):
-        targets_of((renamed,), renamed / "data" / "chunk-000")
-    assert targets_of((path,), inside) == {inside / "dataset.parquet": path}, "a new file is none of the recording's"
-
-
-def test_an_import_may_be_repeated(tmp_path: Path):
-    config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
-    assert imported(config) == imported(config)
-
-
-def test_a_dot_in_a_name_is_no_ending(tmp_path: Path):
-    names = ("run.1.csv", "run.2.csv.gz", "2026-05-01T12.30.15.parquet", "run", "a.b")
-    found = [target.name for target in targets_of([tmp_path / name for name in names], tmp_path / "out")]
-    assert found == [f"{name}.parquet" for name in ("run.1", "run.2", "2026-05-01T12.30.15", "run", "a.b")]
-
-
 def test_loads_of_a_held_base_need_its_robot(tmp_path: Path):
     path, columns = write_swing(tmp_path)
     with pytest.raises(ConfigError, match="the model of their robot, and none was given -> give robot") as refusal:
@@ -134,42 +102,6 @@ def test_no_motion_is_invented_in_a_gap(tmp_path: Path):
     assert np.sqrt(np.mean((log.joint_pos[:, 0] - truth) ** 2)) < 2e-3
 
 
-def test_a_demo_takes_gaps_for_ends_of_segments_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path, columns = write_swing(tmp_path)
-    config = RealMotors(path, tmp_path / "out", columns=columns)
-    taken: list[MotorLog] = []
-    monkeypatch.setattr(
-        "motorprior.pipeline.first_look.look_without_loads.look_without_loads",
-        lambda parts, *_: taken.extend([*parts.known.values(), *parts.judged.values()]) or real_motors.Look(),
-    )
-    lines: list[str] = []
-    real_motors.run_real_motors(config, show=lambda results, said: lines.extend(said))
-    assert any(line.startswith("swing: 1 gap longer than 5 median steps") for line in lines)
-    for log in taken:
-        assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9)) and not check_log(log).of("gaps")
-    assert sum(log.num_rows for log in taken) > 4000
-
-
-def test_a_segment_in_which_nothing_moves_does_not_stop_a_demo(tmp_path: Path):
-    time = 0.01 * np.arange(800)
-    angle = np.where(time < 4.0, np.sin(3.0 * time), 0.25)[:, None]
-    log = MotorLog(
-        time=time + 3.0 * (time >= 4.0), position_target=angle, joint_pos=angle, joint_names=("a",), robot="", motor="",
-        source="a test", segment=np.repeat([0, 1], 400),
-    )  # fmt: skip
-    assert real_motors._on_grid(log).time[-1] < 4.0
-    with pytest.raises(LogError, match="all measured angles"):
-        real_motors._on_grid(log.rows(slice(400, 800)))
-
-
-@pytest.mark.parametrize(("name", "value"), [("kp", -1.0), ("kp", float("nan")), ("kp", 0.0), ("kd", -0.1)])
-def test_a_gain_that_no_motor_has_is_refused_as_the_option(tmp_path: Path, name: str, value: float):
-    config = replace(LogsImport((tmp_path / "none.csv",), tmp_path / "out"), **{name: (1.0, value)})
-    with pytest.raises(ConfigError, match=f"{name} .* is not a finite number from") as refusal:
-        import_logs(config)
-    assert refusal.value.argument == name and f"--{name} {value}" in refusal.value.on_command_line()
-
-
 def test_several_gains_need_an_order_and_are_told(tmp_path: Path):
     config = LogsImport(
         (write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"), kp=(20.0, 16.0)
@@ -201,14 +133,6 @@ def _of_pupper() -> MotorLog:
     )  # fmt: skip
 
 
-def test_units_that_a_dataset_does_not_say_are_told_every_time(tmp_path: Path):
-    path = write_lerobot(tmp_path)
-    for _ in range(2):
-        said = imported(LogsImport((path, write_bam(tmp_path)), tmp_path / "out"))
-        (line,) = (line for line in said.splitlines() if "does not say its units" in line)
-        assert line.startswith(str(path)) and "degrees" in line and "gripper" in line and "docs/your-motors.md" in line
-
-
 def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
     path = write_lerobot(tmp_path)
     (tmp_path / "map.toml").write_text(
@@ -234,36 +158,3 @@ def test_what_was_imported_is_told_in_degrees(tmp_path: Path):
     assert "40 rows, 0.78 s, 50 Hz, 2 joints (pan, lift), commands from" in line
     assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
     assert states == f"{tmp_path / 'out' / 'log.parquet'}: states no gain, register, condition or posture"
-
-
-def test_what_a_log_states_is_told_and_which_gain_stays(tmp_path: Path):
-    """The acceleration that LeRobot's driver writes, and a map's kd beside another kp."""
-    path = write_lerobot(tmp_path)
-    info = path / "meta" / "info.json"
-    info.write_text(info.read_text("utf-8").replace('"arm"', '"so101_follower"'), "utf-8")
-    said = imported(LogsImport((path,), tmp_path / "out"))
-    assert said.splitlines()[-1].endswith("dataset.parquet: states profile_acceleration 38.96 rad/s²")
-    swing, columns = write_swing(tmp_path, gap=False)
-    text = Path(columns).read_text("utf-8").replace("a = {}", "a = {kp = 5, kd = 0.1}")
-    Path(columns).write_text(text, "utf-8")
-    config = LogsImport((swing,), tmp_path / "out", columns=columns, kp=(20.0,))
-    said = imported(config)
-    assert f"{swing}: kp is replaced, kd stays as" in said
-    assert said.splitlines()[-1].endswith("states kp 20 N·m/rad; kd 0.1 N·m·s/rad")
-    assert "stays" not in imported(replace(config, kd=(1.0,))) and "stays" not in imported(replace(config, kp=()))
-
-
-def test_a_gain_for_a_log_in_units_of_the_firmware_is_told_in_them(tmp_path: Path):
-    said = imported(LogsImport((write_bam(tmp_path),), tmp_path / "out", kp=(20.0,)))
-    assert said.splitlines()[-1].endswith("states kp 20 in units of the firmware; supply_voltage 7.4 V")
-
-
-def test_an_import_with_loads_that_is_replaced_by_one_without_is_told(tmp_path: Path):
-    config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
-    imported(config)
-    assert "takes the place" not in imported(config), "neither has loads"
-    target = tmp_path / "out" / "log.parquet"
-    log = read_parquet(target)
-    ones = np.ones_like(log.joint_pos)
-    write_log(target, replace(log, load_inertia=ones, external_torque=ones))
-    assert f"{target}: takes the place of an earlier import that had loads" in imported(config)

@@ -2,9 +2,7 @@
 
 import io
 import json
-import math
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,16 +11,14 @@ import pytest
 from foreign_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 from swinging_bars import INERTIA, swing, write_table
 
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.pipeline.log_import import raw_logs
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
-from motorprior.pipeline.log_import.unknown_load import weight_of
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import locked
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -56,23 +52,6 @@ def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
         import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
 
 
-def test_conditions_may_be_told_and_are_checked(tmp_path: Path):
-    path = write_bam(tmp_path)
-    import_logs(LogsImport((path,), tmp_path / "out", supply_voltage=6.0, motor_temperature=35.0))
-    log = read_parquet(tmp_path / "out" / "swing.parquet")
-    assert log.supply_voltage is not None and log.motor_temperature is not None
-    assert set(log.supply_voltage[:, 0]) == {6.0} and set(log.motor_temperature[:, 0]) == {35.0}
-    with pytest.raises(ConfigError, match=r"supply_voltage.* 0\.0") as refusal:
-        import_logs(LogsImport((path,), tmp_path / "out", supply_voltage=0.0))
-    assert refusal.value.argument == "supply_voltage"
-
-
-def test_a_log_with_a_load_hangs_nowhere(tmp_path: Path):
-    with pytest.raises(ConfigError, match="says its load itself") as refusal:
-        import_logs(LogsImport((write_bam(tmp_path),), tmp_path / "out", hung=True))
-    assert refusal.value.argument == "hung"
-
-
 @pytest.mark.parametrize(("base", "held"), [("free", "hung"), ("fixed", "fixed")])
 @pytest.mark.parametrize("stated", POSTURES)
 @pytest.mark.parametrize("row", [0, 30, ROWS - 1])
@@ -98,32 +77,6 @@ def test_a_base_that_was_not_held_in_some_row_has_no_loads_of_one_that_was(
     with pytest.raises(ConfigError, match=f"hung: row {row} states the posture {stated}, .* has to be {held}") as error:
         import_logs(config)
     assert error.value.argument == "hung" and error.value.where == tmp_path / "log.parquet" and not taken_in
-
-
-def test_a_map_that_states_a_held_base_adds_no_loads_by_itself(tmp_path: Path):
-    path, columns = write_csv(tmp_path), tmp_path / "columns.toml"
-    columns.write_text('posture = "hung"\n' + columns.read_text("utf-8"), "utf-8")
-    import_logs(LogsImport((path,), tmp_path / "out", columns=str(columns), period=0.005))
-    log = read_parquet(tmp_path / "out" / "log.parquet")
-    assert log.load_inertia is None and log.posture is not None
-    assert log.posture.tolist() == [POSTURES.index("hung")] * log.num_rows
-
-
-@pytest.mark.parametrize("period", [1e-9, 0.0, -0.002, 2.0, math.nan])
-def test_a_period_out_of_bounds_is_refused_before_a_log_is_read(tmp_path: Path, period: float):
-    with pytest.raises(ConfigError, match=r"period .* is not a finite number from 1e-06 to 1") as refusal:
-        import_logs(LogsImport((tmp_path / "none.csv",), tmp_path / "out", period=period))
-    assert refusal.value.argument == "period"
-
-
-def test_two_imports_into_one_folder_do_not_write_at_once(tmp_path: Path):
-    """Of two logs of one name only one would be left."""
-    out, path = tmp_path / "out", write_bam(tmp_path)
-    with locked(out), ThreadPoolExecutor(1) as other, pytest.raises(ArtifactError, match="another command writes there"):
-        other.submit(import_logs, LogsImport((path,), out)).result()
-    assert not out.exists()
-    import_logs(LogsImport((path,), out))
-    assert [file.name for file in out.iterdir()] == [path.name.split(".")[0] + ".parquet"]
 
 
 def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: Path, monkeypatch):
@@ -152,39 +105,3 @@ def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: P
     lines = said.getvalue().splitlines()
     assert any("joint left: inertia 0.005 kg·m², times or over 1.11; weight 0.4 ± 0.01" in line for line in lines)
     assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]
-
-
-def test_a_weight_is_as_unsure_as_its_parts_along_and_across():
-    covariance = np.array([[1.0, -0.9], [-0.9, 1.0]]) * 1e-2
-    load = FittedLoad(0.01, 0.1, 0.1, np.array([1.0, 1.0]), covariance, 0.0)
-    weight, deviation, hangs, of_hangs = weight_of(load)
-    assert (weight, hangs) == (pytest.approx(np.sqrt(2.0)), pytest.approx(-0.25 * np.pi))
-    assert deviation == pytest.approx(np.sqrt(0.001)), "what was swung through"
-    assert of_hangs == pytest.approx(np.sqrt(0.019 / 2.0))
-    draws = np.random.default_rng(0).multivariate_normal(load.gravity, 1e-2 * covariance, 20_000)
-    assert np.hypot(*draws.T).std() == pytest.approx(0.1 * deviation, rel=0.03)
-    assert np.arctan2(-draws[:, 1], draws[:, 0]).std() == pytest.approx(0.1 * of_hangs, rel=0.03)
-
-
-def test_loads_are_not_fitted_where_they_are_known_or_cannot_be(tmp_path: Path):
-    bars = swing(1.0)
-    table, columns = write_table(bars, tmp_path)
-    known = tmp_path / "known.toml"
-    known.write_text('external_torque = "goal_{joint}"\n' + columns.read_text())
-    firmware = tmp_path / "firmware.toml"
-    firmware.write_text(columns.read_text().replace("[units]", '[units]\ngain = "firmware"'))
-    fit = LogsImport((table,), tmp_path / "out", columns=str(columns), fit_load=True)
-    refused = {
-        "two ways to have loads": replace(fit, hung=True),
-        "needs columns": replace(fit, columns=None),
-        "the model of 'arm.toml' says the loads": replace(fit, robot="arm.toml"),
-        "loads are fitted at 0.002 s": replace(fit, period=0.005),
-        r"says its load itself \(external_torque\)": replace(fit, columns=str(known)),
-    }
-    for words, config in refused.items():
-        with pytest.raises(ConfigError, match=words) as refusal:
-            import_logs(config)
-        assert refusal.value.argument in ("fit_load", "period")
-    with pytest.raises(LogError, match="its kp is in firmware units"):
-        import_logs(replace(fit, columns=str(firmware)))
-    assert not list((tmp_path / "out").glob("*")), "nothing is half written"

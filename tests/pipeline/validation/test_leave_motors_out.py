@@ -63,11 +63,6 @@ def test_the_motors_by_themselves_are_fitted_over_windows_as_long_as_the_priors(
         assert windows == {alone: RECIPES[prior].window}
 
 
-def test_joints_of_no_leg_have_no_same_place(logs: list[MotorLog], tmp_path: Path):
-    found = leave_motors_out(logs[0], logs[1], replace(ROBOT, legs=()), GROUP, "pace", SECONDS, tmp_path)
-    assert set(found.errors) == {"prior", "adapted", "per_motor", "tuned_pd"}
-
-
 def test_the_motors_of_a_leg_are_left_out_together():
     groups = motor_groups(ROBOT)
     assert len(groups) == len(ROBOT.legs) and all(len(group) == 3 for group in groups)

@@ -8,7 +8,6 @@ import pytest
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
-from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog
@@ -34,18 +33,3 @@ def test_baselines_of_long_runs_can_be_fitted_to_segments_shorter_than_their_win
         assert recipe.history + recipe.window < 450
         assert replace(recipe, window=PRESETS[preset].window) == PRESETS[preset]
         assert len(training_data(short, recipe, "log").starts) > 0
-
-
-def test_windows_are_kept_where_there_is_room(log: MotorLog):
-    long = in_segments(log, 900)
-    recipes = baseline_recipes(long, PRESETS["long_runs"])
-    assert all(recipe == PRESETS[preset] for preset, recipe in recipes.values())
-
-
-def test_a_log_too_short_for_any_window_is_refused_by_its_source(log: MotorLog):
-    with pytest.raises(LogError, match=r"(?s)my\.parquet.*longest segment has 150 rows"):
-        baseline_recipes(in_segments(log, 150), PRESETS["rollout"])
-
-
-def test_there_are_none_at_another_period(log: MotorLog):
-    assert baseline_recipes(in_segments(log, 150), replace(PRESETS["rollout"], period=0.005)) == {}

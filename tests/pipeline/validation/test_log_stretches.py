@@ -3,16 +3,11 @@
 import numpy as np
 import pytest
 
-from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.validation.log_stretches import (
-    MOST_LOGS,
-    SHORTEST,
-    long_segments,
     moving_joints,
     split,
     stretches,
-    with_joints,
 )
 
 
@@ -63,51 +58,3 @@ def test_joints_that_move_one_after_the_other_are_known_and_judged():
     assert moving_joints(found.known) == moving_joints(found.judged) == [0, 1, 2]
     assert not set(found.known["a"].joint_pos[:, 2]) & set(found.judged["a"].joint_pos[:, 2]) - {0.0}
     assert "in turns" in found.told
-
-
-def test_joints_that_move_in_one_piece_each_are_named():
-    with pytest.raises(LogError, match=r"hip moves from 0\.0 to 1\.\d s of a; knee moves from 1\.6 to"):
-        split({"a": waves((0.0, 1.6), (1.6, 3.2), seconds=3.2)}, 5.0, 5.0)
-
-
-@pytest.mark.parametrize("spans", [[(100.0, 120.0)], [(40.0, 50.0), (100.0, 120.0)]])
-def test_what_stands_still_is_not_known(spans: list[tuple[float, float]]):
-    found = split({"a": waves(*spans, seconds=130.0)}, 5.0, 5.0)
-    assert moving_joints(found.known) == moving_joints(found.judged) != []
-
-
-def test_a_short_motion_in_a_long_log_is_cut_in_two():
-    found = split({"a": waves((4.0, 6.0), seconds=10.0)}, 9.0, 9.0)
-    assert moving_joints(found.known) == moving_joints(found.judged) == [0]
-
-
-def test_of_many_logs_some_from_all_over_the_list():
-    names = [f"{index:02d}" for index in range(40)]
-    found = split({name: a_log(2000) for name in names}, 10.0, 10.0)
-    taken = sorted([*found.known, *found.judged])
-    assert len(taken) == MOST_LOGS and taken[0] == "00" and taken[-1] == "39"
-    assert f"{MOST_LOGS} of 40 logs" in found.told
-
-
-def test_no_more_seconds_than_asked_for():
-    found = split({name: a_log(5000) for name in "abcd"}, 4.0, 8.0)
-    assert [log.num_rows for log in found.known.values()] == [1000, 1000]
-    assert [log.num_rows for log in found.judged.values()] == [2000, 2000]
-
-
-def test_segments_that_are_too_short_are_left_out():
-    least = round(SHORTEST / 0.002) + 1
-    log = a_log(2 * least + 1, segment=np.repeat([0, 1, 2], [least, 1, least]))
-    kept = long_segments(log)
-    assert kept is not None and kept.num_rows == 2 * least
-    assert long_segments(a_log(least - 1)) is None
-    with pytest.raises(LogError, match=f"no segment of {SHORTEST:g} s"):
-        split({"a": a_log(least - 1), "b": a_log(least - 1)}, 10.0, 10.0)
-
-
-def test_a_log_of_some_joints_has_their_columns():
-    log = a_log(10, moving=(1,))
-    assert moving_joints({"a": log}) == [1]
-    found = with_joints(log, [1])
-    assert found.joint_names == ("knee",)
-    np.testing.assert_array_equal(found.position_target[:, 0], log.position_target[:, 1])

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.exceptions import ConfigError
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline import adapt, identify
-from motorprior.pipeline.adapt import first_and_rest
+from motorprior.pipeline import identify
 from motorprior.pipeline.identify import Identify, fit_prior, run_identify
 from motorprior.pipeline.prior_file import trained_on
 from motorprior.pipeline.progress import Lines
@@ -90,33 +88,3 @@ def test_the_first_seconds_are_known_and_the_rest_is_judged(
     run_validate_log(ValidateLog(path, recorded, tmp_path / "out", seconds=seconds))
     assert [each.num_rows for each in seen] == [rows, 900 - rows]
     np.testing.assert_array_equal(np.concatenate([each.joint_pos for each in seen]), log(1).joint_pos)
-
-
-def test_seconds_that_leave_a_single_row_of_a_segment_leave_the_next_one():
-    two = replace(log(0), segment=np.repeat([0, 1], [301, 599]))
-    first, rest = first_and_rest(two, 0.6)
-    assert first.num_rows == 300 and rest.num_rows == 599
-    with pytest.raises(ConfigError, match=r"seconds 1\.798: nothing is left of 1\.798 s") as refusal:
-        first_and_rest(log(0), 1.798)
-    assert refusal.value.argument == "seconds"
-
-
-@pytest.mark.usefixtures("fit")
-def test_who_adapts_to_a_log_that_the_prior_was_trained_on_is_warned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    class Adapted(Exception):
-        """As far as this goes."""
-
-    def begin(*_: object) -> None:
-        raise Adapted
-
-    monkeypatch.setattr(adapt, "adapt_to", begin)
-    prior, path = fit_prior(log(0), "pace"), tmp_path / "prior.safetensors"
-    prior.save(path)
-    for seed, known in ((0, True), (1, False)):
-        write_log(tmp_path / f"{seed}.parquet", log(seed))
-        said, heard = io.StringIO(), io.StringIO()
-        with pytest.raises(Adapted):  # the first second of a log is of that log
-            adapt.run_adapt(adapt.Adapt(path, tmp_path / f"{seed}.parquet", tmp_path / "out", 1.0), Lines(said))
-        with pytest.raises(Adapted):
-            adapt.adapt(prior, log(seed), progress=Lines(heard))
-        assert (WARNING in said.getvalue()) is (WARNING in heard.getvalue()) is known

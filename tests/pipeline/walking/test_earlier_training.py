@@ -6,17 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.artifacts import read_tensors, write_json
+from motorprior.artifacts import read_tensors
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline import stage
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.stage import MARKER
 from motorprior.pipeline.walking import training
-from motorprior.pipeline.walking.earlier_training import _differences
 from motorprior.pipeline.walking.training import CHECKPOINT
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
-from motorprior.pipeline.walking.walk_seeds import run_walk_seeds
 from motorprior.search import policy_search
 from motorprior.search.ars import ArsConfig
 
@@ -54,11 +52,6 @@ def killed_before_its_marker(tmp_path: Path, every_iteration_is_saved: None) -> 
     return folder
 
 
-def test_what_another_stage_finished_there_is_no_policy(tmp_path: Path):
-    write_json(tmp_path / MARKER, {"stage": "bench", "config": {"motors": 32}, "seconds": 1.0})
-    assert "policy that was finished" not in heard_of(walk(tmp_path))
-
-
 def test_killed_before_its_marker_is_written_a_training_goes_on_from_its_checkpoint(
     killed_before_its_marker: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -71,43 +64,12 @@ def test_killed_before_its_marker_is_written_a_training_goes_on_from_its_checkpo
     assert (killed_before_its_marker / MARKER).is_file() and not (killed_before_its_marker / CHECKPOINT).exists()
 
 
-def test_a_checkpoint_beside_the_marker_of_a_finished_training_goes(tmp_path: Path, killed_before_its_marker: Path):
-    run_walk(walk(tmp_path / "walk"))
-    policy = (tmp_path / "walk" / POLICY).read_bytes()
-    (killed_before_its_marker / CHECKPOINT).rename(tmp_path / "walk" / CHECKPOINT)
-    assert not run_walk(walk(tmp_path / "walk"))
-    assert not (tmp_path / "walk" / CHECKPOINT).exists() and (tmp_path / "walk" / POLICY).read_bytes() == policy
-
-
 def test_a_finished_policy_of_other_settings_is_replaced_and_that_is_told(tmp_path: Path):
     assert heard_of(walk(tmp_path)).count("\n") == 1, "how long it took"
     said = heard_of(walk(tmp_path, iterations=4, motors=MotorChoice("pd", kp=9.0)))
     assert f"{tmp_path}: the policy that was finished there has other settings" in said
     assert "iterations was 3, is 4" in said and "motors.kp was 8.0, is 9.0" in said and said.count(" was ") == 3
     assert "other settings" not in heard_of(walk(tmp_path / "b"))
-
-
-def test_an_interrupted_training_of_other_settings_is_thrown_away_and_that_is_told(killed_before_its_marker: Path):
-    said = heard_of(walk(killed_before_its_marker, episode_steps=11))
-    assert "(episode_steps was 10, is 11); its 3 iterations are thrown away" in said
-    assert "other settings" not in heard_of(walk(killed_before_its_marker, iterations=3, episode_steps=11))
-
-
-def test_other_files_and_another_version_are_differences_and_many_are_counted():
-    now = {"config": {"a": 1, "b": {"c": 2, "d": 3}}, "inputs": ["x 1"], "version": "1", "code": "f"}
-    assert _differences(now | {"inputs": ["x 2"]}, now) == "other files as inputs"
-    assert _differences(now | {"code": "e"}, now) == "another version of the program"
-    assert _differences(now | {"config": {"a": 1, "b": {"c": 2, "d": 4}}}, now) == "b.d was 4, is 3"
-    many = {"config": {name: 0 for name in "uvwxyz"}}
-    assert _differences(many | {"inputs": ["x 1"], "version": "1", "code": "f"}, now).endswith("and 5 more")
-
-
-def test_a_finished_training_is_not_begun_again_and_seeds_say_so(tmp_path: Path):
-    assert run_walk(walk(tmp_path / "one")) and not run_walk(walk(tmp_path / "one"))
-    run_walk_seeds(walk(tmp_path / "two"), 2)
-    said = StringIO()
-    run_walk_seeds(walk(tmp_path / "two"), 2, Lines(said))
-    assert said.getvalue().count("is finished with these settings: nothing was trained") == 2
 
 
 def test_a_training_does_not_overwrite_the_policy_that_it_starts_from(tmp_path: Path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.actuator.limits_not_shown import limit_in_words, limits_not_shown
+from motorprior.actuator.limits_not_shown import limits_not_shown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import bench_names
 from motorprior.pipeline.motor_choice import MotorChoice
@@ -52,8 +52,3 @@ def test_of_gaits_with_impacts_only_the_motor_whose_log_is_too_short_is_told():
     assert limits_not_shown(prior.metrics)["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
     worst = bench_names(4)[int(limits.argmax())]
     assert f"the logs of 1 of 4 motors ({worst}) do not show a torque limit" in said.getvalue()
-
-
-def test_a_limit_has_its_unit():
-    assert limit_in_words("torque_limit", 20.04) == "torque limit of 20 N·m"
-    assert limit_in_words("no_load_speed", 9.0) == "no load speed of 9 rad/s"

@@ -1,6 +1,5 @@
 """`train_policy` is `walk` without files: the same options, the same policies."""
 
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import pytest
 import motorprior as mp
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -39,31 +37,3 @@ def test_contests_are_walked_on_the_validation_fleet(given: Any, tmp_path: Path)
     walked = Policy.load(tmp_path / POLICY).provenance["own_return"]
     assert judged.provenance["own_return"] == walked != at_home.provenance["own_return"]
     assert (judged.provenance["validation"], at_home.provenance["validation"]) == ("mixed", None)
-
-
-def test_validation_on_the_fleet_of_the_twin_deserves_a_note(tmp_path: Path):
-    said = {}
-    for fleet in ("pupper_v2", "mixed"):
-        told = StringIO()
-        mp.train_policy(PUPPER_V2, mp.load_fleet("mixed"), validation=fleet, progress=Lines(told), **SHORT)
-        run_walk(Walk(tmp_path / fleet, MotorChoice("pd"), validation=fleet, **SHORT), Lines(told))
-        said[fleet] = told.getvalue().count("validation is on the fleet of the twin")
-    assert said == {"pupper_v2": 2, "mixed": 0}
-
-
-def test_what_cannot_be_trained_is_refused_by_the_name_of_the_argument(tmp_path: Path):
-    fleet = mp.load_fleet("pupper_v2")
-    cases: tuple[tuple[dict[str, Any], str], ...] = (
-        ({"hidden_units": 5}, "hidden_units 5 is odd, .* -> give 6, or train without symmetry"),
-        ({"hidden_units": -2}, "hidden_units -2"),
-        ({"hidden_units": 257, "symmetric": False}, "hidden_units 257"),
-    )
-    for options, words in cases:
-        with pytest.raises(mp.ConfigError, match=words) as error:
-            mp.train_policy(PUPPER_V2, fleet, **SHORT, **options)
-        assert error.value.argument == "hidden_units"
-        with pytest.raises(mp.ConfigError, match=words):
-            run_walk(Walk(tmp_path / "walk", MotorChoice("pd"), **SHORT, **options))
-    with pytest.raises(mp.ArtifactError, match="validation: no fleet 'nobody'"):
-        mp.train_policy(PUPPER_V2, fleet, validation="nobody", **SHORT)
-    assert not (tmp_path / "walk").exists()

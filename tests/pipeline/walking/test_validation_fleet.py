@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk, scene
@@ -32,19 +31,6 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score
     assert policy.provenance["validation"]["fleet"] == "mixed"
-
-
-def test_other_judges_change_no_training(tmp_path: Path):
-    for name, fleet in (("own", None), ("other", "mixed")):
-        run_walk(walk(tmp_path / name, validation=fleet))
-    assert (tmp_path / "own" / "metrics.jsonl").read_bytes() == (tmp_path / "other" / "metrics.jsonl").read_bytes()
-
-
-def test_settings_that_contradict_each_other_are_refused_of_a_finished_walk_too(tmp_path: Path):
-    config = walk(tmp_path)
-    run_walk(config)
-    with pytest.raises(ConfigError, match="actuator pd has no use for a prior"):
-        run_walk(replace(config, motors=MotorChoice("pd", prior=tmp_path)))
 
 
 def test_threads_and_interrupts_change_nothing(tmp_path: Path):
@@ -78,11 +64,3 @@ def test_threads_and_interrupts_change_nothing(tmp_path: Path):
     run_walk(parts, Stops(99))
     for name in (POLICY, "curve.json", "metrics.jsonl"):
         assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-
-
-def test_a_fleet_that_is_not_there_and_no_patience_are_refused(tmp_path: Path):
-    with pytest.raises(ArtifactError, match="validation: no fleet 'nobody'"):
-        run_walk(walk(tmp_path / "a", validation="nobody"))
-    with pytest.raises(ConfigError, match="patience"):
-        run_walk(walk(tmp_path / "b", patience=0))
-    assert not (tmp_path / "a").exists() and not (tmp_path / "b").exists()

@@ -2,7 +2,6 @@
 
 import json
 import struct
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,12 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.exceptions import ConfigError
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking import walk_metrics
 from motorprior.pipeline.walking.tensorboard import EVENTS
 from motorprior.pipeline.walking.walk import CURVE, POLICY, Walk, run_walk
-from motorprior.pipeline.walking.walk_metrics import METRICS, Extent, Metrics, read_metrics
+from motorprior.pipeline.walking.walk_metrics import METRICS, read_metrics
 
 
 class Stops:
@@ -73,25 +70,6 @@ def test_an_interrupted_training_ends_at_the_same_bytes(whole: tuple[Path, list[
         assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes(), name
 
 
-def test_a_training_with_other_settings_begins_a_new_file(tmp_path: Path):
-    (tmp_path / METRICS).write_text('{"iteration": 0}\n')
-    Metrics(tmp_path, [], Extent(3, 10, 4))
-    assert (tmp_path / METRICS).read_text() == ""
-
-
-def test_the_line_on_the_terminal_has_return_uprightness_speed_and_time_left(
-    whole: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    assert len(whole[1]) == 4 and all("episodes/s" in note and "upright" in note for note in whole[1])
-    now = iter([100.0, 110.0, 100.0, 110.0])
-    monkeypatch.setattr(walk_metrics.time, "monotonic", lambda: next(now))
-    done: list[dict[str, Any]] = [point(number) for number in range(2)]
-    metrics = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32))
-    assert metrics.add(point(2)) == ("1:06:30 left, return 1.50 m, upright 80 %, speed error 0.05 m/s, 3 episodes/s")
-    patient = Metrics(tmp_path, done, Extent(iterations=402, episode_steps=100, episodes=32, may_end_early=True))
-    assert patient.add(point(2)).startswith("at most 1:06:30 left, ")
-
-
 def point(iteration: int) -> dict[str, Any]:
     means = {"mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "mean_speed_error": 0.05}
     return {"iteration": iteration, **means, "faults": {}}
@@ -107,24 +85,6 @@ def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_
     (path,) = (tmp_path / EVENTS).iterdir()
     for name in ("return_mean", "return_best", "upright", "speed_error"):
         np.testing.assert_allclose(scalars(path, f"walk/{name}"), list(enumerate(told[name])), rtol=1e-6)
-
-
-def test_tensorboard_gets_the_lines_of_a_training_that_was_finished_without_it(tmp_path: Path):
-    pytest.importorskip("tensorboardX", reason="pip install 'motorprior[tensorboard]'")
-    run_walk(small(tmp_path))
-    before = (tmp_path / METRICS).read_bytes()
-    run_walk(replace(small(tmp_path), tensorboard=True))
-    (path,) = (tmp_path / EVENTS).iterdir()
-    wanted = list(enumerate(read_metrics(tmp_path)["return_mean"]))
-    np.testing.assert_allclose(scalars(path, "walk/return_mean"), wanted, rtol=1e-6)
-    assert (tmp_path / METRICS).read_bytes() == before
-
-
-def test_without_the_library_the_option_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "tensorboardX", None)
-    with pytest.raises(ConfigError, match=r"pip install 'motorprior\[tensorboard\]'"):
-        run_walk(replace(small(tmp_path / "walk"), tensorboard=True))
-    assert not (tmp_path / "walk").exists()
 
 
 def scalars(path: Path, tag: str) -> list[tuple[int, float]]:

@@ -7,12 +7,10 @@ from typing import Any
 
 import pytest
 
-from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.watching.walk_report import build_walk_report, kinds_of
-from motorprior.report.plots_style import distinct_colors, model_color
 from motorprior.search.ars import ArsConfig
 from motorprior.simulation.randomization import Randomization
 
@@ -48,25 +46,6 @@ def test_others_are_named_by_how_their_trainings_differ(trained: Path):
     assert first != second and first.startswith("ideal_pd (") and "friction 0.7 to 1.6" in first
 
 
-def test_a_policy_that_went_on_from_another_is_no_seed_of_those_that_did_not(trained: Path):
-    policy = Policy.load(trained / "trot" / POLICY)
-    further = [replace(policy, provenance={**policy.provenance, "start_sha256": start}) for start in ("1", "2", None)]
-    names = kinds_of([("ideal_pd", each) for each in further])
-    assert names == [*2 * ["ideal_pd (begun from a policy)"], "ideal_pd (begun from the gait)"]
-
-
-def test_motors_that_differ_name_policies_without_more(trained: Path):
-    policies = [Policy.load(trained / name / POLICY) for name in ("trot", "pace")]
-    assert kinds_of([("ideal_pd", policies[0]), ("rollout", policies[1])]) == ["ideal_pd", "rollout"]
-
-
-def test_what_differs_beyond_a_name_still_makes_two_kinds(trained: Path):
-    policy = Policy.load(trained / "trot" / POLICY)
-    others = [replace(policy, provenance={"a": n, "b": n, "c": n, "d": d}) for n, d in ((0, 0), (1, 1), (1, 2), (1, 2))]
-    names = kinds_of([("ideal_pd", each) for each in others])
-    assert len(set(names)) == 3 and names[2] == names[3]
-
-
 def test_the_page_says_what_was_trained(trained: Path, tmp_path: Path):
     for name in ("trot", "pace", "plain"):
         (tmp_path / name).symlink_to(trained / name)
@@ -79,15 +58,3 @@ def test_the_page_says_what_was_trained(trained: Path, tmp_path: Path):
     )
     assert "training varied push." in one and "on a linear policy that modulates a trot." in one
     assert "training varied friction, mass, com, " in other and "a linear policy" not in other
-
-
-def test_lines_of_one_model_have_colors_of_their_own():
-    colors = distinct_colors(["ideal_pd (gait trot)", "rollout", "ideal_pd (gait pace)", "unknown"])
-    assert len(set(colors.values())) == 4 and colors["rollout"] == model_color("rollout")
-    assert colors["ideal_pd (gait trot)"] == model_color("ideal_pd")
-
-
-def test_a_policy_in_place_of_its_folder_is_refused_with_the_folder(trained: Path):
-    with pytest.raises(ConfigError, match="not a folder") as error:
-        build_walk_report(trained / "trot" / POLICY, "pupper_v2", "motorprior report", False)
-    assert error.value.remedy == f"give the folder of the policy: {trained / 'trot'}"
