@@ -30,10 +30,10 @@ from motorprior.artifacts import write_json, write_text
 from motorprior.bounds import require_count
 from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.stage import locked
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import Lines
+from motorprior.pipeline.stage import locked
 from motorprior.pipeline.transfer_study.condition import NOTHING, Condition, fleet_of
 from motorprior.pipeline.transfer_study.study_cells import walk_table
 from motorprior.pipeline.transfer_study.study_settings import OWN_MOTORS, Study
