@@ -35,7 +35,7 @@ SMALL_SERVO = {
     "backlash": 0.015, "gear_damping": 0.03,
 }  # fmt: skip
 """A small geared servo, in SI units."""
-pytest_plugins = ["pytester", "standstill"]
+pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
 LIVES_IN_REAL_TIME = {"virtual", "host", "deploying"}
 """Fixtures of robots and hosts that do not wait for the test."""
@@ -56,7 +56,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if LIVES_IN_REAL_TIME & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.real_time)
         if item.get_closest_marker("real_time") and not item.get_closest_marker("flaky"):
-            item.add_marker(pytest.mark.flaky(reruns=4, reruns_delay=1))
+            item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=1))
 
 
 def _place(item: pytest.Item) -> int:

@@ -37,6 +37,7 @@ ORDER = [
         "report",
         "hardware",
         "pipeline",
+        "studies",
         "environments",
         "public",
         "cli",

@@ -8,8 +8,6 @@ import pytest
 from motorprior.exceptions import ArtifactError
 from motorprior.transfer.walk_table import OWN, WalkRow, WalkTable
 
-HEAD = "place,condition,seed,draw,speed,slip\n"
-
 
 def row(place: str, condition: str, seed: int, draw: int, speed: float, slip: float = 0.1) -> WalkRow:
     return WalkRow(place, condition, seed, draw, {"speed": speed, "slip": slip})
@@ -37,13 +35,6 @@ def test_a_policy_that_lacks_a_draw_is_refused(missing: int):
         WalkTable.of(walks).scores("fleet", "prior", "speed")
 
 
-def test_a_walk_that_is_there_twice_is_refused():
-    with pytest.raises(ArtifactError, match="2 walks, not one"):
-        WalkTable.of([row("fleet", "prior", 0, 0, 0.1), row("fleet", "prior", 0, 0, 0.2)]).scores(
-            "fleet", "prior", "speed"
-        )
-
-
 def test_a_saved_table_is_read_back_with_what_is_not_known(tmp_path: Path):
     told = {"speed": 0.123456, "torque": float("nan")}
     names = ("plain", 'with, comma and "quotes"', "of two\nlines")
@@ -63,33 +54,3 @@ def test_a_measure_that_only_some_walks_have_is_unknown_of_the_others(tmp_path: 
     WalkTable.of([row("a", "b", 0, 0, 1.0), WalkRow("a", "b", 0, 1, {"lift": 2.0})]).save(tmp_path / "walks.csv")
     found = WalkTable.load(tmp_path / "walks.csv").scores("a", "b", "lift")
     np.testing.assert_array_equal(found, [[np.nan, 2.0]])
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("", "first row"),
-        ("a,b\n1,2\n", "first row"),
-        ("place,condition,seed,draw,speed,speed\n", "first row"),
-        (HEAD + "own,prior,0,0,0.1\n", "row 2: 5 cells for 6 columns"),
-        (HEAD + "own,prior,0,0,0.1,0.1\n\n", "row 3: 0 cells"),
-        (HEAD + "own,prior,0,0,0.1,fast\n", "row 2: .*'fast'"),
-        (HEAD + "own,prior,0.5,0,0.1,0.1\n", "row 2: .*'0.5'"),
-        (HEAD + ",prior,0,0,0.1,0.1\n", "row 2: no place"),
-        (HEAD + 2 * "own,prior,0,0,0.1,0.1\n", "row 3: the same walk"),
-        (HEAD + "own,prior,0,0,0.1," + 200_000 * "1" + "\n", "field larger"),
-        (b"\xff\xfe\x00", "not a text file"),
-    ],
-)
-def test_a_damaged_file_gives_one_error_that_names_it(tmp_path: Path, text: str | bytes, problem: str):
-    path = tmp_path / "walks.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(ArtifactError, match=problem) as caught:
-        WalkTable.load(path)
-    assert caught.value.where == path and caught.value.remedy
-
-
-@pytest.mark.parametrize("name", ["", "missing.csv"])
-def test_what_is_no_file_is_refused(tmp_path: Path, name: str):
-    with pytest.raises(ArtifactError):
-        WalkTable.load(tmp_path / name)

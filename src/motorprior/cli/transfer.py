@@ -11,12 +11,12 @@ from rich.markdown import Markdown
 
 from motorprior.cli.console import CONSOLE, TERMINAL, table
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.transfer_study.study import run_study
-from motorprior.pipeline.transfer_study.study_report import TABLES, build_study_report
-from motorprior.pipeline.transfer_study.study_settings import Study
+from motorprior.pipeline.report import PAGE
 from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
+from motorprior.studies.settings import Study
+from motorprior.studies.transfer import TABLES, run_study
 from motorprior.transfer.study import DRAWS
 
 
@@ -24,8 +24,8 @@ from motorprior.transfer.study import DRAWS
 class TransferCommand(Transfer, Study):
     """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise.
 
-    With --study nothing is given but a folder: policies are trained on every model of a bench's motors, with several
-    seeds, and watched on four twins; the page in the folder says what transfers.
+    With --study, policies are trained on each model of a bench's motors, with several seeds, and evaluated in their
+    training simulation and four environments; the folder gets walks.csv, figures.json and report.html.
     """
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
@@ -45,10 +45,9 @@ def transfer(config: TransferCommand) -> None:
         raise ConfigError(
             "a study trains its own policies in its own engines", remedy="give neither walks nor an engine"
         )
-    summary = run_study(Study(**given), TERMINAL)
-    page = build_study_report(config.out, _command(given), summary)
+    run_study(Study(**given), TERMINAL, _command(given))
     CONSOLE.print(Markdown((config.out / TABLES).read_text("utf-8")))
-    print(page)
+    print(config.out / PAGE)
     return None
 
 

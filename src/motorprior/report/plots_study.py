@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +16,7 @@ from motorprior.report.plots_style import (
     INK,
     MUTED,
     TEXT,
+    condition_color,
     describe,
     distinct_colors,
     legend_below,
@@ -189,3 +191,26 @@ def _pale(color: str) -> tuple[float, float, float]:
     """The colour at a third of its strength on white, opaque."""
     red, green, blue = to_rgb(color)
     return 1 - 0.36 * (1 - red), 1 - 0.36 * (1 - green), 1 - 0.36 * (1 - blue)
+
+
+def forest(upright: Mapping[tuple[str, str], Any], conditions: Sequence[str]) -> Figure:
+    """Time upright, a panel per environment and a row per condition, hollow in the training simulation.
+
+    Args:
+        upright: (place, condition) -> estimate with value, low and high; place "own" is the training simulation.
+        conditions: from top to bottom.
+    """
+    places = list(dict.fromkeys(place for place, _ in upright if not place.startswith("own"))) or ["own"]
+    figure = new_figure(0.24 * len(conditions) + 0.9)
+    for axes, place in zip(panels(figure, 1, len(places), sharey=True)[0], places, strict=True):
+        for row, condition in enumerate(conditions):
+            color = condition_color(condition)
+            if (own := upright.get(("own", condition))) is not None:
+                axes.plot([own.value], [row], "o", markersize=5, markerfacecolor="white", markeredgecolor=color)
+            if (there := upright.get((place, condition))) is not None:
+                axes.plot([there.low, there.high], [row, row], color=color, linewidth=1.8)
+                axes.plot([there.value], [row], "o", markersize=5, color=color)
+        axes.set_yticks(range(len(conditions)), [model_label(condition) for condition in conditions])
+        axes.set(xlim=(-0.05, 1.05), ylim=(len(conditions) - 0.5, -0.5))
+        describe(axes, x="time upright [-]", title=place)
+    return figure

@@ -1,10 +1,10 @@
-"""Every walk of a study as one tidy table: where, trained on what, which policy, which draw, and how well."""
+"""Every walk of a study as one tidy table: place, training condition, seed, draw, measures."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +16,7 @@ from motorprior.files import read_text
 
 KEYS = ("place", "condition", "seed", "draw")
 NUMBERS = frozenset({"seed", "draw"})
-MAX_TABLE = 100_000_000
-"""Bytes of a file."""
+MAX_TABLE = 100_000_000  # bytes
 OWN = "own"
 """The place where a policy was trained."""
 OWN_ABROAD = "own_foreign"
@@ -104,36 +103,14 @@ class WalkTable:
         Raises:
             ArtifactError: missing, or damaged; names the row.
         """
-        remedy = "delete its folder and run the study again"
-        try:
-            rows = list(csv.reader(io.StringIO(read_text(path, MAX_TABLE), newline="")))
-            header = _measures_of(rows[0] if rows else [])
-        except (csv.Error, ValueError) as error:
-            raise ArtifactError(f"no table of walks ({error})", where=path, remedy=remedy) from error
-        walks: dict[tuple, WalkRow] = {}
-        for number, row in enumerate(rows[1:], start=2):
+        rows = csv.DictReader(io.StringIO(read_text(path, MAX_TABLE), newline=""))
+        walks = []
+        for number, row in enumerate(rows, start=2):
             try:
-                walk = _walk_of(header, row)
-                if walks.setdefault((walk.place, walk.condition, walk.seed, walk.draw), walk) is not walk:
-                    raise ValueError("the same walk as in a row before")
-            except ValueError as error:
+                place, condition, seed, draw = (row.pop(key) for key in KEYS)
+                measures = {name: float(text or "nan") for name, text in row.items()}
+                walks.append(WalkRow(place, condition, int(seed), int(draw), measures))
+            except (KeyError, TypeError, ValueError) as error:
+                remedy = "delete its folder and run the study again"
                 raise ArtifactError(f"row {number}: {error}", where=path, remedy=remedy) from error
-        return cls(tuple(walks.values()))
-
-
-def _measures_of(header: Sequence[str]) -> list[str]:
-    """Names of the columns behind KEYS."""
-    names = list(header[len(KEYS) :])
-    if tuple(header[: len(KEYS)]) != KEYS or len(set(names)) != len(names) or not all(names):
-        raise ValueError(f"its first row is not {', '.join(KEYS)} and names of measures")
-    return names
-
-
-def _walk_of(names: Sequence[str], row: Sequence[str]) -> WalkRow:
-    if len(row) != len(KEYS) + len(names):
-        raise ValueError(f"{len(row)} cells for {len(KEYS) + len(names)} columns")
-    place, condition, seed, draw, *numbers = row
-    if not place or not condition:
-        raise ValueError("no place or no condition")
-    measures = {name: float(text or "nan") for name, text in zip(names, numbers, strict=True)}
-    return WalkRow(place, condition, int(seed), int(draw), measures)
+        return cls(tuple(walks))

@@ -1,31 +1,33 @@
-"""How sure a comparison of policies is: interquartile means, intervals, tests, after Agarwal et al., NeurIPS 2021.
+"""Interquartile means, intervals and permutation tests for few policies, after Agarwal et al., NeurIPS 2021.
 
-Scores are (seeds, draws): a row per trained policy, a column per draw of motors; NaN where one cannot be told. An
-interval resamples both: policies with replacement, and draws with replacement, the same ones for all rows. The
-published bootstrap resamples policies within every task alone, which takes the policies of a seed at two draws for
-independent and gives narrower intervals than there are.
-
-No p value comes from a bootstrap: of eight policies its tails are too light, twenty-five times at p = 0.0002, and a
-correction for many comparisons lives in the tails. Tests permute policies, see `permutation_tests`.
+Scores are (seeds, draws): a row per trained policy, a column per draw of motors; NaN if undefined. Intervals resample
+policies and draws, the same draws for all rows. (The published bootstrap resamples policies within each task, which
+treats the walks of one policy as independent; its intervals are too narrow.) p-values are exact permutation tests over
+policies: bootstrap tails of eight policies are too light, 25 times at p = 0.0002.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+from math import comb
+from typing import TypeVar
 
 import numpy as np
 
-from motorprior.transfer.permutation_tests import permutation_p, sign_p
-
 RESAMPLES = 2000
 LEVEL, SURE = 0.95, 0.05
-"""Of intervals; p value below which a difference is no accident."""
+"""Level of intervals; p below which a difference is significant."""
+WAYS = 20_000
+"""Most permutations that a test enumerates; of more it samples so many."""
 _SEED = 0x57A7
 _CHUNK = 1000
 """Resamples in memory at a time."""
 Statistic = Callable[[np.ndarray], np.ndarray]
 """(..., scores) -> (...), what is known of them; NaN where nothing is."""
+Key = TypeVar("Key", bound=Hashable)
 Sampled = Callable[[np.random.Generator, int], np.ndarray]
 """(generator, count) -> (count,) values of a statistic, one for every resample."""
 
@@ -45,22 +47,15 @@ class Comparison:
 
     Attributes:
         difference: of the statistic, one less the other.
-        improvement: see `improvement`.
         p: two-sided, see `permutation_p` and, of pairs, `sign_p`.
     """
 
     difference: Estimate
-    improvement: float
     p: float
 
-    def is_sure(self, p: float) -> bool:
-        """Whether there is a difference beyond doubt: by a corrected p, and the interval is known and without 0."""
+    def is_significant(self, p: float) -> bool:
+        """By a corrected p, and 0 is outside of the interval."""
         return p < SURE and (self.difference.low > 0.0 or self.difference.high < 0.0)
-
-    def turned(self) -> Comparison:
-        """The other against the one."""
-        there = self.difference
-        return Comparison(Estimate(-there.value, -there.high, -there.low), 1.0 - self.improvement, self.p)
 
 
 def iqm(scores: np.ndarray) -> float:
@@ -126,7 +121,7 @@ def compare_scores(
 
     value = statistic(one.ravel()) - statistic(other.ravel())
     difference = _with_interval(value, _bootstrap(sampled, resamples))
-    return Comparison(difference, improvement(one, other, shared), permutation_p(statistic(one), statistic(other)))
+    return Comparison(difference, permutation_p(statistic(one), statistic(other)))
 
 
 def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statistic = iqms) -> Comparison:
@@ -158,7 +153,7 @@ def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statis
     luck = statistic(others.T) - statistic(others.ravel())
     p = permutation_p(statistic(adapted) - luck, statistic(others))
     difference = _with_interval(value, _bootstrap(sampled, RESAMPLES))
-    return Comparison(difference, _share_better(adapted[:, :, None] - others.T[:, None, :]), p)
+    return Comparison(difference, p)
 
 
 def compare_pairs(one: np.ndarray, other: np.ndarray, statistic: Statistic = iqms) -> Comparison:
@@ -184,56 +179,7 @@ def compare_pairs(one: np.ndarray, other: np.ndarray, statistic: Statistic = iqm
         return statistic(_taken(one, robots, draws)) - statistic(_taken(other, robots, draws))
 
     difference = _with_interval(statistic(one.ravel()) - statistic(other.ravel()), _bootstrap(sampled, RESAMPLES))
-    return Comparison(difference, _share_better(one - other), sign_p(statistic(one) - statistic(other)))
-
-
-def ratio(there: np.ndarray, own: np.ndarray, least: float, resamples: int = RESAMPLES) -> Estimate:
-    """Interquartile mean at a place over that at another [-]; policies stay together, the places' draws do not.
-
-    Args:
-        there: (seeds, draws) of the policies at a place.
-        own: (seeds, other draws) of the same policies, in the same order, at the other.
-        least: interquartile mean below which nothing is measured in its shares; the ratio is then NaN.
-        resamples: of the bootstrap.
-
-    Raises:
-        ValueError: no scores, or of another number of policies.
-    """
-    _require_scores(there, own)
-    if len(there) != len(own):
-        raise ValueError(f"{len(there)} policies against {len(own)}")
-
-    def quotient(above: np.ndarray, below: np.ndarray) -> np.ndarray:
-        return above / np.where(below >= least, below, np.nan)
-
-    def sampled(rng: np.random.Generator, count: int) -> np.ndarray:
-        rows = _places(rng, count, len(there))
-        here, home = (_taken(each, rows, _places(rng, count, each.shape[1])) for each in (there, own))
-        return quotient(iqms(here), iqms(home))
-
-    return _with_interval(quotient(iqms(there.ravel()), iqms(own.ravel())), _bootstrap(sampled, resamples))
-
-
-def improvement(one: np.ndarray, other: np.ndarray, shared: bool = True) -> float:
-    """Probability of improvement [-]: mean over pairs of policies and shared draws of [better] + ½ [equal].
-
-    Without shared draws every walk of the one meets every walk of the other. Pairs of which one is not known are left
-    out; NaN where none is left.
-    """
-    return _share_better(
-        one[:, None, :] - other[None, :, :] if shared else np.subtract.outer(one.ravel(), other.ravel())
-    )
-
-
-def _share_better(gain: np.ndarray) -> float:
-    """Share of the known gains that are above 0, and half of those that are 0."""
-    known = gain[np.isfinite(gain)]
-    return float(np.mean((known > 0.0) + 0.5 * (known == 0.0))) if len(known) else float("nan")
-
-
-def profile(scores: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
-    """(thresholds,) share of the walks whose score is above each threshold [-]; an unknown one is above none."""
-    return np.mean(scores.ravel()[:, None] > thresholds[None, :], axis=0)
+    return Comparison(difference, sign_p(statistic(one) - statistic(other)))
 
 
 def _mean_of(scores: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -270,3 +216,68 @@ def _with_interval(value: float | np.ndarray, found: np.ndarray) -> Estimate:
         return Estimate(float(value), float("nan"), float("nan"))
     low, high = np.quantile(known, [side, 1.0 - side])
     return Estimate(float(value), float(low), float(high))
+
+
+def permutation_p(one: np.ndarray, other: np.ndarray) -> float:
+    """Two-sided p of no difference between two conditions, by dealing their policies anew (Pitman 1937).
+
+    The share of all ways to deal the policies to the conditions in which the means differ by at least as much as they
+    do. Exact, however few policies there are and whatever their distribution: of eight against eight it is 2 / 12870 at
+    least, of two against two 1 / 3. 1 where a condition has no score.
+
+    Args:
+        one: (policies,) a score of every policy of the first condition; NaN where it is not known.
+        other: likewise of the second.
+    """
+    one, other = one[np.isfinite(one)], other[np.isfinite(other)]
+    if not len(one) or not len(other):
+        return 1.0
+    scores, taken = np.concatenate([one, other]), _splits(len(one), len(other))
+    differences = (taken @ scores) / len(one) - (~taken @ scores) / len(other)
+    least = abs(one.mean() - other.mean()) * (1.0 - 1e-9) - 1e-12  # sums round differently
+    return float(np.mean(np.abs(differences) >= least))
+
+
+@lru_cache
+def _splits(first: int, second: int) -> np.ndarray:
+    """(ways, first + second) which scores a way gives to the first condition; row 0 is how they are.
+
+    All ways, or WAYS of them.
+    """
+    size = first + second
+    if comb(size, first) <= WAYS:
+        chosen = np.array(list(combinations(range(size), first)))
+    else:
+        rng = np.random.default_rng(_SEED)
+        chosen = np.array([np.arange(first), *(rng.permutation(size)[:first] for _ in range(WAYS - 1))])
+    taken = np.zeros((len(chosen), size), dtype=bool)
+    np.put_along_axis(taken, chosen, True, axis=1)
+    return taken
+
+
+def sign_p(differences: np.ndarray) -> float:
+    """Two-sided p of no difference between pairs, by changing signs in all ways, or in WAYS of them (Fisher 1935).
+
+    Args:
+        differences: (pairs,) of scores; NaN where one is not known.
+    """
+    known = differences[np.isfinite(differences)]
+    count = len(known)
+    if not count:
+        return 1.0
+    if 2**count <= WAYS:
+        signs = 1 - 2 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
+    else:
+        signs = np.random.default_rng(_SEED).choice([-1, 1], (WAYS, count))
+        signs[0] = 1
+    least = abs(known.sum()) * (1.0 - 1e-9) - 1e-12  # sums round differently
+    return float(np.mean(np.abs(signs @ known) >= least))
+
+
+def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:
+    """P values corrected for their number by the step-down procedure of Holm, by the same keys."""
+    corrected, largest = {}, 0.0
+    for rank, key in enumerate(sorted(p_values, key=p_values.__getitem__)):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[key]))
+        corrected[key] = largest
+    return {key: corrected[key] for key in p_values}

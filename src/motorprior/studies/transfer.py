@@ -1,0 +1,261 @@
+"""The transfer study: policies trained on each model of a bench's motors walk on held-out robots.
+
+1. Record a bench of motors; fit the models to it.
+2. Select the width of the randomised PD on a fleet of no environment.
+3. Adapt the prior and a PD to ten seconds of log of each robot.
+4. Train a policy per condition and seed; let it walk in its training simulation and in four environments.
+5. Summarise: interquartile means of the speed and means of the time upright with 95 % intervals, differences from the
+   sampled prior with permutation p-values, corrected by Holm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from motorprior.artifacts import write_json, write_text
+from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.report import PAGE
+from motorprior.pipeline.stage import locked, threads_here, write_results
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, learn, randomised_pd
+from motorprior.studies.settings import CONDITIONS, OWN_MOTORS, Study
+from motorprior.studies.statistics import (
+    Comparison,
+    Estimate,
+    Statistic,
+    compare_on_robots,
+    compare_pairs,
+    compare_scores,
+    estimate,
+    holm,
+    iqms,
+    means,
+)
+from motorprior.studies.walks import WALKS, policies_upright, walk_table
+from motorprior.transfer.places import ABROAD, TWINS
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
+
+if TYPE_CHECKING:
+    from motorprior.report.page import Table
+
+MEASURES = {
+    "speed": "m/s", "upright": "1", "distance": "m", "heading_deg_per_m": "°/m", "lateral_share": "1", "drift": "m",
+    "slip": "m/m", "transport": "1", "torque_beyond": "1", "step_frequency": "Hz", "foot_lift_mm": "mm",
+    "body_rate": "rad/s",
+}  # fmt: skip
+"""Name -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG."""
+COMPARED = ("speed", "upright")
+REFERENCE = "prior"
+WIDTHS, WIDTH_SEEDS = (0.1, 0.2, 0.3, 0.4), range(900, 903)
+"""Widths of the randomised PD that are tried, and seeds of these policies: of no condition."""
+TABLES, SPREADS = "tables.md", "spreads.json"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics of a table of walks.
+
+    Attributes:
+        estimates: (place, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
+        upright: (place, condition) -> share of the policies that are upright for 90 % of the time.
+        differences: (place, condition, measure) -> condition against the sampled prior.
+        p: the same keys -> p corrected for all of these comparisons.
+    """
+
+    estimates: dict[tuple[str, str, str], Estimate]
+    upright: dict[tuple[str, str], float]
+    differences: dict[tuple[str, str, str], Comparison]
+    p: dict[tuple[str, str, str], float]
+
+
+def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
+    """Run everything that is not finished; write walks.csv, results.json, figures.json, tables.md and report.html.
+
+    Raises:
+        MotorPriorError: settings out of range, or a stage cannot run; finished stages stay.
+    """
+    config = config.sized()
+    robot = load_robot(config.robot)
+    with locked(config.out):
+        threads = threads_here(config.workers, progress)
+        config = config if config.ray_address else replace(config, workers=threads)
+        learn(config, threads, progress)
+        config = with_width(config, progress)
+        adapt_robots(config, threads, progress)
+        cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
+        table = walk_table(config, cells, progress)
+        table.save(config.out / WALKS)
+        summary = summarise(table)
+        write_results(config.out, as_results(summary))
+        settings = asdict(config) | {"speed": config.commanded(robot)}
+        settings |= {"validation": config.validation_fleet(robot) or OWN_MOTORS}
+        for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
+            del settings[name]
+        write_page(config.out, summary, {name: str(value) for name, value in settings.items()}, command)
+    return summary
+
+
+def with_width(config: Study, progress: Progress) -> Study:
+    """The study with the width of its randomised PD: that whose policies are upright for longest on another fleet."""
+    if config.spread is not None or "pd_randomised" not in config.conditions:
+        return config
+    robot = load_robot(config.robot)
+    fleet = config.width_fleet(robot)
+    made = {width: randomised_pd(config, width, f"pd_randomised_{width:g}") for width in WIDTHS}
+    tried = [replace(condition, environments=(ABROAD,)) for condition in made.values()]
+    selected_on = config.validation_fleet(robot) or OWN_MOTORS
+    there = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
+    seeds = WIDTH_SEEDS[: config.seeds]
+    table = walk_table(there, [(condition, seed) for seed in seeds for condition in tried], progress)
+    found = {
+        width: {
+            measure: estimate(table.scores(ABROAD, condition.name, measure), statistic_of(measure)).value
+            for measure in COMPARED
+        }
+        for width, condition in made.items()
+    }
+    best = max(found, key=lambda width: (found[width]["upright"], found[width]["speed"]))
+    by_width = {f"{width:g}": walked for width, walked in found.items()}
+    write_json(there.out / SPREADS, {"fleet": fleet, "tried": by_width, "chosen": best})
+    progress.note(f"width of the randomised PD, selected on the fleet {fleet!r}: {best:g}")
+    return replace(config, spread=best)
+
+
+def statistic_of(measure: str) -> Statistic:
+    """Mean of the time upright, whose middle half would hide falls; interquartile mean otherwise."""
+    return means if measure == "upright" else iqms
+
+
+def summarise(table: WalkTable) -> Summary:
+    """Statistics of all walks."""
+    estimates, upright, differences = {}, {}, {}
+    for place in table.distinct("place"):
+        for condition in table.at(place).distinct("condition"):
+            cell = table.at(place, condition)
+            for measure in cell.measures():
+                scores = cell.scores(place, condition, measure)
+                if np.isfinite(scores).any():
+                    estimates[place, condition, measure] = estimate(scores, statistic_of(measure))
+            upright[place, condition] = policies_upright(cell.scores(place, condition, "upright"))
+            trained = condition not in (REFERENCE, "untrained") and place in TWINS
+            if trained and len(table.at(place, REFERENCE)):
+                for measure in COMPARED:
+                    differences[place, condition, measure] = compare(table, place, condition, REFERENCE, measure)
+    return Summary(estimates, upright, differences, holm({key: each.p for key, each in differences.items()}))
+
+
+def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> Comparison:
+    """One condition against another at a place, on the same draws, or on the robots that both walked."""
+    mine, theirs, statistic = table.at(place, one), table.at(place, other), statistic_of(measure)
+    scores = mine.scores(place, one, measure), theirs.scores(place, other, measure)
+    if one in ADAPTED and other in ADAPTED:
+        return compare_pairs(*scores, statistic)
+    if one in ADAPTED:  # the policy of seed k walks robot k, as does draw k of the others
+        robots = sorted(set(mine.distinct("seed")) & set(theirs.distinct("draw")))
+        mine = WalkTable.of(walk for walk in mine.walks if walk.seed in robots)
+        theirs = WalkTable.of(walk for walk in theirs.walks if walk.draw in robots)
+        return compare_on_robots(mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic)
+    return compare_scores(*scores, shared=mine.distinct("draw") == theirs.distinct("draw"), statistic=statistic)
+
+
+def as_results(summary: Summary) -> Results:
+    """Rows PLACE/CONDITION/MEASURE with /low and /high, PLACE/CONDITION/policies_upright, MEASURE_p_against_prior."""
+    rows = []
+    for (place, condition, measure), found in summary.estimates.items():
+        unit = MEASURES.get(measure, MEASURES["foot_lift_mm"])
+        ends = {None: found.value, "low": found.low, "high": found.high}
+        name = f"{place}/{condition}/{measure}"
+        rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
+    for (place, condition), share in summary.upright.items():
+        rows.append(Result(f"{place}/{condition}/policies_upright", "1", share))
+    for (place, condition, measure), p in summary.p.items():
+        rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", p))
+    return Results.of(rows)
+
+
+def write_page(out: Path, summary: Summary, settings: dict[str, str], command: str) -> None:
+    """Write report.html and tables.md."""
+    from motorprior.report.page import Report, Section, picture, write_report  # here: they import matplotlib
+    from motorprior.report.plots_study import forest
+
+    headline, differences = headline_table(summary), difference_table(summary)
+    lead = "Speed [m/s] and time upright [%], with 95 % intervals; the share of policies upright for 90 % of the time."
+    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
+    drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.", lead)
+    sections = [Section("Speed and time upright", lead, pictures=(drawn,), tables=(headline,))]
+    if differences.rows:
+        lead = "Differences from the sampled prior; p corrected by Holm for all of them."
+        sections.append(Section("Differences from the sampled prior", lead, tables=(differences,)))
+    report = Report(
+        title="Transfer study",
+        subtitle="Policies trained on each model of a bench's motors, on held-out robots.",
+        sections=tuple(sections),
+        settings=settings,
+        command=command,
+    )
+    write_report(out / PAGE, report)
+    write_text(out / TABLES, f"{_markdown(headline)}\n\n{_markdown(differences)}\n")
+
+
+def _places(summary: Summary) -> list[str]:
+    found = {place for place, _, _ in summary.estimates}
+    return [place for place in (OWN, OWN_ABROAD, *TWINS) if place in found]
+
+
+def _conditions(summary: Summary) -> list[str]:
+    found = {condition for _, condition, _ in summary.estimates}
+    return [name for name in CONDITIONS if name in found]
+
+
+def headline_table(summary: Summary) -> Table:
+    """A row per condition, a cell per place."""
+    from motorprior.report.page import Table
+
+    rows = []
+    for condition in _conditions(summary):
+        cells = []
+        for place in _places(summary):
+            speed, upright = (summary.estimates.get((place, condition, measure)) for measure in COMPARED)
+            if speed is None or upright is None:
+                cells.append("")
+                continue
+            share = 100.0 * summary.upright[place, condition]
+            cells.append(f"{_interval(speed, 1.0, '.2f')}; {_interval(upright, 100.0, '.0f')}; {share:.0f}")
+        rows.append((condition, *cells))
+    caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
+    return Table(("trained on", *_places(summary)), tuple(rows), caption)
+
+
+def difference_table(summary: Summary) -> Table:
+    """A row per condition, the difference from the sampled prior per environment."""
+    from motorprior.report.page import Table
+
+    places = [place for place in _places(summary) if place in TWINS]
+    rows = []
+    for condition in _conditions(summary):
+        cells = []
+        for place in places:
+            keys = [(place, condition, measure) for measure in COMPARED]
+            known = [(summary.differences[key], summary.p[key]) for key in keys if key in summary.p]
+            forms = zip(known, (1.0, 100.0), ("+.2f", "+.0f"), strict=False)
+            texts = [f"{_interval(each.difference, factor, form)} p={p:.2g}" for (each, p), factor, form in forms]
+            cells.append("; ".join(texts))
+        if any(cells):
+            rows.append((condition, *cells))
+    caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"
+    return Table(("trained on", *places), tuple(rows), caption)
+
+
+def _interval(found: Estimate, factor: float, form: str) -> str:
+    ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
+    return f"{factor * found.value:{form}}{ends}"
+
+
+def _markdown(table: Table) -> str:
+    lines = [table.columns, ("---",) * len(table.columns), *table.rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines) + f"\n\n{table.caption}"

@@ -1,0 +1,150 @@
+"""Train the policy of a condition and seed, and let it walk in its training simulation and on held-out robots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.progress import SILENT, Progress, Task
+from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, threads_here, working
+from motorprior.pipeline.transfer_study.transfer import own_scene
+from motorprior.pipeline.walking.trained_policy import policy_of
+from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
+from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.search.ars import ArsConfig
+from motorprior.search.executor import Executor, make_executor, many_executors
+from motorprior.search.executor_process import ProcessExecutor
+from motorprior.search.policy_search import Champion
+from motorprior.search.policy_shape import PolicyShape
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.rollout import Episode, WalkConfig
+from motorprior.studies.conditions import Condition, fleet_of
+from motorprior.studies.settings import Study
+from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
+from motorprior.transfer.walk_measures import walk_measures
+from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkRow, WalkTable
+
+WALKS = "walks.csv"
+_EPISODE_STEPS = 500  # of training
+
+
+def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: Progress = SILENT) -> WalkTable:
+    """Train the policies of conditions and seeds and evaluate them; finished ones in ``config.out`` are read."""
+    robot, environments = load_robot(config.robot), _installed_environments(progress)
+    at_a_time = threads_here(config.workers, SILENT) if config.executor == "threads" else 1
+    processes = config.workers if config.ray_address is not None else threads_here(config.workers, SILENT)
+    name = f"study: {len(cells)} policies, {config.draws} walks per environment"
+    with progress.start(name, len(cells)) as task, many_executors(config.executor, processes, config.ray_address):
+        works = [partial(_cell, config, robot, environments, *cell, task) for cell in cells]
+        tables = in_parallel(works, at_a_time, progress)
+    return WalkTable.of(walk for each in tables for walk in each.walks)
+
+
+def _installed_environments(progress: Progress) -> tuple[str, ...]:
+    try:
+        import_bullet()
+    except ConfigError as error:
+        progress.note(f"note: without the environment pybullet: {error}")
+        return tuple(name for name, twin in TWINS.items() if twin.engine != "pybullet")
+    return tuple(TWINS)
+
+
+def _cell(
+    config: Study,
+    robot: Robot,
+    environments: tuple[str, ...],
+    condition: Condition,
+    seed: int,
+    task: Task,
+    progress: Progress,
+) -> WalkTable:
+    """Train and evaluate one policy."""
+    name = condition.folder(seed)
+    walk = Walk(
+        config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
+        episode_steps=_EPISODE_STEPS, validation=config.validation_fleet(robot),
+        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
+        robot=config.robot, workers=config.episodes_at_a_time, executor=config.executor,
+        ray_address=config.ray_address,
+    )  # fmt: skip
+    if condition.name == "untrained":
+        _gait(config.commands(robot).on(robot), condition).save(walk.out / POLICY)
+    else:
+        run_walk(walk, progress, name)
+    here = tuple(each for each in condition.environments if each in environments)
+    settings = {
+        "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.commanded(robot),
+        "study": config.seed, "condition": condition.name, "robot": condition.robot,
+    }  # fmt: skip
+    fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
+    wanted = description("study", settings, [walk.out / POLICY, *fleets, *robot.files])
+    folder = config.out / "watched" / name
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            evaluated(config, robot, condition, seed, here, progress).save(folder / WALKS)
+    task.advance(1, name)
+    return WalkTable.load(folder / WALKS)
+
+
+def _gait(robot: Robot, condition: Condition) -> Policy:
+    """The policy of zero weights."""
+    nothing = Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
+    return policy_of(robot, "trot", nothing, condition.motors.nominal(robot), {})
+
+
+def evaluated(
+    config: Study, robot: Robot, condition: Condition, seed: int, environments: tuple[str, ...], progress: Progress
+) -> WalkTable:
+    """Walks of a trained policy in its training simulation and in environments."""
+    path = config.out / "walk" / condition.folder(seed) / POLICY
+    policy = Policy.load(path)
+    robot = policy.commanded(robot)
+    steps = round(config.seconds / robot.control_dt)
+    walk = WalkConfig(steps, commands=config.commands(robot), gait=policy.gait)
+    places: dict[str, partial[OwnWalks] | partial[NumberedWalks]] = {}
+    if condition.name != "untrained":
+        scene = own_scene(policy, path, robot, replace(walk, randomization=condition.randomization))
+        own = OWN_ABROAD if condition.population == ABROAD else OWN
+        places[own] = partial(OwnWalks, scene, config.seed)
+    for name in environments:
+        fleet = load_robot_fleet(robot, fleet_of(config, TWINS[name].population))
+        places[name] = partial(NumberedWalks, robot, TWINS[name], fleet, walk, config.seed, condition.robot)
+    rows = []
+    for place, walks in places.items():
+        once = place in (OWN, OWN_ABROAD) and condition.is_deterministic
+        draws, at_a_time = 1 if once else config.draws, config.episodes_at_a_time
+        executor = _executor(config, place, walks)
+        try:
+            with progress.start(f"{condition.name} {seed}: {place}", draws) as task:
+                for first in range(0, draws, at_a_time):
+                    numbers = range(first, min(first + at_a_time, draws))
+                    for draw, episode in zip(numbers, executor.map(_walk, policy.arrays(), numbers), strict=True):
+                        measures = walk_measures(robot, episode, config.commanded(robot), steps)
+                        rows.append(WalkRow(place, condition.name, seed, draw, measures))
+                        task.advance()
+        finally:
+            executor.close()
+    return WalkTable.of(rows)
+
+
+def _executor(config: Study, place: str, walks: partial[OwnWalks] | partial[NumberedWalks]) -> Executor:
+    if config.executor != "ray" and place in TWINS and TWINS[place].engine == "pybullet":
+        return ProcessExecutor(walks, config.episodes_at_a_time)  # PyBullet holds the interpreter's lock
+    return make_executor(walks, config.episodes_at_a_time, config.executor, config.ray_address)
+
+
+def _walk(walks: OwnWalks | NumberedWalks, policy: PolicyArrays, draw: int) -> Episode:
+    return walks.run(policy, draw)
+
+
+def policies_upright(scores: np.ndarray) -> float:
+    """Share of the policies that are upright for 90 % of the time, of (seeds, draws) times upright [-]."""
+    return float(np.mean(scores.mean(axis=1) >= 0.9))
