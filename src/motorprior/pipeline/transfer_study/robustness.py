@@ -14,7 +14,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, in_parallel, is_finished, threads_here, working
 from motorprior.pipeline.transfer_study.transfer import walker_of
-from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY
+from motorprior.pipeline.walking.walk import POLICY
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -51,7 +51,7 @@ def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
     Raises:
         ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
     """
-    require_count("workers", config.workers, 1, MOST_WORKERS)
+    require_count("workers", config.workers)
     robot, path = load_robot(config.robot), config.walk / POLICY
     robot.require_legs()
     settings = asdict(config)

@@ -31,7 +31,7 @@ from motorprior.pipeline.stage import (
     write_results,
 )
 from motorprior.pipeline.walking.motor_provenance import choice_from_json
-from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY
+from motorprior.pipeline.walking.walk import POLICY
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -80,7 +80,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     files = [path if path.is_file() else path / POLICY for path in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    require_count("workers", config.workers, 1, MOST_WORKERS)
+    require_count("workers", config.workers)
     policies = [Policy.load(path) for path in files]  # says whether it is one, before all of it is read for its digest
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
