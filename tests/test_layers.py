@@ -14,7 +14,6 @@ SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     "__version__",
     "compiled",
-    "kernel_cache",
     "exceptions",
     "files",
     "rotations",
@@ -58,7 +57,7 @@ HOMES = {
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
     "filelock": "pipeline/stage",
-    "tensorboardX": "pipeline/walking/tensorboard",
+    "tensorboardX": "pipeline/walking/walk_metrics",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 

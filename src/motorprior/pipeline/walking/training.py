@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -95,29 +95,30 @@ class Training:
             progress.note(f"{name}: continues after iteration {search.iteration}")
         latest = {**search.state(), **champion.state()}
         saved, took = time.monotonic(), 0.0
-        with ExitStack() as stack:
-            stack.enter_context(saved_on_fatal_error(lambda: self._rescue(latest, curve)))
-            also = stack.enter_context(tensorboard_events(self.folder / EVENTS)) if self.tensorboard else _nothing
-            metrics = Metrics(self.folder, curve, 2 * self.search.num_directions, self.episode_steps, also)
-            task = stack.enter_context(progress.start(f"{name}: {self.iterations} iterations", self.iterations))
-            task.advance(search.iteration)
 
-            def report(point: Iteration, best: Champion) -> None:
-                nonlocal latest, saved, took
-                curve.append(as_point(point))
-                latest = {**search.state(), **best.state()}
-                task.advance(1, metrics.add(curve[-1]))
-                now = time.monotonic()
-                if took <= 0.5 * (now - saved):  # saving takes at most a third of the time
-                    self._save_checkpoint(latest, curve)
-                    saved = time.monotonic()
-                    took = saved - now
-
-            try:
-                champion = train(search, self.shape, executor, self.iterations, champion, report, judge, self.patience)
-            except (KeyboardInterrupt, MotorPriorError):
+        def report(point: Iteration, best: Champion) -> None:
+            nonlocal latest, saved, took
+            curve.append(as_point(point))
+            latest = {**search.state(), **best.state()}
+            task.advance(1, metrics.add(curve[-1]))
+            now = time.monotonic()
+            if took <= 0.5 * (now - saved):  # saving takes at most a third of the time
                 self._save_checkpoint(latest, curve)
-                raise
+                saved = time.monotonic()
+                took = saved - now
+
+        try:
+            with (
+                saved_on_fatal_error(lambda: self._rescue(latest, curve)),
+                tensorboard_events(self.folder / EVENTS) if self.tensorboard else nullcontext(_nothing) as also,
+                progress.start(f"{name}: {self.iterations} iterations", self.iterations) as task,
+            ):
+                metrics = Metrics(self.folder, curve, 2 * self.search.num_directions, self.episode_steps, also)
+                task.advance(search.iteration)
+                champion = train(search, self.shape, executor, self.iterations, champion, report, judge, self.patience)
+        except (KeyboardInterrupt, MotorPriorError):
+            self._save_checkpoint(latest, curve)
+            raise
         if search.iteration < self.iterations and is_settled(search, champion, self.patience):
             progress.note(
                 f"{name}: ended after {search.iteration} iterations, no better policy since {champion.iteration}"
