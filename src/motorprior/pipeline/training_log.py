@@ -55,7 +55,7 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     (folder, *_) = folders
     if len(paths) > 1:
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
-    if not (folder / LOG).is_file():
+    if not any((folder / name).is_file() for name in (LOG, FACTS)):
         raise LogError(
             f"a folder without {LOG}", where=folder,
             remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
