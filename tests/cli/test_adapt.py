@@ -31,9 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_bench(Bench(root / "new", motors=12, steps=1200, seed=5))
     run_bench(Bench(root / "few", motors=3, steps=1200, seed=5))
     run_bench(Bench(root / "held_out", motors=3, steps=3000, seed=7))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(term_selection, "ORDER", ("profile",))  # the others take a minute
-        run_identify(Identify(root / "bench", root / "prior", steps=80))
+    run_identify(Identify(root / "bench", root / "prior", "pace"))
     return root
 
 
@@ -43,7 +41,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert first.code == 0 and "motor_011" in first.out
     known = MotorPrior.load(prior)
     found = MotorPosterior.load(out / "posterior.safetensors", known)
-    assert found.mean.shape == (12, known.network.num_latents) and known.network.num_latents >= 14
+    assert found.mean.shape == (12, known.network.num_latents) and known.network.num_latents >= 5
     assert found.seconds == pytest.approx(2.4, abs=0.01)
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
@@ -106,7 +104,7 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
     assert motorprior(*line).code == 0
     figures = read_json(tmp_path / "v" / "figures.json")
     for metric in ("bench_impact_rmse", "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf"):
-        for model in ("ideal_pd", "tuned_pd", "rollout", "physical"):
+        for model in ("ideal_pd", "tuned_pd", "pace", "physical"):
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])
     assert figures["bench_impact_rmse/ideal_pd/held_out"] != figures["bench_impact_rmse/ideal_pd/train"]
