@@ -74,7 +74,7 @@ MotorSource: TypeAlias = MotorPrior | MotorPosterior | Fleet | Actuator | DrawMo
 """A distribution of motors, fixed motors, or a function that draws motors."""
 
 
-def drawn_from(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
+def motor_sampler(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
     """A function that draws the motors of an episode, and their physics step [s].
 
     Args:
@@ -174,7 +174,7 @@ class MotorChoice:
     def _has_fleet(self, robot: Robot) -> bool:
         return self.fleet is not None or bool(robot.fleets) or self.actuator == "fleet"
 
-    def drawer(self, robot: Robot) -> DrawMotors:
+    def sampler(self, robot: Robot) -> DrawMotors:
         """A function that draws the motors of an episode, one per joint.
 
         Raises:
@@ -183,7 +183,7 @@ class MotorChoice:
         """
         self._require_options()
         if self.actuator == "fleet":
-            return drawn_from(load_robot_fleet(robot, self.fleet), robot)[0]
+            return motor_sampler(load_robot_fleet(robot, self.fleet), robot)[0]
         if self.actuator == "pd":
             return self._pd(robot)
         if self.prior is None:

@@ -13,7 +13,7 @@ from motorprior.bounds import generator_of, require_finite, require_number, requ
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
-from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, motor_sampler
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import as_robot, load_robot
@@ -58,7 +58,7 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
     require_number("amplitude", config.amplitude)
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    draw = config.motors.drawer(robot)
+    draw = config.motors.sampler(robot)
     targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
     wanted = description("simulate", asdict(config), [*config.motors.inputs(robot), *robot.files])
     if is_finished(config.out, wanted):
@@ -97,7 +97,7 @@ def simulate(
         SimulationFault: a simulation fault.
     """
     robot = as_robot(robot)
-    draw, physics_dt = drawn_from(motors, robot)
+    draw, physics_dt = motor_sampler(motors, robot)
     wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=hung))
     return replay(world, draw(generator_of(seed)), wanted)

@@ -147,7 +147,7 @@ def locked(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def threads_here(workers: int, progress: Progress) -> int:
+def usable_threads(workers: int, progress: Progress) -> int:
     """``workers``, or the number of cores if that is less."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if workers > cores:

@@ -26,7 +26,7 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     run_walk(config)
     policy = Policy.load(tmp_path / POLICY)
     robot, motors = policy.commanded(PUPPER_V2), MotorChoice("fleet", fleet="mixed")
-    there = scene(config, robot, motors.drawer(robot), motors.physics_dt(robot)).simulator()
+    there = scene(config, robot, motors.sampler(robot), motors.physics_dt(robot)).simulator()
     seeds = [episode_seed(config.search.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
     score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score

@@ -26,7 +26,7 @@ from motorprior.pipeline.stage import (
     in_parallel,
     is_finished,
     read_results,
-    threads_here,
+    usable_threads,
     working,
     write_results,
 )
@@ -164,7 +164,7 @@ def own_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine
     """
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
-        draw = choice.drawer(robot)
+        draw = choice.sampler(robot)
     except (ArtifactError, ConfigError) as error:
         problem = f"the motors it was trained on: {error.problem}"
         where = path if error.where is None else f"{path}: {error.where}"
@@ -203,7 +203,7 @@ def _evaluate_all(config: Transfer, walkers: list[Walker], fleet: Fleet, told: C
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
     works = [partial(_own_and_twin, walker, fleet, told) for walker in walkers]
-    found = in_parallel(works, threads_here(config.workers, progress), progress)
+    found = in_parallel(works, usable_threads(config.workers, progress), progress)
     for walker, places in zip(walkers, found, strict=True):
         for place, (walking, trace) in places.items():
             results += _results(walking, walker.condition, place, seeds[walker.condition])

@@ -14,9 +14,9 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, load_robot_fleet, nominal_pd
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, load_robot_fleet, motor_sampler, nominal_pd
 from motorprior.pipeline.progress import WARNED, Progress
-from motorprior.pipeline.stage import threads_here
+from motorprior.pipeline.stage import usable_threads
 from motorprior.pipeline.walking.trained_policy import policy_of, report_faults
 from motorprior.pipeline.walking.training import Curve, as_point, executors
 from motorprior.pipeline.walking.walk import training_notes
@@ -97,10 +97,10 @@ def train_policy(
     config, shape = ArsConfig(seed=seed), PolicyShape.of(robot, gait, units_for(hidden_units, symmetric), symmetric)
     walk = WalkConfig(episode_steps, randomization=randomization, commands=commands, gait=gait)
     sources = [motors, *([] if validation is None else [load_robot_fleet(robot, validation)])]
-    scenes = [Scene(robot, "mujoco", *drawn_from(source, robot), walk) for source in sources]
+    scenes = [Scene(robot, "mujoco", *motor_sampler(source, robot), walk) for source in sources]
     search, champion, curve = new_search(config, shape, start), Champion.none_yet(shape), Curve()
     with (
-        executors(scenes, threads_here(workers, progress)) as (executor, judge),
+        executors(scenes, usable_threads(workers, progress)) as (executor, evaluator),
         progress.start(f"train: {iterations} iterations", iterations) as task,
     ):
 
@@ -108,8 +108,8 @@ def train_policy(
             curve.append(as_point(point))
             task.advance(1, f"return {point.mean_return:.2f} m, speed error {point.mean_speed_error:.2f} m/s")
 
-        champion = contest(search, shape, judge, champion)  # the initial policy is kept if nothing improves on it
-        champion = train(search, shape, executor, iterations, champion, report, judge, patience)
+        champion = contest(search, shape, evaluator, champion)  # the initial policy is kept if nothing improves on it
+        champion = train(search, shape, executor, iterations, champion, report, evaluator, patience)
     report_faults(curve, 2 * config.num_directions, progress)
     provenance = {
         "motors": str(type(motors).__name__), "search": asdict(config), "task": asdict(TaskWeights()),

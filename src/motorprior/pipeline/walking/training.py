@@ -77,12 +77,12 @@ class Training:
     save: Callable[[Champion], None]
     tensorboard: bool = False
 
-    def run(self, executor: Executor, judge: Executor, progress: Progress, name: str) -> tuple[Champion, Curve]:
+    def run(self, executor: Executor, evaluator: Executor, progress: Progress, name: str) -> tuple[Champion, Curve]:
         """Train from the checkpoint, if there is one; save one when interrupted or when episodes fail.
 
         Args:
             executor: runs the training episodes.
-            judge: runs the evaluation episodes.
+            evaluator: runs the evaluation episodes.
             progress: where to report to.
             name: of the training.
         """
@@ -90,7 +90,7 @@ class Training:
             new_search(self.search, self.shape, self.start), Champion.none_yet(self.shape), [],
         )  # fmt: skip
         if search.iteration == 0:  # the initial policy is kept if nothing improves on it
-            champion = contest(search, self.shape, judge, champion)
+            champion = contest(search, self.shape, evaluator, champion)
         else:
             progress.note(f"{name}: continues after iteration {search.iteration}")
         latest = {**search.state(), **champion.state()}
@@ -115,7 +115,9 @@ class Training:
             ):
                 metrics = Metrics(self.folder, curve, 2 * self.search.num_directions, self.episode_steps, also)
                 task.advance(search.iteration)
-                champion = train(search, self.shape, executor, self.iterations, champion, report, judge, self.patience)
+                champion = train(
+                    search, self.shape, executor, self.iterations, champion, report, evaluator, self.patience
+                )
         except (KeyboardInterrupt, MotorPriorError):
             self._save_checkpoint(latest, curve)
             raise

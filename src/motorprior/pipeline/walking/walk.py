@@ -19,7 +19,7 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.prior_file import load_prior, prior_notes
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import description, digest, is_finished, threads_here, working
+from motorprior.pipeline.stage import description, digest, is_finished, usable_threads, working
 from motorprior.pipeline.walking.motor_provenance import choice_as_json
 from motorprior.pipeline.walking.trained_policy import policy_of, report_faults
 from motorprior.pipeline.walking.training import CHECKPOINT, Training, executors
@@ -168,7 +168,7 @@ def _planned(config: Walk) -> _Plan:
         robot = start.commanded(robot)
     robot = config.commands.on(robot)
     choices = [config.motors, *([] if config.validation is None else [_validation_choice(config.validation)])]
-    scenes = [scene(config, robot, choice.drawer(robot), choice.physics_dt(robot)) for choice in choices]
+    scenes = [scene(config, robot, choice.sampler(robot), choice.physics_dt(robot)) for choice in choices]
     # The result does not depend on these.
     not_settings = ("workers", "executor", "ray_address", "tensorboard")
     settings = {name: value for name, value in asdict(config).items() if name not in not_settings}
@@ -196,7 +196,7 @@ def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> S
 def _train(plan: _Plan, progress: Progress, name: str) -> None:
     """Train from the checkpoint, if there is one, and write the policy."""
     config = plan.config
-    workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
+    workers = config.workers if config.ray_address is not None else usable_threads(config.workers, progress)
 
     def save(best: Champion) -> None:
         _policy(plan, best).save(config.out / POLICY)
@@ -205,8 +205,8 @@ def _train(plan: _Plan, progress: Progress, name: str) -> None:
         config.search, plan.shape, plan.start, config.iterations, config.patience, config.episode_steps, config.out,
         plan.wanted, save, config.tensorboard,
     )  # fmt: skip
-    with executors(plan.scenes, workers, config.executor, config.ray_address) as (executor, judge):
-        champion, curve = training.run(executor, judge, progress, name)
+    with executors(plan.scenes, workers, config.executor, config.ray_address) as (executor, evaluator):
+        champion, curve = training.run(executor, evaluator, progress, name)
     report_faults(curve, 2 * config.search.num_directions, progress)
     save(champion)
     write_json(config.out / CURVE, curve)

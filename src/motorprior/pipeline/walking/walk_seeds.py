@@ -11,7 +11,7 @@ from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import in_parallel, threads_here, write_results
+from motorprior.pipeline.stage import in_parallel, usable_threads, write_results
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_metrics import read_metrics
 from motorprior.results import Result, Results
@@ -34,7 +34,7 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     """
     require_count("seeds", seeds)
     require_count("workers", config.workers)
-    threads = min(seeds, threads_here(config.workers, progress)) if config.executor == "threads" else 1
+    threads = min(seeds, usable_threads(config.workers, progress)) if config.executor == "threads" else 1
     walks = [_of_seed(config, config.search.seed + number, threads) for number in range(seeds)]
     in_parallel([partial(_train, walk) for walk in walks], threads, progress)
     _draw(config, walks)
