@@ -40,8 +40,8 @@ def test_the_start_does_not_wait_for_heavy_libraries():
 
 
 def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
-    line = "demo --fleet mixed --logs somewhere --columns any --hung --motors 16 --workers 1 --out elsewhere"
-    config = parse(line.split())
+    line: str = "demo --fleet mixed --logs somewhere --columns any --hung --motors 16 --workers 1 --out elsewhere"
+    config = parse([*line.split()])
     assert isinstance(config, Demo)
     words = "motorprior demo --fleet mixed --logs FOLDER --columns any --hung --seed 0 --motors 16"
     assert demo_command(config) == words
