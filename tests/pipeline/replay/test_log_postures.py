@@ -41,7 +41,7 @@ class Notes:
 def test_what_is_asked_for_goes_before_what_the_log_states():
     fleet, notes = load_fleet("pupper_v2"), Notes()
     log = replace(still_log(), posture=np.full(ROWS, POSTURES.index("hung")))
-    expected: dict[PostureName, str] = {"auto": "hung, as the log states", "standing": "standing, as asked for"}
+    expected: dict[PostureName, str] = {"auto": "hung, as logged", "standing": "standing, as asked for"}
     for posture, said in expected.items():
         (replayer,) = replayers_of({"a": log}, {"a": log}, ROBOT, fleet, posture, notes).values()
         assert notes.lines.pop() == f"log a: {said}"

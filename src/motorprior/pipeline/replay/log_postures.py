@@ -1,4 +1,4 @@
-"""The posture of every log of a robot: as an option says, as the log states, or as replays show."""
+"""The posture of every log of a robot: from an option, the log, or replays."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def replayers_of(
 
     Args:
         logs: by name, with every row.
-        prepared: the same, see `real_replay.prepare`.
+        prepared: the same, see `log_replay.prepare`.
         robot: that they are of.
         fleet: whose central motor decides where nothing is stated.
         posture: of every log; ``auto`` to take what each log states, or to find it by replaying both ways.
