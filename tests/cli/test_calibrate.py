@@ -46,7 +46,7 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
     outcome = motorprior("calibrate", logs, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
     assert "log in_the_air: hung, as logged" in outcome.err
-    assert "log on_the_floor: standing: replayed with" in outcome.err
+    assert "log on_the_floor: standing, from replay errors" in outcome.err
     assert "identified" in outcome.out and "without this log" in outcome.out
     figures = json.loads((out / "figures.json").read_text("utf-8"))
     for model in ("start", "center", "left_out", "per_motor", "per_motor_left_out"):
