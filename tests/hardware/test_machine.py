@@ -1,6 +1,5 @@
 """Whether the machine or the host's program was late is found out beside the run, and said."""
 
-
 import pytest
 
 from motorprior.hardware.real_time import granted, locked_memory

@@ -1,6 +1,5 @@
 """Gait diagrams: a bar is where a foot is on the ground."""
 
-
 import numpy as np
 from matplotlib.collections import Collection
 

@@ -14,7 +14,7 @@ from motorprior.report.plots_style import condition_color, model_label
 from motorprior.robots.robot import Robot
 from motorprior.simulation.foot_motion import foot_motion
 from motorprior.simulation.skeleton import skeleton
-from motorprior.transfer.gait_quality import TOUCHING
+from motorprior.transfer.gait_quality import CONTACT_HEIGHT
 from motorprior.transfer.robustness import ROBUSTNESS_DRAWS, UprightMap
 
 _SHORTEST_GAIT = 20
@@ -52,7 +52,7 @@ def gait_pictures(
 def measured_stance(robot: Robot, trace: np.ndarray) -> np.ndarray:
     """(steps, legs) whether each foot's lowest point is on the ground, to half a millimetre."""
     at_rest = np.zeros((len(trace), 6 + robot.num_joints))
-    return foot_motion(robot, trace, at_rest).clearance < TOUCHING
+    return foot_motion(robot, trace, at_rest).clearance < CONTACT_HEIGHT
 
 
 def _footfall_picture(robot: Robot, trace: np.ndarray, control_dt: float, title: str, color: str) -> Picture:

@@ -15,7 +15,7 @@ _COLORS = LinearSegmentedColormap.from_list("upright", ["#cf3b3b", "#f2d9a8", "#
 
 
 def robustness_maps(maps: Sequence[UprightMap]) -> Figure:
-    """The maps side by side, the number of each cell in it [%]."""
+    """The maps next to each other, with the value of each cell [%]."""
     figure = new_figure(3.0)
     for axes, shown in zip(panels(figure, 1, len(maps))[0], maps, strict=True):
         _heat_map(axes, shown)
@@ -23,7 +23,6 @@ def robustness_maps(maps: Sequence[UprightMap]) -> Figure:
 
 
 def _heat_map(axes: Axes, shown: UprightMap) -> None:
-    """Rows from bottom to top, as the values of an axis go."""
     axes.imshow(shown.share, origin="lower", cmap=_COLORS, vmin=0.0, vmax=1.0, aspect="auto")
     for row, values in enumerate(shown.share):
         for column, value in enumerate(values):

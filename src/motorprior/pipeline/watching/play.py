@@ -18,7 +18,7 @@ from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import locked, write_results
-from motorprior.pipeline.transfer_study.transfer import own_scene, policy_for
+from motorprior.pipeline.transfer_study.transfer import policy_for, training_scene
 from motorprior.pipeline.walking.walk import POLICY
 from motorprior.pipeline.walking.walk_seeds import SEED_FOLDER
 from motorprior.pipeline.watching.schedule_file import read_schedule
@@ -29,10 +29,8 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.viewer import require_screen, show
-from motorprior.transfer.gait_quality import gait_quality, headings, lasted, steps_along
-from motorprior.transfer.quality_results import quality_results
-from motorprior.transfer.study import STUDY_SEED
-from motorprior.transfer.twin import HARD, NOISY, together, twin_of
+from motorprior.transfer.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
+from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of, with_shared_speeds
 
 Place = Literal["own", "twin", "hard"]
 LONGEST, MOST_POLICIES = 600.0, 4
@@ -108,7 +106,7 @@ def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
     if config.viewer:
         require_screen()
     commands, steps = (
-        commands_of(config, together(robot, map(Policy.load, names.values()))),
+        commands_of(config, with_shared_speeds(robot, map(Policy.load, names.values()))),
         max(1, round(config.seconds / robot.control_dt)),
     )
     episodes: dict[str, Episode] = {}
@@ -116,7 +114,7 @@ def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
         for name, path in names.items():
             episodes[name] = _walk(config, robot, path, WalkConfig(steps, commands=commands))
             task.advance()
-    told = commands.schedule(robot, STUDY_SEED + config.seed, steps)
+    told = commands.schedule(robot, EVALUATION_SEED + config.seed, steps)
     results = sum((_measured(config, robot, name, each, told) for name, each in episodes.items()), Results())
     write_results(config.out, results)
     walks = [_held(episode.trace, steps) for episode in episodes.values()]
@@ -178,9 +176,9 @@ def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
         other = replace(walk, randomization=_TWINS[config.place], gait=policy.gait)
         simulator = twin_of(robot, load_robot_fleet(robot, config.fleet), other)
     else:
-        simulator = own_scene(policy, path, robot, walk).simulator()
+        simulator = training_scene(policy, path, robot, walk).simulator()
     try:
-        return simulator.run(policy.arrays(), STUDY_SEED + config.seed, trace=True)
+        return simulator.run(policy.arrays(), EVALUATION_SEED + config.seed, trace=True)
     finally:
         simulator.close()
 
@@ -192,7 +190,7 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, told: np.
     tells no torques (PyBullet) leaves one measure.
     """
     if not len(episode.motion):
-        upright = float(lasted(episode, len(told)))
+        upright = float(completed(episode, len(told)))
         return Results.of([Result("upright", "1", upright, name, config.place)])
     quality = gait_quality(robot, episode, _slowest(told[:, 0]), float(told[0, 1]), len(told))
     measured = quality_results(quality, robot, name, config.place)
@@ -217,7 +215,7 @@ def _held(trace: np.ndarray, steps: int) -> np.ndarray:
 def _notes(robot: Robot, episode: Episode, walk: np.ndarray, told: np.ndarray) -> list[str]:
     """Per frame: time, way along its own heading and command; where it fell, since when."""
     notes, dt = [], robot.control_dt
-    ways = np.append(0.0, np.cumsum(steps_along(walk[:, :2], headings(walk))))
+    ways = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
     for step, (way, (forward, turn)) in enumerate(zip(ways, told, strict=True)):
         state = f"told {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
         notes.append(f"{step * dt:.2f} s    {way:z.2f} m    {state}")

@@ -13,10 +13,10 @@ from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.report import PAGE
 from motorprior.pipeline.transfer_study.robustness import robustness
-from motorprior.pipeline.transfer_study.transfer import walker_of
+from motorprior.pipeline.transfer_study.transfer import trained_walk
 from motorprior.pipeline.walking.walk import CURVE, POLICY
 from motorprior.robots.load import load_robot
-from motorprior.transfer.study import STUDY_SEED
+from motorprior.transfer.twin import EVALUATION_SEED
 
 _OF_A_SEED = ("iteration", "own_return", "start_sha256", "search.seed")
 """What differs between policies of one kind."""
@@ -94,15 +94,15 @@ def build_walk_report(
     robot, traces, maps = load_robot(robot_name), {}, {}
     told = []
     for folder in folders:
-        walker = walker_of(folder / POLICY, robot)
-        walker.own.close()
+        walker = trained_walk(folder / POLICY, robot)
+        walker.simulator.close()
         told.append((walker.condition, walker.policy))
     kinds = kinds_of(told)
     for folder, kind in zip(folders, kinds, strict=True):
         if kind not in traces:  # of several seeds the first is shown
-            walker = walker_of(folder / POLICY, robot)
-            traces[kind] = walker.own.run(walker.policy.arrays(), STUDY_SEED, trace=True).trace
-            walker.own.close()
+            walker = trained_walk(folder / POLICY, robot)
+            traces[kind] = walker.simulator.run(walker.policy.arrays(), EVALUATION_SEED, trace=True).trace
+            walker.simulator.close()
             if with_robustness:
                 maps[kind] = robustness(folder / POLICY, robot, min(2, os.cpu_count() or 1), progress)
     learned: dict[str, list[Path]] = {}
