@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from functools import partial
 from typing import Annotated
-
-_STARTED = time.monotonic()
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
@@ -64,7 +61,7 @@ Command = (
     | Annotated[MakeReport, tyro.conf.subcommand("report")]
 )
 RUN = {
-    Demo: partial(demo, started=_STARTED),
+    Demo: demo,
     LogsImportCommand: partial(import_logs, progress=TERMINAL),
     LogsCheck: run_logs_check,
     CalibrateCommand: run_calibrate_command,

@@ -9,7 +9,7 @@ from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_metrics import METRICS
 from motorprior.pipeline.walking.walk_seeds import PICTURE, run_walk_seeds
-from motorprior.report.plots_seeds import seed_curves
+from motorprior.report.plots_walk import seed_curves
 from motorprior.search.ars import ArsConfig
 
 
