@@ -128,11 +128,12 @@ def feature_quantiles(
 
 
 def _quantile_panel(axes: Axes, a: np.ndarray, b: np.ndarray, label: str, rng: np.random.Generator) -> None:
-    """One feature (n,), (m,); values of ``a`` further out than the range of ``b`` on each side are cut off."""
+    """One feature (n,), (m,); values of ``a`` far outside the range of ``b`` are cut off."""
     x, y = np.quantile(b, LEVELS), np.quantile(a, LEVELS)
     below, above = null_band(b, len(a), rng)
     extent = max(float(np.ptp(x)), 1e-9)
-    low, high = max(min(x[0], y[0]), x[0] - extent), min(max(x[-1], y[-1]), x[-1] + extent)
+    room = max(extent, abs(float(np.median(y) - np.median(x))))
+    low, high = max(min(x[0], y[0]), x[0] - room), min(max(x[-1], y[-1]), x[-1] + room)
     axes.fill_between(x, below, above, color="#cfd4da", lw=0, label="90 % of samples of equal distributions")
     axes.plot([low, high], [low, high], color=MUTED, lw=0.8, label="equal")
     axes.plot(x, y, "o", color=model_color(label), markersize=2.2, label="quantiles, 1 to 99 %")

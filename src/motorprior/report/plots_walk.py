@@ -151,4 +151,4 @@ def _bars(axes: Axes, stance: np.ndarray, span: float) -> None:
     width = span / len(stance)
     for leg, down in enumerate(stance.T):
         bars = [(first * width, (after - first) * width) for first, after in runs_of_true(down)]
-        axes.broken_barh(bars, (leg - 0.36, 0.72), color=INK)
+        axes.broken_barh(bars, (leg - 0.36, 0.72), color=INK, linewidth=0)
