@@ -37,7 +37,7 @@ def real_motors(run: Path) -> list[Section]:
         tables.append(Table(constants.columns, constants.rows, f"{constants.caption}."))
     if shown := _constants(results):
         pictures.append(shown)
-    return [Section("Your motors", lead, tuple(header["lines"]), tuple(pictures), tuple(tables))]
+    return [Section("Your motors", (lead, *header["lines"]), tuple(pictures), tuple(tables))]
 
 
 def _errors(results: Results) -> Picture:
