@@ -208,10 +208,10 @@ def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
 
 def _against_bands(axes: Axes, log: LogPanel, shown: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
     time = log.time[shown] - log.time[0]
-    for place, band in enumerate(log.bands):
+    for number, band in enumerate(log.bands):
         low, high = (unit * (edge[shown] - zero) for edge in (band.low, band.high))
         if band.is_filled:
-            color, alpha = model_color("rollout"), 0.2 + 0.1 * place
+            color, alpha = model_color("rollout"), 0.2 + 0.1 * number
             axes.fill_between(time, low, high, color=color, alpha=alpha, lw=0, label=band.label)
         else:
             axes.plot(time, low, color=MUTED, lw=0.7, ls=":", label=band.label)

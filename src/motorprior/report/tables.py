@@ -111,7 +111,7 @@ def optima(results: Results) -> Table:
     costs, found = results.where(quantity="calibrate_cost"), results.where(quantity="calibrate_optimum")
     parts = found.distinct("part")
     rows = [
-        [str(place), f"{row.value:.1f}", *(f"{found.value(model=row.model, part=part):.3g}" for part in parts)]
-        for place, row in enumerate(costs, start=1)
+        [str(number), f"{row.value:.1f}", *(f"{found.value(model=row.model, part=part):.3g}" for part in parts)]
+        for number, row in enumerate(costs, start=1)
     ]
     return ["optimum", "cost", *parts], rows
